@@ -109,8 +109,11 @@ sphinx_gallery_conf = {
 }
 
 
-def write_pages(app):
-    """Write the generated pages, and copy the notebooks of `models/tutorials`."""
+def write_pages(app, config):
+    """Write the generated pages, and copy the notebooks of `models/tutorials`.
+
+    This comes before Sphinx lists the pages, because autosummary reads only the listed ones.
+    """
     generated_pages.write_reference(HERE / "api")
     generated_pages.write_map(HERE / "develop" / "map.md")
     model_gallery.write_scripts(HERE / "scripts")
@@ -177,7 +180,7 @@ def escape_markup(app, what, name, value, options, lines):
 
 def setup(app):
     """Connect the steps before pages are read and the look-up of names."""
-    app.connect("builder-inited", write_pages, priority=100)
+    app.connect("config-inited", write_pages)
     app.connect("builder-inited", model_gallery.shrink_thumbnails, priority=900)
     app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
     app.connect("autodoc-process-docstring", escape_markup)

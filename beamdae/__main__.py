@@ -40,9 +40,10 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         _require_address_space()
-        from beamdae.cli import signals
+        from beamdae.cli import signals, startup
 
         signals.install_handlers()
+        startup.begin_startup()
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
     try:
@@ -50,7 +51,10 @@ def main() -> None:
     except KeyboardInterrupt:
         signals.ignore_signals()
         sys.exit(signals.exit_code())
-    run()
+    try:
+        run()
+    finally:
+        startup.skip_final_collection()
 
 
 if __name__ == "__main__":

@@ -285,9 +285,10 @@ def _certify(
     if not refinable:
         # Without beams, there is no mesh error.
         error = np.full(len(levels[0].values), floor if not bases else np.nan)
-        return _finish(levels, error, error * 0.0, required, accuracy, bases, notes)
+        return _finish(levels, error, error * 0.0, required, accuracy, floor, bases, notes)
     error = np.full(len(levels[0].values), np.inf)
-    while len(levels) < _MIN_MESHES or not _is_within(error, required, accuracy):
+    # Finer meshes do not reduce the stated error below the floor.
+    while len(levels) < _MIN_MESHES or not _is_within(error, required, max(accuracy, floor)):
         halvings = len(levels)
         if not _can_refine(refinable, halvings):
             break
@@ -299,7 +300,7 @@ def _certify(
         written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
     fine = levels[-1]
     theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine)
-    return _finish(levels, error, theory, required, accuracy, bases, notes)
+    return _finish(levels, error, theory, required, accuracy, floor, bases, notes)
 
 
 def _can_refine(refinable: Sequence[BaseMesh], halvings: int) -> bool:
@@ -369,12 +370,19 @@ def _finish(
     theory: Array,
     required: Array,
     accuracy: float,
+    floor: float,
     bases: dict[str, BaseMesh],
     notes: tuple[str, ...],
 ) -> AnalysisCertificate:
     last = levels[-1]
     if _is_within(error, required, accuracy):
         status = Status("ok", f"all required columns are within {accuracy:g}")
+    elif accuracy < floor and _is_within(error, required, floor):
+        status = Status(
+            "limited",
+            f"the estimated error is {floor:g}, the smallest that is stated, and exceeds "
+            f"{accuracy:g}",
+        )
     else:
         counts = [x.refined(len(levels) - 1).elements for x in bases.values() if not x.fixed_by]
         limit = max([_MAX_ELEMENTS, *counts])

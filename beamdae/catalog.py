@@ -66,6 +66,11 @@ def _spring_arguments(m: Any) -> dict[str, Any]:
     return {"name": "spring", "a": m.ground.at(1.1, 0.2), "b": m.disk.at(0.1, 0.2)}
 
 
+def _path_arguments() -> dict[str, Any]:
+    """Return arguments of an equilibrium path."""
+    return {"loads": None, "control": "load", "step": 0.1, "t": 0.0}
+
+
 def _run_up(t: Any) -> Any:
     return 0.3 * t**2
 
@@ -417,6 +422,7 @@ GROUPS = (
                     "pieces": (lambda t: t, lambda t: 0.0),
                     "breakpoints": (0.005,),
                     "time_scale": 1.0,
+                    "ranges": (),
                 },
             ),
             Public(
@@ -432,9 +438,16 @@ GROUPS = (
             Public("piecewise", "beamdae.parts.laws"),
             Public(
                 "table",
-                "beamdae.parts.laws",
-                lambda m: {"times": [0.0, 0.004, 0.01, 0.02], "values": [0.0, 1.0, 0.0, 1.0]},
+                "beamdae.parts.tables",
+                lambda m: {
+                    "x": [0.0, 0.004, 0.01, 0.02],
+                    "y": [0.0, 1.0, 0.0, 1.0],
+                    "kind": "linear",
+                    "outside": "hold",
+                    "name": "pulse",
+                },
             ),
+            Public("table_from_csv", "beamdae.parts.tables"),
         ),
     ),
     Group(
@@ -450,6 +463,29 @@ GROUPS = (
                     "axes": "section",
                 },
             ),
+            Public(
+                "relative_motion",
+                "beamdae.parts.observables",
+                lambda m: {
+                    "of": m.disk.at(0.1, 0.2),
+                    "on": m.ground.at(0.0, 0.0),
+                    "axes": "section",
+                },
+            ),
+        ),
+    ),
+    Group(
+        "parts",
+        "Inputs, states and controllers",
+        (
+            Public("Input", "beamdae.parts.signals"),
+            Public("Sensor", "beamdae.parts.signals"),
+            Public("State", "beamdae.parts.signals"),
+            Public("low_pass", "beamdae.parts.control.blocks"),
+            Public("transfer_function", "beamdae.parts.control.blocks"),
+            Public("pid", "beamdae.parts.control.blocks"),
+            Public("Controller", "beamdae.parts.control.controller"),
+            Public("Sample", "beamdae.parts.control.controller"),
         ),
     ),
     Group(
@@ -645,6 +681,109 @@ GROUPS = (
             Public("frequency_response", "beamdae.analysis.periodic.periodic_continuation"),
             Public("FrequencyResponse", "beamdae.results.frequency_response"),
             Public("ResponsePoint", "beamdae.results.frequency_response"),
+        ),
+    ),
+    Group(
+        "analysis",
+        "Sensitivities and fits",
+        (
+            Public("sensitivities", "beamdae.analysis.sensitivities.sensitivities"),
+            Public("Sensitivities", "beamdae.analysis.sensitivities.sensitivities"),
+            Public("equilibrium_sensitivities", "beamdae.analysis.sensitivities.statics"),
+            Public("EquilibriumSensitivities", "beamdae.analysis.sensitivities.statics"),
+            Public("mode_sensitivities", "beamdae.analysis.sensitivities.modes"),
+            Public("ModeSensitivities", "beamdae.analysis.sensitivities.modes"),
+            Public("periodic_sensitivities", "beamdae.analysis.sensitivities.periodic"),
+            Public("PeriodicSensitivities", "beamdae.analysis.sensitivities.periodic"),
+            Public("fit", "beamdae.analysis.fit.fit"),
+            Public("Fit", "beamdae.analysis.fit.result"),
+            Public("ProfileLikelihood", "beamdae.analysis.fit.profile"),
+        ),
+    ),
+    Group(
+        "analysis",
+        "Gradients",
+        (
+            Public("gradient", "beamdae.analysis.gradients.gradients"),
+            Public("Gradient", "beamdae.analysis.gradients.gradients"),
+            Public("Objective", "beamdae.analysis.gradients.objectives"),
+            Public(
+                "EndValue",
+                "beamdae.analysis.gradients.objectives",
+                lambda m: {"column": "tip.y"},
+            ),
+            Public(
+                "TimeIntegral",
+                "beamdae.analysis.gradients.objectives",
+                lambda m: {"column": "tip.y", "power": 2},
+            ),
+            Public(
+                "SmoothMaximum",
+                "beamdae.analysis.gradients.objectives",
+                lambda m: {"column": "tip.y", "exponent": 20.0},
+            ),
+            Public(
+                "SquaredErrors",
+                "beamdae.analysis.gradients.objectives",
+                lambda m: {
+                    "column": "tip.y",
+                    "times": (0.1, 0.2),
+                    "values": (0.0, 0.5),
+                    "sigma": 0.1,
+                },
+            ),
+        ),
+    ),
+    Group(
+        "analysis",
+        "Export",
+        (
+            Public("export_fmu", "beamdae.export.fmu"),
+            Public("ExportedFmu", "beamdae.export.fmu"),
+        ),
+    ),
+    Group(
+        "analysis",
+        "Optimization",
+        (
+            Public("optimize", "beamdae.analysis.optimization.optimize"),
+            Public("Optimization", "beamdae.analysis.optimization.result"),
+            Public("at_most", "beamdae.analysis.optimization.quantities"),
+            Public("at_least", "beamdae.analysis.optimization.quantities"),
+            Public("Quantity", "beamdae.analysis.optimization.quantities"),
+            Public("Mass", "beamdae.analysis.optimization.quantities"),
+            Public(
+                "Frequency",
+                "beamdae.analysis.optimization.quantities",
+                lambda m: {"number": 1, "about": "equilibrium"},
+            ),
+            Public(
+                "EquilibriumValue",
+                "beamdae.analysis.optimization.quantities",
+                lambda m: {"column": "tip.y", "to": 1.0, **_path_arguments()},
+            ),
+            Public(
+                "EquilibriumErrors",
+                "beamdae.analysis.optimization.quantities",
+                lambda m: {
+                    "column": "tip.y",
+                    "to": (0.5, 1.0),
+                    "values": (0.0, 0.5),
+                    "sigma": 0.1,
+                    **_path_arguments(),
+                },
+            ),
+            Public(
+                "CriticalLoad",
+                "beamdae.analysis.optimization.quantities",
+                lambda m: {"to": 10.0, "number": 1, **_path_arguments()},
+            ),
+            Public(
+                "ParameterFunction",
+                "beamdae.analysis.optimization.quantities",
+                lambda m: {"function": lambda **parameters: 1.0, "name": "cost"},
+            ),
+            Public("LargestOf", "beamdae.analysis.optimization.quantities"),
         ),
     ),
     Group(

@@ -12,7 +12,7 @@ import time as clock
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,12 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
-    format_exception,
+    ProgressError,
+    call_progress,
     require_choice,
     require_finite,
     require_positive,
-    short_repr,
+    require_progress,
 )
 from beamdae.integrators import Radau
 from beamdae.integrators.integrator import Progress
@@ -36,6 +37,7 @@ from beamdae.interrupts import (
     Interrupted,
     PartialResult,
     acknowledge,
+    attach_partial,
     interruptible,
 )
 from beamdae.parts.forces.contact import Contact
@@ -189,11 +191,13 @@ def certify(
     Raises
     ------
     BeamdaeError
-        If the model or a setting is invalid, nothing is observed, `progress` raises an exception,
-        or the time limit is reached before the first run.
+        If the model or a setting is invalid, nothing is observed, or the time limit is reached
+        before the first run.
     Interrupted
         If Ctrl-C ends the call; `Interrupted.partial` is the certificate of the runs so far, or
         None before the end of the first run.
+    Exception
+        Any exception of `progress`, with this certificate as the attribute `partial`.
 
     Warns
     -----
@@ -223,16 +227,16 @@ def certify(
         time_limit = require_positive("certify", "time_limit", time_limit)
     if start is not None:
         require_start("certify", start)
-    if progress is not None and not callable(progress):
-        raise BeamdaeError(f"certify: progress must be a function, got {short_repr(progress)}.")
+    require_progress("certify", progress)
     model, t_end, description = unpack_model("certify", model, t_end)
     times = compute_output_times("certify", t_end, output_step)
     description["t_end"] = float(times[-1])
     task = _Task(model, times, accuracy, required, start, time_limit, progress, description)
     try:
         certificate = _Certification(task).result()
-    except _ProgressError as problem:
-        raise BeamdaeError(f"certify: progress failed: {problem}.") from problem.__cause__
+    except ProgressError as error:
+        # With the certificate of the runs so far.
+        raise error.problem from None
     if certificate.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(certificate.status.sentence, certificate, "certify")
     if not certificate.success:
@@ -274,14 +278,16 @@ class _Task:
 
     def _assemble(self, halvings: int, exact: bool) -> EquationsOfMotion:
         if not self.base_meshes:
-            return as_equations("certify", self.model, self.start)
+            return as_equations("certify", self.model, self.start, sampled=True)
         meshes = {name: base.refined(halvings) for name, base in self.base_meshes.items()}
         formulations = {
             name: EXACT_FORMULATION
             for name, base in self.base_meshes.items()
             if exact and base.can_be_exact
         }
-        return as_equations("certify", with_meshes(self.model, meshes, formulations), self.start)
+        return as_equations(
+            "certify", with_meshes(self.model, meshes, formulations), self.start, sampled=True
+        )
 
     def element_counts(self, halvings: int) -> dict[str, int]:
         return {name: base.refined(halvings).elements for name, base in self.base_meshes.items()}
@@ -307,7 +313,8 @@ class _Task:
         require_observed("certify", headers)
         # Wrong names are rejected before the run.
         mark_required_columns("certify", self.required, headers)
-        progress = None if self.progress is None else self.report_progress
+        # Their exceptions end the certificate, too.
+        progress = None if self.progress is None else partial(call_progress, self.progress)
         try:
             solution = Radau(rtol, time_limit=remaining).integrate(equations, self.times, progress)
         except Interrupted as problem:
@@ -320,21 +327,6 @@ class _Task:
         if not solution.status.success:
             raise _RunError(solution.status, run)
         return run
-
-    def report_progress(self, t: float) -> str | None:
-        """Call `progress`, and raise its exceptions as _ProgressError."""
-        assert self.progress is not None
-        try:
-            return self.progress(t)
-        except Exception as problem:
-            raise _ProgressError(format_exception(problem)) from problem
-
-
-class _ProgressError(Exception):
-    """The user's function `progress` raised an exception.
-
-    This is not a BeamdaeError, which would end a run with the status "failed".
-    """
 
 
 class _RunError(Exception):
@@ -542,6 +534,10 @@ class _Certification:
             status = problem.status
             sentence = f"a run was not completed: {status.sentence}"
             status = Status(status.kind, sentence)
+        except ProgressError as error:
+            status = Status("failed", str(error))
+            attach_partial(error.problem, self._certificate(status) if self._runs else None)
+            raise
         except KeyboardInterrupt:
             acknowledge()
             # Runs return their status; this interrupt came while equations were assembled or runs

@@ -252,7 +252,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     if isinstance(model, (Model, HasOrigin)) and model.origin is not None:
         name, t_end = model.origin.name, model.origin.t_end if t_end is None else t_end
     end = None if t_end is None else require_positive("check", "t_end", t_end)
-    equations = as_equations("check", model)
+    equations = as_equations("check", model, sampled=True)
     starter, state, problem = _plan_start(equations, end or 1.0)
     # This solver includes redundant constraints, unlike `starter`.
     time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)

@@ -15,7 +15,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-_MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
+MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
@@ -72,6 +72,18 @@ class FileContentError(BeamdaeError):
         return f"{self.path}: {self.problem}; {self.remedy}."
 
 
+class ProgressError(Exception):
+    """Raised inside a call if the user's function `progress` raises an exception, `problem`.
+
+    The call ends, and raises `problem` with the result so far as its attribute `partial`. This is
+    not a BeamdaeError, which would end a run with the status "failed".
+    """
+
+    def __init__(self, problem: Exception) -> None:
+        super().__init__(f"progress failed: {format_exception(problem)}")
+        self.problem = problem
+
+
 class BeamdaeWarning(UserWarning):
     """Warning that a result may be unreliable or incomplete."""
 
@@ -83,6 +95,16 @@ class KernelWarning(UserWarning):
     fewer worker processes than requested can be started. This class is not derived from
     `BeamdaeWarning`: results agree within the tolerances of the runs.
     """
+
+
+def warn_user(message: str) -> None:
+    """Issue a `BeamdaeWarning` that cites the line outside this package that led to it."""
+    level, frame = 1, inspect.currentframe()
+    inner = {"beamdae", "contextlib"}  # decorators may be context managers
+    while frame and str(frame.f_globals.get("__name__", "")).partition(".")[0] in inner:
+        level, frame = level + 1, frame.f_back
+    # Commands of this package have no such line.
+    warnings.warn(message, BeamdaeWarning, stacklevel=level if frame else 2)
 
 
 # Messages of `warn_once` issued in this process.
@@ -162,6 +184,9 @@ def as_real(value: Any) -> float | None:
     NumPy scalars, zero-dimensional arrays, fractions and decimals are accepted if they are real
     numbers. Strings, booleans, lists of one number and symbols are not.
     """
+    if type(value) is float:
+        # Most numbers of a model; the checks below take ten times as long.
+        return value
     value = unbox_scalar(value)
     if isinstance(value, bool) or not isinstance(value, (Real, Decimal)):
         return None
@@ -243,9 +268,9 @@ def require_finite(part: str, name: str, value: Any) -> float:
         )
     if not math.isfinite(number):
         raise BeamdaeError(f"{part}: {name} must be finite, got {short_repr(unbox_scalar(value))}.")
-    if abs(number) > _MAX_MAGNITUDE:
+    if abs(number) > MAX_MAGNITUDE:
         raise BeamdaeError(
-            f"{part}: {name} must not exceed {_MAX_MAGNITUDE:g} in absolute value, got {number:g}."
+            f"{part}: {name} must not exceed {MAX_MAGNITUDE:g} in absolute value, got {number:g}."
         )
     return number
 
@@ -291,7 +316,7 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     try:
         dimensions = getattr(value, "ndim", 0)
         if is_sequence or (isinstance(dimensions, int) and dimensions > 0):
-            return [plain_text(entry) for entry in value]
+            return [plain_text(x) if isinstance(x, str) else x for x in value]
     except Exception as problem:
         # The methods of a user's sequence may fail.
         raise _unreadable_error(part, name, value, what, problem) from None
@@ -310,6 +335,18 @@ def require_iterable(
         return [plain_text(item) for item in islice(value, most)]
     except Exception:  # CasADi symbols declare __iter__ but cannot be iterated.
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.") from None
+
+
+def require_names(part: str, name: str, value: Any, what: str) -> list[str]:
+    """Return the strings of an iterable, or a single string in a list.
+
+    Instances of subclasses of str become plain strings. Other values are rejected with a
+    BeamdaeError; `what` describes the expected value in its message.
+    """
+    entries = require_iterable(part, name, [value] if isinstance(value, str) else value, what)
+    if not all(isinstance(entry, str) for entry in entries):
+        raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
+    return entries
 
 
 def require_mapping(part: str, name: str, value: Any, what: str) -> dict[str, Any]:
@@ -372,6 +409,20 @@ def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
 
+def require_progress(part: str, progress: Any) -> None:
+    """Raise BeamdaeError if `progress` is neither None nor a function; classes are rejected."""
+    if progress is not None and (not callable(progress) or isinstance(progress, type)):
+        raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
+
+
+def call_progress(progress: Callable[..., Any], *status: Any) -> Any:
+    """Return the result of the user's function `progress`, or raise `ProgressError`."""
+    try:
+        return progress(*status)
+    except Exception as problem:
+        raise ProgressError(problem) from problem
+
+
 def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Return `value` if it equals one of `choices` in value and type, or raise BeamdaeError."""
     value = unbox_scalar(value)
@@ -417,3 +468,18 @@ def require_name(kind: str, name: Any) -> str:
             f"or other control characters, got {short_repr(name)}."
         )
     return name
+
+
+def require_unit(part: str, unit: Any) -> str:
+    """Return `unit` as a plain string, or raise BeamdaeError.
+
+    A unit is a nonempty printable string without leading or trailing spaces; angles are in "rad".
+    """
+    unit = plain_text(unit)
+    if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
+        raise BeamdaeError(
+            f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
+        )
+    if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
+        raise BeamdaeError(f"{part}: angles must be in 'rad', got {short_repr(unit)}.")
+    return unit

@@ -18,8 +18,9 @@ import signal
 import sys
 import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from types import CodeType, FrameType, FunctionType
 from typing import Any, Literal, ParamSpec, Self, TypeVar, cast
@@ -33,12 +34,18 @@ PARTIAL_RESULTS = ("raise", "return")
 
 # Time after which an interrupt that was discarded is raised again [s]; cleaning up takes less.
 _REPEAT_INTERVAL = 0.25
+# Interval and limit of the time to wait for ends of threads [s]. They end at once, except in a fork
+# of the process, which has no threads.
+_WAIT_INTERVAL = 1e-4
+_MAX_WAIT = 1.0
 # An import delays an interrupt by at most this time [s], because modules may be endless scripts.
 _MAX_IMPORT_TIME = 5.0
 _AFTER_LAST_STEP = "interrupted after the last step"
 _IMPORT_FILES = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 # SIGTERM only if a handler raises KeyboardInterrupt, as on the command line.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Names of the public functions that are running, the outermost first.
+_running: ContextVar[tuple[str, ...]] = ContextVar("running", default=())
 
 
 class Interrupted(KeyboardInterrupt):
@@ -91,12 +98,16 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _State:
-    """State of this process; only the main thread changes it, except `is_repetition`.
+    """State of this process.
+
+    Only the main thread changes it, except `is_repetition` and removals from `repeating`.
 
     Attributes
     ----------
     pending
-        Unique object of an interrupt that has not ended its call yet, otherwise None.
+        Lock of an interrupt that has not ended its call yet, otherwise None.
+    repeating
+        Locks of the threads that repeat interrupts; releasing a lock ends its thread.
     is_repetition
         True if the next signal repeats the pending interrupt.
     import_deadline
@@ -104,7 +115,8 @@ class _State:
     """
 
     def __init__(self) -> None:
-        self.pending: object | None = None
+        self.pending: _thread.LockType | None = None
+        self.repeating: set[_thread.LockType] = set()
         self.is_repetition = False
         self.import_deadline = 0.0
 
@@ -132,6 +144,14 @@ def attach_partial(problem: BaseException, partial: Any) -> None:
         vars(problem).update(partial=partial, solution=getattr(partial, "solution", partial))
 
 
+def outermost_call(names: Collection[str]) -> str:
+    """Return the outermost running public function of `names`, or "" if none of them runs.
+
+    Only functions decorated by `interruptible` are known.
+    """
+    return next((name for name in _running.get() if name in names), "")
+
+
 def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """Decorate a public function so that no interrupt of a call is lost.
 
@@ -145,8 +165,9 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
 
     @functools.wraps(function)
     def call(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
-        handlers = _replace_handlers()
+        handlers, running = _replace_handlers(), _running.get()
         try:
+            _running.set((*running, name))
             result = function(*arguments, **options)
         except KeyboardInterrupt as problem:
             acknowledge()
@@ -181,6 +202,7 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
                 return cast(Result, replace(interrupted, status=status))
             raise _end_call(name, _AFTER_LAST_STEP, result)
         finally:
+            _running.set(running)
             _restore_handlers(handlers)
 
     return call
@@ -218,10 +240,25 @@ def _replace_handlers() -> dict[int, Any]:
 
 
 def _restore_handlers(handlers: dict[int, Any]) -> None:
+    if handlers:
+        _end_repetitions()
     for number, handler in handlers.items():
         # The call may have installed another handler.
         if isinstance(signal.getsignal(number), _SignalHandler):
             signal.signal(number, handler)
+
+
+def _end_repetitions() -> None:
+    """Wait for the ends of the threads that repeat interrupts.
+
+    A repetition that arrived later would be a new interrupt for the handler outside of calls.
+    """
+    for lock in tuple(_state.repeating):
+        if lock.locked():
+            lock.release()
+    deadline = clock.monotonic() + _MAX_WAIT
+    while _state.repeating and clock.monotonic() < deadline:
+        clock.sleep(_WAIT_INTERVAL)
 
 
 @dataclass(frozen=True)
@@ -240,9 +277,11 @@ class _SignalHandler:
             self.previous(number, frame)
         except KeyboardInterrupt:
             is_first = _state.pending is None
-            _state.pending = token = object()
-            # Without a lock of `threading`, which the interrupted code may hold.
-            _thread.start_new_thread(_send_repetitions, (number, token))
+            # Not with `threading`, whose locks the interrupted code may hold.
+            _state.pending = lock = _thread.allocate_lock()
+            lock.acquire()
+            _state.repeating.add(lock)
+            _thread.start_new_thread(_send_repetitions, (number, lock))
             if is_first and _is_importing(frame):
                 _state.import_deadline = clock.monotonic() + _MAX_IMPORT_TIME
                 return
@@ -261,16 +300,14 @@ def _repeat_interrupt(frame: FrameType | None) -> None:
     raise Interrupted
 
 
-def _send_repetitions(number: int, token: object) -> None:
+def _send_repetitions(number: int, lock: _thread.LockType) -> None:
     """Send the signal to the main thread until the interrupt is not pending any more."""
-    while True:
-        clock.sleep(_REPEAT_INTERVAL)
-        if _state.pending is not token:
-            return
+    while not lock.acquire(timeout=_REPEAT_INTERVAL) and _state.pending is lock:
         # Another handler, which the call has installed, decides about its interrupts.
         if isinstance(signal.getsignal(number), _SignalHandler):
             _state.is_repetition = True
             _send_to_main_thread(number)
+    _state.repeating.discard(lock)
 
 
 def _send_to_main_thread(number: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import sys
@@ -17,8 +18,12 @@ _BYTES_PER_KILOBYTE = 1024.0
 # elements. A smaller value would admit runs that exceed the limit, at which SuperLU crashes the
 # process.
 _ADDRESS_SPACE_RATIO = 2.8
+_MEMORY_FILE = Path("/proc/meminfo")
+_PAGES_FILE = Path("/proc/self/statm")
 _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
+# Enough for all entries of interest; `Path.read_text` takes four times as long.
+_MAX_FILE_BYTES = 4096
 # In messages of CasADi, and of the dynamic linker.
 _OUT_OF_MEMORY_WORDS = ("bad_alloc", "failed to map segment", "cannot allocate memory")
 # Writing this to clear_refs resets the peak of resident memory.
@@ -39,7 +44,7 @@ def available_memory() -> float:
 
 def _free_physical_memory() -> float:
     try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        lines = _read_start(_MEMORY_FILE).splitlines()
         kilobytes = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
         return _BYTES_PER_KILOBYTE * float(kilobytes)
     except (OSError, StopIteration):
@@ -58,10 +63,19 @@ def _free_address_space() -> float:
         limit = getrlimit(RLIMIT_AS)[0]
         if limit == RLIM_INFINITY:
             return float("inf")
-        pages = float(Path("/proc/self/statm").read_text().split()[0])
+        pages = float(_read_start(_PAGES_FILE).split()[0])
         return max(limit - pages * os.sysconf("SC_PAGE_SIZE"), 0.0) / _ADDRESS_SPACE_RATIO
     except (ImportError, OSError, ValueError):
         return float("inf")
+
+
+def release_freed_memory() -> None:
+    """Return freed memory to the system; glibc would keep arrays of up to 32 MB for later use."""
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library
+        return
+    trim(0)
 
 
 def require_memory(part: str, purpose: str, required: float, remedy: str) -> None:
@@ -147,10 +161,15 @@ def peak_memory() -> float:
     return getrusage(RUSAGE_SELF).ru_maxrss * unit / _BYTES_PER_GIGABYTE
 
 
+def _read_start(file: Path) -> str:
+    with open(file, "rb", buffering=0) as content:
+        return content.read(_MAX_FILE_BYTES).decode()
+
+
 def _read_status(name: str) -> float | None:
     """Return an entry of /proc/self/status [GB], or None if the entry is missing."""
     try:
-        lines = [x for x in _STATUS_FILE.read_text().splitlines() if x.startswith(f"{name}:")]
+        lines = [x for x in _read_start(_STATUS_FILE).splitlines() if x.startswith(f"{name}:")]
         return float(lines[0].split()[1]) * _BYTES_PER_KILOBYTE / _BYTES_PER_GIGABYTE
     except (OSError, IndexError):
         return None

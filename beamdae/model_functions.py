@@ -65,7 +65,8 @@ class Model:
         Default end time [s], positive.
     parameters
         Default values by name. The type of a default value is the type of the parameter; a default
-        of None accepts any type.
+        of None accepts any type. Arrays of numbers become tuples if the default is a tuple of
+        floats.
     data
         Names of files on which the results depend; see `model`.
 
@@ -187,7 +188,8 @@ class Model:
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
 
-        Strings are converted to the types of the parameters, as on the command line.
+        Strings are converted to the types of the parameters, as on the command line. For a tuple or
+        list of floats, all sequences and one-dimensional arrays of numbers are accepted.
 
         Parameters
         ----------
@@ -215,6 +217,7 @@ class Model:
         value = unbox_scalar(value)
         if isinstance(value, str) and kind is not str:
             value = self._parse(name, value, kind)
+        value = self._convert_numbers(name, value)
         number = as_real(value)
         if kind is float and number is not None:
             return require_finite(self.name, name, value)
@@ -227,6 +230,21 @@ class Model:
         if kind is not type(None) and (is_bool or not isinstance(value, kind)):
             raise self._type_error(name, value)
         return value
+
+    def _convert_numbers(self, name: str, value: Any) -> Any:
+        """Convert other sequences of numbers if the default is a tuple or list of floats."""
+        default: Any = self.parameters[name]
+        kind = type(default)
+        is_sequence = isinstance(value, (tuple, list)) or getattr(value, "ndim", None) == 1
+        if kind not in (tuple, list) or isinstance(value, kind) or not is_sequence:
+            return value
+        is_real = all(as_real(x) is not None for x in default)
+        if not is_real or not any(isinstance(x, float) for x in default):
+            return value
+        entries = require_sequence(self.name, name, value, "a list of numbers")
+        if any(as_real(x) is None for x in entries):
+            return value
+        return kind(require_finite(self.name, f"an entry of {name}", x) for x in entries)
 
     def _type_error(self, name: str, value: Any) -> BeamdaeError:
         kind = type(self.parameters[name]).__name__
@@ -350,19 +368,22 @@ def extend_import_path(folder: Path) -> Iterator[None]:
     if str(folder) in sys.path:
         yield
         return
-    before = {name.partition(".")[0] for name in sys.modules}
+    before = set(sys.modules)
     sys.path.insert(0, str(folder))
     try:
         yield
     finally:
         with suppress(ValueError):
             sys.path.remove(str(folder))
-        for name, module in list(sys.modules.items()):
+        added = set(sys.modules) - before
+        # Models are built often, but rarely import modules.
+        known = {name.partition(".")[0] for name in before} if added else set()
+        for name in added:
             top = name.partition(".")[0]
-            if top in before:
+            if top in known:
                 continue
             roots = (folder / f"{top}.py", folder / top)
-            locations = _module_locations(module)
+            locations = _module_locations(sys.modules[name])
             if any(Path(file).is_relative_to(root) for root in roots for file in locations):
                 del sys.modules[name]
 

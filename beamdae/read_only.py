@@ -8,8 +8,9 @@ read-only. Tables (DataFrames) cannot be made read-only; each access returns an 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import fields, is_dataclass
-from functools import cached_property, wraps
+from functools import cache, cached_property, wraps
 from inspect import get_annotations
 from operator import is_
 from typing import Any, NoReturn, TypeVar
@@ -22,8 +23,9 @@ _T = TypeVar("_T", bound=type)
 # Values and their read-only counterparts, by the id of the value.
 _Known = dict[int, tuple[Any, Any]]
 _MAX_DEPTH = 50  # of nested containers
-_IMMUTABLE = frozenset({str, int, float, bool, type(None)})
 _SPARSE_ARRAYS = ("data", "indices", "indptr", "offsets", "row", "col")
+_COMPRESSED_FORMATS = ("csr", "csc")  # all of their arrays are in `_SPARSE_ARRAYS`
+_IMMUTABLE_TYPES = frozenset({"str", "int", "float", "bool"})
 
 
 class ReadOnlyDict(dict[Any, Any]):
@@ -51,32 +53,58 @@ def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     the number of enclosing containers. `known` contains earlier results, so that an object that
     occurs several times is converted only once.
     """
-    if type(value) in _IMMUTABLE:
+    kind: Any = type(value)
+    protect = _protection(kind)
+    if protect is None:
         return value
     known = {} if known is None else known
-    if id(value) not in known:
+    # Called once, because audit hooks, such as the one that records file reads, slow it down.
+    key = id(value)
+    if key not in known:
         # The value is kept, because the id of a deleted object may be used again.
-        known[id(value)] = value, _protect(value, depth, known)
-    return known[id(value)][1]
+        known[key] = value, protect(value, depth, known)
+    return known[key][1]
 
 
-def _protect(value: Any, depth: int, known: _Known) -> Any:
-    if isinstance(value, np.ndarray):
-        return _view(value)
+@cache
+def _protection(kind: type) -> Callable[[Any, int, _Known], Any] | None:
+    """Return the function that makes values of this type read-only; None if it does nothing."""
+    if issubclass(kind, np.ndarray):
+        return _protect_array
+    if kind is dict:
+        return _protect_dictionary
+    if kind in (list, tuple):
+        return _protect_sequence
+    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        # Models have hundreds of names with units, which need no conversion.
+        types = (get_annotations(kind).get(name) for name in kind._fields)
+        # `NamedTuple` converts annotations that are strings to references.
+        names = (getattr(x, "__forward_arg__", getattr(x, "__name__", x)) for x in types)
+        is_immutable = all(name in _IMMUTABLE_TYPES for name in names)
+        return None if is_immutable else _protect_sequence
+    if hasattr(kind, "nnz") and hasattr(kind, "dtype"):
+        return _protect_matrix
+    return None
+
+
+def _protect_array(value: np.ndarray, depth: int, known: _Known) -> np.ndarray:
+    return _view(value)
+
+
+def _protect_dictionary(value: dict[Any, Any], depth: int, known: _Known) -> Any:
     if depth > _MAX_DEPTH:
         return value
-    if type(value) is dict:
-        return ReadOnlyDict(
-            {key: read_only(entry, depth + 1, known) for key, entry in value.items()}
-        )
-    if type(value) in (list, tuple) or (isinstance(value, tuple) and hasattr(value, "_fields")):
-        entries = tuple([read_only(entry, depth + 1, known) for entry in value])
-        if isinstance(value, tuple) and all(map(is_, entries, value)):
-            return value
-        return getattr(type(value), "_make", tuple)(entries)
-    if hasattr(value, "nnz") and hasattr(value, "dtype"):
-        return _protect_matrix(value)
-    return value
+    return ReadOnlyDict({key: read_only(entry, depth + 1, known) for key, entry in value.items()})
+
+
+def _protect_sequence(value: Any, depth: int, known: _Known) -> Any:
+    is_tuple = isinstance(value, tuple)
+    if depth > _MAX_DEPTH or (is_tuple and not any(map(_protection, map(type, value)))):
+        return value
+    entries = tuple([read_only(entry, depth + 1, known) for entry in value])
+    if is_tuple and all(map(is_, entries, value)):
+        return value
+    return getattr(type(value), "_make", tuple)(entries)
 
 
 def read_only_copy(values: Any) -> np.ndarray:
@@ -84,9 +112,9 @@ def read_only_copy(values: Any) -> np.ndarray:
 
     Use this for arrays that a caller passes in and may change later.
     """
-    copy = np.array(values, float)
-    copy.setflags(write=False)
-    return copy
+    array = np.array(values, float)
+    array.setflags(write=False)
+    return array
 
 
 def copy_containers(value: Any) -> Any:
@@ -153,13 +181,21 @@ def read_only_data(cls: _T) -> _T:
 
 
 def _protect_fields(instance: Any) -> None:
-    # Fields that are no arguments are caches.
-    caches = {x.name for x in fields(instance) if not x.init} if is_dataclass(instance) else set()
-    values = vars(instance)
+    cls: Any = type(instance)
+    caches, values = _names_of_caches(cls), vars(instance)
     known: _Known = {}
     for name, value in values.items():
-        if name not in caches:
+        kind: Any = type(value)
+        if name not in caches and _protection(kind) is not None:
             values[name] = read_only(value, known=known)
+
+
+@cache
+def _names_of_caches(cls: type) -> frozenset[str]:
+    """Return the names of the dataclass fields that are not arguments of `__init__`."""
+    if not is_dataclass(cls):
+        return frozenset()
+    return frozenset(field.name for field in fields(cls) if not field.init)
 
 
 def _table_property(name: str) -> property:
@@ -184,16 +220,24 @@ def _protect_result(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return compute
 
 
-def _protect_matrix(matrix: Any) -> Any:
+def _protect_matrix(matrix: Any, depth: int, known: _Known) -> Any:
+    if depth > _MAX_DEPTH:
+        return matrix
     arrays = {name: vars(matrix).get(name) for name in _SPARSE_ARRAYS}
     arrays = {name: x for name, x in arrays.items() if isinstance(x, np.ndarray)}
     if not any(array.flags.writeable for array in arrays.values()):
         return matrix
+    if matrix.format not in _COMPRESSED_FORMATS:
+        copied = matrix.copy()
+        arrays = {name: getattr(copied, name) for name in arrays}
+    else:
+        # Ten times as fast, because nothing is checked again.
+        copied = copy(matrix)
+        arrays = {name: array.copy() for name, array in arrays.items()}
     # The copy has the same format, and sorted indices stay sorted.
-    copy = matrix.copy()
-    for name in arrays:
-        setattr(copy, name, _view(getattr(copy, name)))
-    return copy
+    for name, array in arrays.items():
+        setattr(copied, name, _view(array))
+    return copied
 
 
 def _view(array: np.ndarray) -> np.ndarray:

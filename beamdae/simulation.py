@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,15 +18,17 @@ from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     is_valid_path,
     path_as_text,
     require_choice,
     require_positive,
+    require_progress,
     short_repr,
+    warn_user,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import (
     PARTIAL_RESULTS,
     Interrupted,
@@ -69,6 +70,8 @@ def simulate(
     start: Solution | Equilibrium | Rotation | Path | str | Mapping[str, float] | None = None,
     accept_changes: bool = False,
     *,
+    inputs: Mapping[str, Any] | None = None,
+    keep_steps: bool = False,
     partial: PartialResult = "raise",
 ) -> Solution:
     """Integrate a model from t = 0, or from the end of an earlier run.
@@ -101,6 +104,15 @@ def simulate(
     accept_changes
         True to resume from a run of a model with the same coordinates but different parameters,
         numbers or formulas; the differences are reported as a warning.
+    inputs
+        Numbers or time laws that replace the values of inputs of the mechanism, by name of the
+        input; see `Mechanism.input`.
+    keep_steps
+        True to store all steps. By default, a run whose steps would take more than 0.4 GB stores
+        only the rows at the output times, the energies of all steps, and as many evenly distributed
+        steps as fit. Results at the output times do not change, but `Solution.at`, `at_times` and
+        `section_forces` at other times interpolate between the stored rows, and sensitivities of
+        the run are not available.
     partial
         "return" to return the solution so far if the run is interrupted, with the status
         "interrupted", instead of raising `Interrupted`. Before the run has begun, `Interrupted` is
@@ -144,6 +156,8 @@ def simulate(
     """
     require_choice("simulate", "partial", partial, PARTIAL_RESULTS)
     model, t_end, description = unpack_model("simulate", model, t_end)
+    if inputs is not None:
+        model = _replace_inputs(model, inputs)
     name = description.get("name", "simulate")
     checkpoint = _read_checkpoint(start)
     if checkpoint is None and start is not None:
@@ -152,8 +166,7 @@ def simulate(
     times = compute_output_times("simulate", t_end, output_step, begin)
     method = Auto() if integrator is None else integrator
     require_integrator("simulate", method)
-    if progress is not None and not callable(progress):
-        raise BeamdaeError(f"simulate: progress must be a function, got {short_repr(progress)}.")
+    require_progress("simulate", progress)
     resume_warnings: list[str] = []
     description["t_end"] = float(times[-1])
 
@@ -162,12 +175,13 @@ def simulate(
 
     try:
         if checkpoint is None:
-            equations = as_equations("simulate", model, start)
+            equations = as_equations("simulate", model, start, sampled=True)
         else:
             parameters = description.get("parameters", {})
             equations, resume_warnings = _resume_equations(
                 name, checkpoint, model, parameters, accept_changes
             )
+        keeps_all = require_choice("simulate", "keep_steps", keep_steps, (True, False))
         bytes_per_row = 8.0 * (3 * equations.n + equations.m)
         require_memory(
             "simulate",
@@ -176,7 +190,8 @@ def simulate(
             "use a longer output_step",
         )
         try:
-            solution = method.integrate(equations, times, progress=progress)
+            with keep_all_steps(keeps_all):
+                solution = method.integrate(equations, times, progress=progress)
         except Interrupted as problem:
             if not isinstance(problem.partial, Solution):
                 raise
@@ -201,8 +216,17 @@ def simulate(
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
     for sentence in sentences:
-        warnings.warn(sentence, BeamdaeWarning, stacklevel=3)
+        warn_user(sentence)
     return solution
+
+
+def _replace_inputs(model: Any, inputs: Mapping[str, Any]) -> Mechanism:
+    if not isinstance(model, Mechanism):
+        raise BeamdaeError(
+            f"simulate: inputs require a mechanism, got {short_repr(model)}; change the numbers of "
+            "the model instead."
+        )
+    return model.with_inputs(inputs)
 
 
 def unpack_model(caller: str, model: Any, t_end: float | None) -> tuple[Any, float, dict[str, Any]]:
@@ -266,7 +290,7 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     arrays, content = read_saved_run(file)
     if model is None:
         return saved_run_from_arrays(file, arrays, content)
-    equations = as_equations("load", model, AS_DRAWN)
+    equations = as_equations("load", model, AS_DRAWN, sampled=True)
     if hash_model(equations) != content["identity"]:
         raise BeamdaeError(
             f"{file}: the file contains a run of a model with other parts or values; "
@@ -276,7 +300,9 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
         return Solution.from_packed(equations, packed_run_from_arrays(equations, arrays, content))
 
 
-def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
+def as_equations(
+    name: str, model: Any, start: Any = None, *, sampled: bool = False
+) -> EquationsOfMotion:
     """Return the equations of motion of a model.
 
     Parameters
@@ -288,16 +314,25 @@ def as_equations(name: str, model: Any, start: Any = None) -> EquationsOfMotion:
     start
         Start that replaces the start of the model: "as drawn", "equilibrium", a `Rotation`, or
         positions and velocities by name.
+    sampled
+        True for runs, which call the laws of sampled controllers.
 
     Raises
     ------
     BeamdaeError
-        If `model` has none of these types, or its equations cannot be assembled.
+        If `model` has none of these types, its equations cannot be assembled, or it has a sampled
+        controller and `sampled` is False.
     """
     if isinstance(model, Model):
-        return as_equations(name, model(), start)
+        return as_equations(name, model(), start, sampled=sampled)
     if isinstance(model, Mechanism):
-        return equations_of_motion(model, start)
+        equations = equations_of_motion(model, start)
+        if equations.controllers and not sampled:
+            raise BeamdaeError(
+                f"{name}: the sampled controller {equations.controllers[0].controller.name!r} is "
+                "called only in runs; omit it, or replace it by states (mech.state)."
+            )
+        return equations
     if isinstance(model, ConstrainedSystem):
         model = model.equations
     if isinstance(model, EquationsOfMotion):
@@ -328,7 +363,7 @@ def _resume_equations(
     accept_changes: bool,
 ) -> tuple[EquationsOfMotion, list[str]]:
     """Return the equations starting from a checkpoint, and warnings about the earlier run."""
-    drawn_equations = as_equations("simulate", model, AS_DRAWN)
+    drawn_equations = as_equations("simulate", model, AS_DRAWN, sampled=True)
     equations = checkpoint.start_equations(drawn_equations)
     changes = checkpoint.describe_changes(drawn_equations, parameters)
     if changes and not require_choice("simulate", "accept_changes", accept_changes, (True, False)):

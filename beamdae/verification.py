@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.errors import BeamdaeError, short_repr
-from beamdae.integrators import GeneralizedAlpha, Ida, Integrator, Radau
+from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import Header, largest_of_kind, mark_resting_columns
@@ -226,12 +226,19 @@ def _second_runs(solution: Solution, integrator: Integrator) -> Iterator[_Second
     same = _SecondRun(
         _with_accuracy(integrator, tight, max_steps), _FACTOR_OF_THE_SAME_METHOD, order
     )
+    if order > _LIMITED_ORDER:
+        yield same
+    # Imported here because one second run usually suffices.
+    from beamdae.integrators import GeneralizedAlpha, Ida
+
     another = _SecondRun(
         Ida(tight, **limits) if is_radau else Radau(tight, **limits),
         _FACTOR_OF_ANOTHER_METHOD,
         same_method=False,
     )
-    yield from (same, another) if order > _LIMITED_ORDER else (another, same)
+    yield another
+    if order <= _LIMITED_ORDER:
+        yield same
     factor = _FACTOR_OF_A_LOOSER_RUN / (_LOOSENING_FACTOR**integrator.order - 1.0)
     yield _SecondRun(
         _with_accuracy(integrator, loose, max_steps), min(factor, _MAX_DIFFERENCE_FACTOR)
@@ -361,6 +368,8 @@ def compare_methods(
     if by is None:
         rtol = max(_TIGHTENING_FACTOR * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
+        from beamdae.integrators import GeneralizedAlpha
+
         by = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
     other_name, other_value = require_integrator("verify", by).accuracy
     if other_name == "rtol":

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from beamdae.report.pictures.figures import require_picture_path, save_figure
+from beamdae.report.pictures.fit_plots import plot_fit, plot_profile
 from beamdae.report.pictures.path_plots import plot_path as plot_equilibrium_path
 from beamdae.report.pictures.path_plots import plot_response as plot_frequency_response
 from beamdae.report.pictures.run_animation import animate
@@ -19,7 +20,9 @@ from beamdae.results.displays import Plot
 __all__ = [
     "animate",
     "plot_equilibrium_path",
+    "plot_fit",
     "plot_frequency_response",
+    "plot_profile",
     "plot_section_forces",
     "plot_time_series",
     "save_plot",

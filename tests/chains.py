@@ -67,3 +67,13 @@ def backward_error(pattern, nonzeros, x, right):
     matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
     terms = abs(matrix) @ np.abs(x) + np.abs(right)
     return float(np.max(np.abs(matrix @ x - right) / terms))
+
+
+def pattern_of_elements(elements, border):
+    """Return the dense pattern of a chain of elements of 4 nodes, coupled with a border."""
+    size = 9 * elements + 3
+    dense = np.zeros((size + border, size + border), bool)
+    for first in range(0, 9 * elements, 9):
+        dense[first : first + 12, first : first + 12] = True
+    dense[size:, :] = dense[:, size:] = True
+    return dense

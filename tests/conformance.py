@@ -155,6 +155,11 @@ NONHOLONOMIC = {
     ),
 }
 
+CURVE = bd.table([-2.0, -0.3, 0.1, 0.8, 2.5], [-1.0, 0.4, 0.5, -0.3, 0.7], kind="pchip")
+MAP = bd.table(
+    ([-1.0, 0.3, 1.2, 3.0], [-1.0, 0.2, 0.9]),
+    [[0.1, 0.4, 1.2], [0.7, -0.3, 0.2], [1.1, 0.9, -0.4], [0.3, 0.6, 0.8]],
+)
 NO_PARTS = ("LineSurface", "CircleSurface", "Friction", "positive_part", "smooth_sign")
 # Loads named "load" of the same mechanism.
 # The contact of the catalog is open; those below penetrate.
@@ -229,6 +234,17 @@ LOADS = catalog_parts("Loads and forces", "load", without=(*NO_PARTS, "Contact")
         lambda tip, t: (-2.0 * tip.position[0] - tip.velocity[0], 0.0, -3.0 * tip.angle**2),
         energy=lambda tip: tip.position[0] ** 2 + tip.angle**3,
         dissipative=True,
+    ),
+    "table of a spring": lambda m, d, b: bd.Spring(
+        "load", d.at(0.3, -0.4), b.end, law=lambda x, rate: CURVE(x) + 0.1 * rate
+    ),
+    "map of a force": lambda m, d, b: bd.ForceLaw(
+        "load",
+        (d.at(0.3, 0.1), b.end),
+        lambda disk, tip, t: [(0.0, 0.0, MAP(tip.angle, t)), (0, 0)],
+    ),
+    "table by place": lambda m, d, b: bd.DistributedForce(
+        "load", b, lambda s, x, y, t: (CURVE(s), MAP(x, y))
     ),
     "dead load by length": lambda m, d, b: bd.DistributedForce("load", b, (swing, -2.0)),
     "pressure": lambda m, d, b: bd.DistributedForce("load", b, (0.0, swing), axes="section"),

@@ -27,8 +27,15 @@ settings.register_profile("explore", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
 
-_MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are slow tests
-_VARIANTS_PER_FAST_TEST = 8  # one variant of this number is not slow
+_MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are not run by default
+# One variant of these numbers is a default test, or at least a slow one; the others are exhaustive.
+_VARIANTS_PER_DEFAULT_TEST = 16
+_VARIANTS_PER_SLOW_TEST = 4
+# Tests of models and external answers: the slow tests leave out no variant, except of the program
+# of robustness, of which CI runs a sample itself.
+_COMPLETE_FOLDERS = ("models", "validation")
+_SAMPLED_PROGRAM = "test_robustness.py"
+_DOCTESTS = "test_docstrings.py"
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -38,13 +45,16 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "browser" in item.fixturenames:
             item.add_marker(pytest.mark.slow(reason="starts a browser"))
-        # Selected by a hash, so that each value of each parameter is tried in some test.
-        elif (
-            item.path.name != "test_docstrings.py"
-            and variants[_test_name(item)] >= _MANY_VARIANTS
-            and crc32(item.nodeid.encode()) % _VARIANTS_PER_FAST_TEST
-        ):
-            item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
+        elif variants[_test_name(item)] >= _MANY_VARIANTS and item.path.name != _DOCTESTS:
+            # Selected by a hash, so that each value of each parameter is tried in some test.
+            number = crc32(item.nodeid.encode())
+            if number % _VARIANTS_PER_DEFAULT_TEST:
+                item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
+            is_complete = (
+                item.path.parent.name in _COMPLETE_FOLDERS and item.path.name != _SAMPLED_PROGRAM
+            )
+            if number % _VARIANTS_PER_SLOW_TEST and not is_complete:
+                item.add_marker(pytest.mark.exhaustive(reason="one of many variants of a law"))
 
 
 def _test_name(item):

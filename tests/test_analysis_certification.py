@@ -105,6 +105,20 @@ def test_an_accuracy_beyond_the_meshes_is_refused():
     assert repr(result).startswith("<AnalysisCertificate of 1e-12: limited")
 
 
+def test_an_accuracy_below_the_smallest_stated_error_is_refused_with_this_reason():
+    """The reason was that up to 32 elements do not suffice, also without beams."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, -1.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, 1000.0))
+    mech.observe("bob", bob.point)
+    result = bd.certify_equilibrium(mech, accuracy=1e-12)
+    assert not result.success
+    assert result.reason == (
+        "the estimated error is 1e-08, the smallest that is stated, and exceeds 1e-12"
+    )
+    assert bd.certify_equilibrium(mech, accuracy=1e-8).success
+
+
 def loaded_at(count, slider=False):
     """Return a cantilever that the loads divide into `count` elements at least."""
     mech = bd.Mechanism()
@@ -120,6 +134,7 @@ def loaded_at(count, slider=False):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("certify", [bd.certify_equilibrium, bd.certify_modes])
 @pytest.mark.parametrize("count", [9, 12, 20])
 def test_regression_beams_of_many_elements_have_finite_errors(certify, count, monkeypatch):
@@ -171,6 +186,7 @@ def test_invalid_arguments_are_rejected(call, message):
         call()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_modes_that_coarse_meshes_do_not_have_are_not_certified():
     beam = bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=1)
     mech = bd.Mechanism()

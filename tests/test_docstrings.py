@@ -30,7 +30,14 @@ def test_some_docstrings_have_examples():
     assert len(WITH_EXAMPLES) >= 4
 
 
-@pytest.mark.parametrize("name", WITH_EXAMPLES)
+# Examples that trace equilibrium paths.
+SLOW_EXAMPLES = ("beamdae.analysis.statics.boundary", "beamdae.analysis.statics.imperfections")
+SLOW = pytest.mark.slow(reason="half a second and more")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[SLOW] * (x in SLOW_EXAMPLES)) for x in WITH_EXAMPLES]
+)
 def test_examples_of_module_return_what_they_print(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = doctest.DocTestRunner()

@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -261,6 +262,7 @@ def test_partial_results_of_inner_calls_are_removed():
     assert caught.value.partial is None
 
 
+@pytest.mark.slow(reason="half a second")
 def test_interrupts_after_a_call_are_not_repeated():
     @interruptible
     def compute():
@@ -270,6 +272,29 @@ def test_interrupts_after_a_call_are_not_repeated():
         compute()
     time.sleep(2.0 * interrupts._REPEAT_INTERVAL)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_regression_repetitions_do_not_arrive_after_the_call(monkeypatch):
+    """A repetition on its way when the call ended was an interrupt for the code after it."""
+    is_repeated = threading.Event()
+
+    def send_late(number, send=interrupts._send_to_main_thread):
+        is_repeated.set()
+        time.sleep(0.05)
+        send(number)
+
+    @interruptible
+    def wait():
+        with suppress(KeyboardInterrupt):
+            send_interrupt()
+        assert is_repeated.wait(_MAX_WAIT)
+
+    monkeypatch.setattr(interrupts, "_REPEAT_INTERVAL", 0.01)
+    monkeypatch.setattr(interrupts, "_send_to_main_thread", send_late)
+    with pytest.raises(KeyboardInterrupt):
+        wait()
+    time.sleep(0.1)
+    assert not interrupts._state.is_repetition
 
 
 def test_handlers_of_the_user_are_called_and_restored():
@@ -338,6 +363,7 @@ def test_exceptions_of_progress_have_the_result_so_far(call, begin):
     assert solution.model["t_end"] == 20.0
 
 
+@pytest.mark.slow(reason="one second")
 def test_interrupts_that_are_kept_are_acknowledged():
     """Otherwise they would be raised again while the partial result is returned."""
     package = Path(bd.__file__).parent

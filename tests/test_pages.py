@@ -3,6 +3,8 @@
 import gc
 import re
 import shlex
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,8 @@ from beamdae.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 TUTORIAL = ROOT / "models" / "tutorials" / "four_bar.md"
+GAUGES = ROOT / "models" / "tutorials" / "gauges.md"
+GRIPPER = ROOT / "models" / "tutorials" / "gripper.md"
 PAGES = [
     page for part in ("howto", "theory") for page in sorted((ROOT / ".docs" / part).glob("*.md"))
 ]
@@ -80,6 +84,41 @@ def test_tutorial_results_match_its_text(tmp_path, monkeypatch):
 
 
 @slow
+def test_fit_of_the_gauges_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(GAUGES)
+    fit = names["fit"]
+    assert fit.converged
+    assert np.abs(names["errors"]).max() < 4.0
+    # Within five standard deviations of the chi-square distribution.
+    assert abs(fit.chi_square - 274) < 5.0 * np.sqrt(2.0 * 274)
+    assert np.abs(names["changes"]).max() < 3.0
+    # E alone is known to 0.2 %, and without the second moment of area to tens of percents.
+    assert fit.standard_deviations[0] / fit.values[0] < 0.005
+    assert names["deviations"]["E"] > 0.1
+    assert "E by" in names["alone"].undetermined[0]
+    assert names["half_width"].max() < 0.01
+    low, high = fit.table().loc["damping", ["lower 95 %", "upper 95 %"]]
+    assert_allclose(names["profile"].interval, [low, high], rtol=0.01)
+
+
+@slow
+def test_design_of_the_gripper_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(GRIPPER)
+    design = names["design"]
+    assert design.converged
+    stress, mass = design.constraints
+    assert abs(stress.margin) < 1e-5 * 20e6
+    assert mass.multiplier == 0.0
+    # The largest stresses are within 3.5 % of the limit.
+    assert 0.965 * 20.0 < max(names["used"].values()) <= 20.0
+    thickness = design.parameters["thickness"]
+    assert (np.diff(thickness) < 1e-9).all()
+    assert names["closing"] > 5.0 * 3.06e-3
+
+
+@slow
 @pytest.mark.parametrize("page", [page_param(page) for page in PAGES if code_blocks(page)])
 def test_page_runs_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -88,8 +127,54 @@ def test_page_runs_as_printed(page, tmp_path, monkeypatch):
     gc.collect()
 
 
+def run_framework_example(framework, last=None):
+    """Run the model of the page on gradients and the example for a framework; return the names."""
+    text = (ROOT / ".docs" / "howto" / "use_gradients.md").read_text()
+    names = {"__name__": "__main__"}
+    exec(BLOCK.findall(text)[0][1], names)
+    blocks = re.findall(r"^```\{code-block\} python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    (example,) = [x for x in blocks if x.startswith(f"import {framework}")]
+    exec(example.partition(last)[0] if last else example, names)
+    return names
+
+
+@slow
+@pytest.mark.parametrize("framework", ["torch", "jax"])
+def test_example_for_a_framework_runs_as_printed(framework):
+    pytest.importorskip(framework)
+    names = run_framework_example(framework)
+    expected = names["value_and_gradient"]([30.0, 0.3])[1] + 2e-3 * np.array([30.0, 0.3])
+    gradient = names["x"].grad.numpy() if framework == "torch" else names["gradient"]
+    assert_allclose(gradient, expected)
+
+
+class _TensorStub(np.ndarray):
+    """The methods of a tensor that the example for PyTorch calls."""
+
+    detach = cpu = numpy = lambda self: self
+    new_tensor = staticmethod(np.array)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_example_for_torch_with_a_stub(monkeypatch):
+    """PyTorch is not a dependency; without it, only the calls of beamdae are tested."""
+    stub, context = types.ModuleType("torch"), types.SimpleNamespace()
+    stub.autograd = types.SimpleNamespace(Function=object)
+    monkeypatch.setitem(sys.modules, "torch", stub)
+    names = run_framework_example("torch", last="x = torch.tensor")
+
+    def save(*tensors):
+        context.saved_tensors = tensors
+
+    context.save_for_backward = save
+    value = names["Objective"].forward(context, np.array([30.0, 0.3]).view(_TensorStub))
+    expected, gradient = names["value_and_gradient"]([30.0, 0.3])
+    assert value == expected
+    assert_allclose(names["Objective"].backward(context, 2.0), 2.0 * gradient)
+
+
 def test_pages_with_cells_have_a_notebook_header():
     """Without the header, cells would be displayed but not executed."""
-    for page in [TUTORIAL, *PAGES]:
+    for page in [TUTORIAL, GAUGES, *PAGES]:
         text = page.read_text()
         assert ("{code-cell}" in text) == text.startswith("---\njupytext:"), page.name

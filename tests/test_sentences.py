@@ -42,6 +42,17 @@ def weld_beams(**arguments):
     return bd.welded_beams(**({"mechanism": bd.Mechanism()} | arguments))
 
 
+def failing_law(sample):
+    raise ZeroDivisionError
+
+
+def add_controller(**arguments):
+    mech = bd.Mechanism()
+    drives = [mech.input("u")]
+    reads = [mech.input("r")]
+    return mech.add(bd.Controller(**({"name": "c", "reads": reads, "drives": drives} | arguments)))
+
+
 COINCIDENT_POINTS = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
 DISTANT_POINTS = {"name": "s", "a": GROUND.at(0.0, 0.0), "b": DISK.at(1.0, 0.0)}
 FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
@@ -158,6 +169,36 @@ CALLS = {
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": disk_mechanism}),
+    "Input": (lambda **x: bd.Mechanism().input(**x), {"name": "u", "default": 0.5, "unit": "N"}),
+    "Sensor": (
+        lambda **x: disk_mechanism().sensor(**x),
+        {"name": "s", "what": DISK.at(0.0, 0.0), "column": "x"},
+    ),
+    "State": (
+        lambda **x: bd.Mechanism().state(**x),
+        {"name": "x", "rate": 0.5, "start": 0.0, "unit": "m", "scale": 1.0},
+    ),
+    "Controller": (add_controller, {"every": 0.1, "law": failing_law, "state": [0.0], "seed": 1}),
+    "low_pass": (
+        lambda **x: bd.low_pass(**({"mechanism": bd.Mechanism()} | x)),
+        {"name": "y", "value": 1.0, "time_constant": 0.1, "start": 0.0},
+    ),
+    "transfer_function": (
+        lambda **x: bd.transfer_function(**({"mechanism": bd.Mechanism()} | x)),
+        {"name": "y", "value": 1.0, "numerator": [1.0], "denominator": [1.0, 1.0], "scale": 1.0},
+    ),
+    "pid": (
+        lambda **x: bd.pid(**({"mechanism": bd.Mechanism()} | x)),
+        {
+            "name": "y",
+            "error": 1.0,
+            "kp": 1.0,
+            "ki": 1.0,
+            "kd": 1.0,
+            "filter_time": 0.1,
+            "limits": (-1.0, 1.0),
+        },
+    ),
     "piecewise": (lambda end, law: bd.piecewise((end, law), 0.0), {"end": 1.0, "law": 5.0}),
     "piecewise of": (lambda piece, last: bd.piecewise(piece, last), {"piece": (1, 2), "last": 3}),
     "welded_beams": (weld_beams, {"name": "w", "curve": ARC, "section": STRIP, "bodies": 1}),
@@ -168,6 +209,7 @@ CALLS = {
 }
 # Integrators, studies, models and results have tests in other files.
 TESTED_ELSEWHERE = {
+    "Sample",
     "Joint",
     "Animation",
     "Auto",
@@ -178,6 +220,7 @@ TESTED_ELSEWHERE = {
     "BeamdaeError",
     "BeamdaeWarning",
     "Interrupted",
+    "table_from_csv",
     "Campbell",
     "Case",
     "AnalysisCertificate",
@@ -187,6 +230,12 @@ TESTED_ELSEWHERE = {
     "KnockDown",
     "EquationsOfMotion",
     "Equilibrium",
+    "EquilibriumSensitivities",
+    "ModeSensitivities",
+    "PeriodicSensitivities",
+    "Fit",
+    "Gradient",
+    "Objective",
     "Frame",
     "FrequencyResponse",
     "GeneralizedAlpha",
@@ -197,9 +246,20 @@ TESTED_ELSEWHERE = {
     "Modes",
     "Part",
     "PeriodicMotion",
+    "LargestOf",
+    "Mass",
+    "Optimization",
+    "Quantity",
+    "at_least",
+    "at_most",
+    "optimize",
+    "export_fmu",
+    "ExportedFmu",
+    "Sensitivities",
     "Plot",
     "Radau",
     "ResponsePoint",
+    "ProfileLikelihood",
     "SectionForces",
     "Solution",
     "Study",
@@ -219,13 +279,19 @@ TESTED_ELSEWHERE = {
     "draw_campbell",
     "draw_modes",
     "equilibrium",
+    "equilibrium_sensitivities",
+    "mode_sensitivities",
+    "periodic_sensitivities",
     "error_estimate",
+    "fit",
     "frequency_response",
+    "gradient",
     "grid",
     "imperfect",
     "knock_down",
     "linearize",
     "periodic",
+    "sensitivities",
     "SavedRun",
     "load",
     "plot",

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import Kinematics, MaterialPoint, create_custom_kinematics
-from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh
+from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh, intern_mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_forces
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, require_curve
@@ -60,6 +60,7 @@ _KINEMATICS_BY_FORMULATION: dict[str, type[FloatingFrame] | type[GeometricallyEx
     _DEFAULT_FORMULATION: FloatingFrame,
     EXACT_FORMULATION: GeometricallyExact,
 }
+FORMULATIONS = tuple(_KINEMATICS_BY_FORMULATION)
 
 # Curvature times element length up to which the compliance of an arc has an error below 1 %, by
 # number of nodes (measured: 6e-3 at 1.6 and 9e-5 at 0.4 for 4 nodes, of order 4; 8e-3 at 0.2 for
@@ -228,12 +229,14 @@ class Beam(Part):
         self.velocity = require_point(name, "velocity", velocity)
         self.angular_velocity = require_finite(name, "angular_velocity", angular_velocity)
         count, bounds = _parse_elements(name, elements, curve.length)
-        self._requested_mesh = Mesh(
-            curve,
-            count,
-            require_choice(name, "nodes", require_count(name, "nodes", nodes), (2, 3, 4)),
-            require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
-            bounds=bounds,
+        self._requested_mesh = intern_mesh(
+            Mesh(
+                curve,
+                count,
+                require_choice(name, "nodes", require_count(name, "nodes", nodes), (2, 3, 4)),
+                require_choice(name, "elements_shape", elements_shape, ("curved", "straight")),
+                bounds=bounds,
+            )
         )
         _require_mesh_memory(name, self.mesh)
         _require_valid_slenderness(name, self.section, self.length)
@@ -288,7 +291,8 @@ class Beam(Part):
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not self._has_final_mesh and not has_fixed_coordinates:
-            mesh = self.mesh.with_ends_at(sorted({float(x.attachment.s or 0.0) for x in sections}))
+            ends = sorted({float(x.attachment.s or 0.0) for x in sections})
+            mesh = intern_mesh(self.mesh.with_ends_at(ends))
             if mesh is not self.mesh:
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
@@ -380,6 +384,10 @@ class Beam(Part):
     def axis_nodes(self) -> Array:
         """Indices of the coordinates (x, y, psi) of element nodes; empty with a floating frame."""
         return self.kinematics.axis_nodes
+
+    def rigid_motions(self, q: SX) -> SX:
+        """Return the rates of the coordinates in rigid motions, see `Kinematics.rigid_motions`."""
+        return self.kinematics.rigid_motions(q)
 
     @property
     def initial_position(self) -> Array:
@@ -710,7 +718,7 @@ def _create_kinematics(
     section: Any,
     settings: Mapping[str, Any],
 ) -> Kinematics:
-    require_choice(part, "formulation", formulation, tuple(_KINEMATICS_BY_FORMULATION))
+    require_choice(part, "formulation", formulation, FORMULATIONS)
     if make is not None:
         unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
         if unused:

@@ -26,9 +26,9 @@ from beamdae.parts.forces.formula_checks import (
     require_column,
     require_continuous_formula,
 )
+from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservablePower
 from beamdae.parts.forces.loads import dead_load, load_kernel, load_statement
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import Part
 from beamdae.symbolic.formula import (
     Formula,
     FormulaExpression,
@@ -86,7 +86,7 @@ def _evaluate_law(part: str, law: Callable[..., Any], *arguments: SX) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedForce(Part):
+class DistributedForce(ObservableBeamLoad):
     """Distributed force along a whole beam, per arc length of the undeformed axis [N/m].
 
     Parameters
@@ -217,7 +217,7 @@ def _zero_force(t: Any, numbers: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingForce(Part):
+class MovingForce(ObservablePower):
     """Constant force in the inertial frame that moves along a beam at constant speed.
 
     At time t, the force acts at the arc length start + speed * t; the force is zero while this

@@ -6,7 +6,6 @@ Viscous material damping (Kelvin-Voigt) is a property of the section: see `Secti
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -14,12 +13,13 @@ import numpy as np
 from beamdae.beams.beam import Beam, require_beam
 from beamdae.beams.kinematics import Element
 from beamdae.errors import require_name, require_non_negative, set_fields
-from beamdae.parts.part import Part
+from beamdae.parts.forces.load_observables import ObservableBeamLoad
+from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece
 
 
 @dataclass(frozen=True, eq=False)
-class RayleighDamping(Part):
+class RayleighDamping(ObservableBeamLoad):
     """Proportional damping of a beam: forces -(`mass` M + `stiffness` K) v.
 
     M is the mass matrix, K the stiffness matrix and v the vector of velocities. The mass term is a
@@ -81,7 +81,7 @@ class RayleighDamping(Part):
 
 
 @dataclass(frozen=True, eq=False)
-class AirDrag(Part):
+class AirDrag(ObservableBeamLoad):
     """Quadratic drag on a strip in still air: the force -coefficient |v_n| v_n per length.
 
     v_n is the component of the velocity in the inertial frame that lies in the plane of the
@@ -137,7 +137,7 @@ def _damping_statement(
     return ForceStatement(part, kernel, (piece,), np.concatenate([elements, repeated]))
 
 
-@cache
+@cache_kernels
 def _rayleigh_kernel(element: Element) -> ForceKernel:
     local = Local(element.size, element.n_data + 2)
     mass_coefficient, stiffness_coefficient = local.data[-2], local.data[-1]
@@ -154,7 +154,7 @@ def _rayleigh_kernel(element: Element) -> ForceKernel:
     return ForceKernel(local, force, powers=ca.vertcat(0, dissipated), reused=True)
 
 
-@cache
+@cache_kernels
 def _drag_kernel(element: Element) -> ForceKernel:
     local = Local(element.size, element.n_data + 1)
     coefficient = local.data[-1]

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache, wraps
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.element_data import assemble_element_data, require_free_curve
-from beamdae.beams.mesh import Mesh
+from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
@@ -39,7 +39,9 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+T = TypeVar("T")
 
+_MAX_CACHED_GEOMETRIES = 32  # of earlier beams
 # Smaller absolute values of shape functions are rounding errors of zero.
 _MIN_SHAPE_FUNCTION = 1e-12
 
@@ -232,6 +234,22 @@ class Kinematics(ABC):
     def operator(self) -> sp.csr_array:
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
 
+    def rigid_motions(self, q: SX) -> SX:
+        """Return the rates of the coordinates q (n,) in rigid motions of the beam, (n, 3).
+
+        The motions are the translations along x and y in the inertial frame, and the rotation about
+        the start of the beam.
+
+        Raises
+        ------
+        BeamdaeError
+            If the formulation does not define rigid motions.
+        """
+        raise BeamdaeError(
+            f"{self.name}: {type(self).__name__} defines no rigid_motions, so the resultant of a "
+            "distributed load is unknown; observe its power."
+        )
+
     @abstractmethod
     def data(self, gravity: Array) -> Array:
         """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
@@ -304,6 +322,37 @@ class Kinematics(ABC):
         )
 
 
+class _Geometry:
+    """Values derived from the mesh and the settings of a beam, but not from its section."""
+
+    def __init__(self) -> None:
+        self._values: dict[Any, Any] = {}
+
+    def derive(self, key: Any, build: Callable[[], T]) -> T:
+        """Return the value for a key, read-only; `build` creates it on first use."""
+        if key not in self._values:
+            self._values[key] = read_only(build())
+        return cast("T", self._values[key])
+
+
+@lru_cache(maxsize=_MAX_CACHED_GEOMETRIES)
+def _share_geometry(*settings: Any) -> _Geometry:
+    return _Geometry()
+
+
+def geometric_property(build: Callable[[Any], T]) -> cached_property[T]:
+    """Decorate a property that depends on the mesh and settings of a beam, not on its section.
+
+    Beams that are equal except for name and section share the value.
+    """
+
+    @wraps(build)
+    def derive(self: FormulationKinematics) -> T:
+        return self._geometry.derive(build.__name__, lambda: build(self))
+
+    return cached_property(derive)
+
+
 @read_only_data
 @dataclass(frozen=True, eq=False)
 class FormulationKinematics(Kinematics):
@@ -324,9 +373,6 @@ class FormulationKinematics(Kinematics):
     quadrature: str = "reduced"
     frame: str | None = None
     free_curve: PlaneCurve | None = None
-    _material_points: dict[float, MaterialPoint] = field(
-        default_factory=dict, init=False, repr=False
-    )
 
     def __post_init__(self) -> None:
         set_fields(self, frame=resolve_frame(self.name, self.mesh.curve, self.frame))
@@ -334,6 +380,14 @@ class FormulationKinematics(Kinematics):
         _ = self.frame_angle
         if self.free_curve is not None:
             require_free_curve(self.name, self.free_curve, self.mesh.curve)
+
+    @cached_property
+    def _geometry(self) -> _Geometry:
+        """Geometry, shared with earlier beams that differ in name and section only."""
+        if not (is_shareable(self.mesh) and consists_of_numbers(self.free_curve)):
+            return _Geometry()
+        names = (field.name for field in fields(self) if field.name not in ("name", "section"))
+        return _share_geometry(type(self), *(getattr(self, name) for name in names))
 
     @cached_property
     def frame_angle(self) -> float:
@@ -373,9 +427,7 @@ class FormulationKinematics(Kinematics):
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""
         # Cached because joints, observables and drawings request the same sections.
-        if s not in self._material_points:
-            self._material_points[s] = read_only(self._create_section(s, on_axis=False))
-        return self._material_points[s]
+        return self._geometry.derive(("section", s), lambda: self._create_section(s, on_axis=False))
 
     def axis_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the interpolated axis."""

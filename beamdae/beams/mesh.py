@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,9 @@ MIN_END_DISTANCE = 1e-4
 # number, plus a constant. More attachments, such as the springs of an elastic foundation, act like
 # a distributed load.
 _MAX_GROWTH_FACTOR, _MAX_GROWTH = 2, 8
+# Meshes cached for later beams, and the largest number of nodes of such a mesh.
+_MAX_CACHED_MESHES = 32
+_MAX_CACHED_NODES = 1000
 _LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
 
 
@@ -254,3 +257,34 @@ class Mesh:
         _, axis = self.gauss(points)
         error = np.abs(axis.curvature - self.curve.curvature(self.gauss_arc_lengths(points)))
         return float(error.max() * self.curve.length)
+
+
+def intern_mesh(mesh: Mesh) -> Mesh:
+    """Return an equal mesh of an earlier beam, whose derived arrays are known, or else `mesh`.
+
+    Models are often built again with other numbers but the same meshes.
+    """
+    return _intern_equal(mesh) if is_shareable(mesh) else mesh
+
+
+@lru_cache(maxsize=_MAX_CACHED_MESHES)
+def _intern_equal(mesh: Mesh) -> Mesh:
+    return mesh
+
+
+def is_shareable(mesh: Mesh) -> bool:
+    """Return True if the mesh is small, and equal meshes have equal points.
+
+    Curves given by functions are excluded, because a function may depend on variables.
+    """
+    return mesh.node_count <= _MAX_CACHED_NODES and consists_of_numbers(mesh.curve)
+
+
+def consists_of_numbers(value: object) -> bool:
+    """Return True if a value is immutable and consists of numbers, texts and None only."""
+    if isinstance(value, tuple):
+        return all(map(consists_of_numbers, value))
+    if is_dataclass(value) and not isinstance(value, type):
+        is_frozen = value.__dataclass_params__.frozen  # type: ignore[attr-defined]
+        return is_frozen and all(consists_of_numbers(getattr(value, f.name)) for f in fields(value))
+    return value is None or isinstance(value, (int, float, str))

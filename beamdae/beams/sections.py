@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -458,6 +459,8 @@ def _shear_coefficient_of_thin_i(
 
 SectionLaw = Callable[[float], Section]
 
+_MAX_CACHED_SECTIONS = 10_000  # of a beam
+
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
 _SECTION_REQUIREMENT = (
     "section must be a Section, a taper or a function of s that returns a Section"
@@ -479,6 +482,12 @@ class VaryingSection:
     part: str
     law: SectionLaw
 
+    # A cached property because fingerprints of models omit these.
+    @cached_property
+    def _sections(self) -> dict[float, Section]:
+        """Sections by arc length [m]; beams evaluate most points several times."""
+        return {}
+
     def at(self, s: float) -> Section:
         """Return the section at arc length s [m].
 
@@ -487,6 +496,14 @@ class VaryingSection:
         BeamdaeError
             If the law fails or does not return a `Section`.
         """
+        section = self._sections.get(s)
+        if section is None:
+            section = self._evaluate(s)
+            if len(self._sections) < _MAX_CACHED_SECTIONS:
+                self._sections[s] = section
+        return section
+
+    def _evaluate(self, s: float) -> Section:
         requirement = f"{self.part}: {_SECTION_REQUIREMENT}"
         try:
             section = self.law(float(s))

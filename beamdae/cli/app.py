@@ -6,53 +6,60 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from functools import cache
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 from beamdae.cli import completion, signals, streams
 from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_command
-from beamdae.cli.commands.buckling import buckling_command
-from beamdae.cli.commands.check import check_command
-from beamdae.cli.commands.compare import compare_command
-from beamdae.cli.commands.draw import draw_command
-from beamdae.cli.commands.examples import examples_command, new_command
-from beamdae.cli.commands.list import list_command
-from beamdae.cli.commands.modes import modes_command
-from beamdae.cli.commands.periodic import periodic_command
-from beamdae.cli.commands.response import response_command
-from beamdae.cli.commands.run import run_command
-from beamdae.cli.commands.static import static_command
-from beamdae.cli.commands.sweep import sweep_command
 from beamdae.cli.output import record_warning
 from beamdae.errors import BeamdaeWarning, KernelWarning
 
-app = typer.Typer(
-    name="beamdae",
-    cls=Commands,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    epilog=EXIT_CODES,
-)
-
-_COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run_command,
-    "compare": compare_command,
-    "sweep": sweep_command,
-    "check": check_command,
-    "draw": draw_command,
-    "static": static_command,
-    "buckling": buckling_command,
-    "modes": modes_command,
-    "periodic": periodic_command,
-    "response": response_command,
-    "list": list_command,
-    "examples": examples_command,
-    "new": new_command,
+# Modules in `cli.commands`, and the functions `<name>_command` in them, by the name of the command.
+_COMMAND_MODULES = {
+    "run": "run",
+    "compare": "compare",
+    "sweep": "sweep",
+    "check": "check",
+    "draw": "draw",
+    "static": "static",
+    "buckling": "buckling",
+    "modes": "modes",
+    "periodic": "periodic",
+    "response": "response",
+    "fit": "fit",
+    "optimize": "optimize",
+    "export": "export",
+    "list": "list",
+    "examples": "examples",
+    "new": "examples",
 }
-for _name, _command in _COMMANDS.items():
-    app.command(_name, cls=Command)(wrap_command(_name, _command))
+
+
+@cache
+def create_app(*names: str) -> typer.Typer:
+    """Return the application with the commands `names`; without names, with all commands."""
+    app = typer.Typer(
+        name="beamdae",
+        cls=Commands,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        epilog=EXIT_CODES,
+    )
+    app.callback()(_beamdae)
+    for name in names or _COMMAND_MODULES:
+        module = import_module(f"beamdae.cli.commands.{_COMMAND_MODULES[name]}")
+        command = getattr(module, f"{name}_command")
+        app.command(name, cls=Command)(wrap_command(name, command))
+    return app
+
+
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        return create_app()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def main() -> None:
@@ -62,7 +69,10 @@ def main() -> None:
         streams.secure_streams()
         _configure_warnings()
         with completion.rejoin_bash_words():
-            app(prog_name="beamdae")
+            # Importing all commands takes longer than the start of a command.
+            create_app(*(name for name in sys.argv[1:2] if name in _COMMAND_MODULES))(
+                prog_name="beamdae"
+            )
     except SystemExit as problem:
         code = problem.code if isinstance(problem.code, int) else int(problem.code is not None)
     except KeyboardInterrupt:
@@ -104,8 +114,7 @@ def _print_version(requested: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def beamdae(
+def _beamdae(
     version: Annotated[
         bool,
         typer.Option(

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
+from beamdae.cli.option_values import convert_plain_values
 from beamdae.cli.output import CommandOutput, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.interrupts import Interrupted, interruptible
@@ -107,8 +108,11 @@ def _report_interrupt(reason: str) -> int:
     return signals.exit_code()
 
 
-class _PlainHelp:
-    """Help without boxes in narrow terminals, and without the word "boolean" after flags."""
+class _Plain:
+    """Help without boxes in narrow terminals and without "boolean" after flags.
+
+    `convert_plain_values` converts the values of options.
+    """
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         columns = shutil.get_terminal_size().columns
@@ -122,16 +126,17 @@ class _PlainHelp:
     def get_params(self, ctx: Any) -> Any:
         parameters = super().get_params(ctx)  # type: ignore[misc]
         for parameter in parameters:
+            convert_plain_values(parameter)
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
         return parameters
 
 
-class Command(_PlainHelp, TyperCommand):
+class Command(_Plain, TyperCommand):
     """Command with plain help in narrow terminals."""
 
 
-class Commands(_PlainHelp, TyperGroup):
+class Commands(_Plain, TyperGroup):
     """Group of all commands, which reports usage errors in one line."""
 
     def make_context(self, info_name: Any, args: list[str], *rest: Any, **more: Any) -> Any:

@@ -125,6 +125,11 @@ Scheduler = Annotated[
 Parquet = Annotated[
     bool, typer.Option("--parquet", help="Write the trajectories as Parquet files, too.")
 ]
+Page = Annotated[bool, typer.Option(metavar="", help="Write a page (HTML) with charts and tables.")]
+Picture = Annotated[bool, typer.Option(metavar="", help="Write the picture (PNG).")]
+Pictures = Annotated[
+    bool, typer.Option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
+]
 Out = Annotated[Path, typer.Option(help="Output folder.")]
 
 
@@ -134,6 +139,18 @@ def load_configured_model(file: ModelFile, name: str | None, settings: list[str]
     model = replace(model, parameters=model.complete(parse_assignments(settings)))
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model
+
+
+def create_periodic_integrator(command: str, name: str, rtol: float | None, file: ModelFile) -> Any:
+    """Return an integrator; the tolerance of Radau defaults to that of `periodic`.
+
+    See `create_integrator` for errors.
+    """
+    from beamdae.analysis.periodic.shooting import DEFAULT_RTOL
+
+    if rtol is None and name == "radau":
+        rtol = DEFAULT_RTOL
+    return create_integrator(command, name, {"rtol": rtol}, file)
 
 
 def create_integrator(command: str, name: str, options: Mapping[str, Any], file: ModelFile) -> Any:
@@ -159,22 +176,26 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
     import beamdae
     from beamdae.cli.model_files.model_file import translate_errors
 
-    integrators = {key: getattr(beamdae, public.name) for key, public in INTEGRATORS.items()}
-    integrators |= {key: x for key, x in file.integrators.items() if key not in INTEGRATORS}
-    if name not in integrators:
+    names = list(dict.fromkeys([*INTEGRATORS, *file.integrators]))
+    if name not in names:
         raise BeamdaeError(
-            f"{command}: --integrator must be one of {', '.join(map(repr, integrators))}, got "
-            f"{short_repr(name)}{suggest(name, integrators)}."
+            f"{command}: --integrator must be one of {', '.join(map(repr, names))}, got "
+            f"{short_repr(name)}{suggest(name, names)}."
         )
+
+    def find_integrator(key: str) -> Any:
+        public = INTEGRATORS.get(key)
+        return file.integrators[key] if public is None else getattr(beamdae, public.name)
+
+    integrator = find_integrator(name)
     values = {option: value for option, value in options.items() if value is not None}
     for option in values:
-        if option not in _field_names(integrators[name]):
-            supporting = [x for x in integrators if option in _field_names(integrators[x])]
+        if option not in _field_names(integrator):
+            supporting = [x for x in names if option in _field_names(find_integrator(x))]
             raise BeamdaeError(
                 f"{command}: --{option.replace('_', '-')} is not supported by {name} (only "
                 f"{', '.join(supporting)})."
             )
-    integrator = integrators[name]
     with translate_errors(f"{command}: --integrator {name}: the constructor", file.path):
         if isinstance(integrator, type):
             return integrator(**values)

@@ -15,13 +15,17 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
 from beamdae.errors import BeamdaeError, format_exception
+from beamdae.interrupts import Interrupted
 from beamdae.report.text import make_printable
+
+if TYPE_CHECKING:
+    from beamdae.results.outcome import Status
 
 # Widths in columns. Without a terminal, lines are not wrapped; tables need the minimum width.
 _UNLIMITED_WIDTH = 10_000
@@ -105,6 +109,21 @@ def create_console() -> Console:
     return console
 
 
+def print_facts(
+    name: str, facts: Mapping[str, str], create_results: Callable[[], Mapping[str, Any]]
+) -> Console:
+    """Print facts by topic under a name, and return the console for tables.
+
+    `create_results` returns the results for the JSON document; see `record_results`.
+    """
+    from beamdae.report.terminal import text_tables
+
+    record_results(create_results)
+    console = create_console()
+    console.print(text_tables.fact_list(name, facts))
+    return console
+
+
 def create_progress_console() -> Console | None:
     """Return a console on standard error, or None if no progress bar can be displayed there."""
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
@@ -140,13 +159,26 @@ def print_written_files(console: Console, paths: Iterable[Path]) -> None:
 
 @dataclass
 class WrittenFiles:
-    """Paths of the files written so far; `failed` is True if a file could not be written."""
+    """Files that a command writes.
+
+    Attributes
+    ----------
+    paths
+        Paths of the files written so far.
+    views
+        Paths of the page and the pictures, also of those that this command skips.
+    failed
+        True if a file could not be written.
+    """
 
     paths: list[Path] = field(default_factory=list)
+    views: tuple[Path, ...] = ()
     failed: bool = False
 
     def write(self, name: str, write: Callable[[], list[Path]]) -> None:
         """Write files; if this fails, print one line and set `failed`."""
+        # Flush, so that the reader of a pipe gets the tables before the files are written.
+        sys.stdout.flush()
         try:
             self.paths += write()
             return
@@ -155,6 +187,47 @@ class WrittenFiles:
         except Exception as problem:  # Results may contain values that cannot be drawn.
             print_error(f"failed: {name}: the file cannot be created: {format_exception(problem)}.")
         self.failed = True
+
+    def print_paths(self) -> None:
+        """Print the paths of the written files, and remove pages and pictures of earlier results.
+
+        Without new results, nothing is removed.
+        """
+        console = create_console()
+        print_written_files(console, self.paths)
+        for path in self.views if self.paths else ():
+            if path in self.paths or not path.is_file():
+                continue
+            try:
+                path.unlink()
+            except OSError as problem:
+                reason = f"shows earlier results and cannot be removed ({problem.strerror})"
+                print_error(f"failed: {path}: the file {reason}; remove it.")
+                self.failed = True
+            else:
+                line = f"removed: {make_printable(str(path))} showed earlier results"
+                console.print(line, style="dim", soft_wrap=True)
+
+    def finish(self, status: Status | None = None) -> None:
+        """End an analysis: print the paths and the reason for a failure, and set the exit code.
+
+        See `print_paths` for files that are removed.
+
+        Raises
+        ------
+        Interrupted
+            If the analysis was interrupted.
+        typer.Exit
+            With code 1 if the analysis failed or a file could not be written.
+        """
+        self.print_paths()
+        success = status is None or status.success
+        if status is not None and status.kind == "interrupted":
+            raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
+        if status is not None and not success:
+            print_error(f"failed: {status.sentence}")
+        if self.failed or not success:
+            raise typer.Exit(1)
 
 
 def _to_json_value(value: Any) -> Any:

@@ -47,11 +47,27 @@ def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
             _require_folder(option, folder)
 
 
+def plan_outputs(out: Path, name: str, picture: bool) -> tuple[Path, Path]:
+    """Return the paths of the table and the picture of an analysis in the folder of --out.
+
+    With `picture`, both must be writable, otherwise only the table; see `require_writable`.
+    """
+    table_path, picture_path = out / f"{name}.csv", out / f"{name}.png"
+    require_writable(("--out", [table_path, picture_path] if picture else [table_path]))
+    return table_path, picture_path
+
+
 def _require_file_path(option: str, path: Path) -> None:
     if not str(path.parent).isprintable():
-        raise BeamdaeError(f"{option}: {short_repr(str(path.parent))} is not a valid folder name.")
+        raise BeamdaeError(
+            f"{option}: {short_repr(str(path.parent))} is not a valid folder name; use "
+            "printable characters."
+        )
     if not str(path).isprintable() or not path.name:
-        raise BeamdaeError(f"{option}: {short_repr(str(path))} is not a valid file name.")
+        raise BeamdaeError(
+            f"{option}: {short_repr(str(path))} is not a valid file name; give a name "
+            "of printable characters."
+        )
     # Imported here because the help is printed without NumPy.
     from beamdae.results.storage.files import is_in_deleted_folder
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -300,8 +299,6 @@ def print_results(run: Run, solution: Solution) -> None:
     if solution.validity:
         console.print(text_tables.validity_table(solution.validity))
     print_warnings(console, [*filter(None, [run.accuracy_warning]), *solution.warnings])
-    # Flush, so that the reader of a pipe gets the tables before the picture is drawn.
-    sys.stdout.flush()
 
 
 def _json_results(run: Run, solution: Solution) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
-from beamdae.cli.output import WrittenFiles, create_console, print_error, print_written_files
+from beamdae.cli.output import WrittenFiles, print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.errors import BeamdaeError, require_positive
@@ -26,10 +26,12 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_progress import StudyProgress
     from beamdae.studies.execution.study_run import StudyResults
 
+    # Functions that write files and return their paths, by name.
     FileWriters = dict[str, Callable[[], list[Path]]]
 
 # Statuses of runs that are computed when the study resumes.
 MISSING_KINDS = ("interrupted", "not run")
+PAGE_FILE = "report.html"
 # Longer tables are only written to files and the page.
 MAX_SCREEN_ROWS = 16
 _MAX_FOLDER_NAME = 100  # characters
@@ -72,6 +74,24 @@ def apply_limits(
     return study
 
 
+@dataclass(frozen=True)
+class StudyReport:
+    """Report on the results of a study.
+
+    Attributes
+    ----------
+    print_results
+        Function that prints the results and adds them to the JSON document.
+    tables, page, pictures
+        Functions that write the tables besides those of every study, the page and the pictures.
+    """
+
+    print_results: Callable[[], None]
+    tables: FileWriters
+    page: FileWriters
+    pictures: FileWriters
+
+
 @dataclass
 class StudyOutputs:
     """Study with its results and files, which may be incomplete after an interrupt.
@@ -80,13 +100,14 @@ class StudyOutputs:
     ----------
     study, folder
         The study, and the folder of its results.
-    create_writers
-        Function that returns two dicts of file-writing functions by name: the first for the page
-        and, in sweeps, the table; the second for the pictures.
+    create_report
+        Function that returns the report on the results.
     parquet
         If True, also write the trajectories as Parquet files.
-    results
-        Results of the study; None until the study has been run.
+    page, picture
+        If False, skip the page or the pictures.
+    report, results
+        Report on the results of the study, and the results; None until the study has been run.
     n_runs
         Number of runs, references included; 0 until the study has been started.
     files
@@ -95,22 +116,22 @@ class StudyOutputs:
 
     study: Study
     folder: Path
-    create_writers: Callable[[StudyResults], tuple[FileWriters, FileWriters]]
+    create_report: Callable[[StudyResults], StudyReport]
     parquet: bool = False
+    page: bool = True
+    picture: bool = True
     results: StudyResults | None = None
+    report: StudyReport | None = None
     n_runs: int = 0
     files: WrittenFiles = field(default_factory=WrittenFiles)
 
 
-def run_and_write(
-    outputs: StudyOutputs,
-    create_executor: Callable[[], Executor],
-    print_results: Callable[[StudyResults], None],
-) -> None:
-    """Run a study, write its files and print its results.
+def run_and_write(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
+    """Run a study, write its tables, print its results, and write its page and pictures.
 
     The command exits with 1 if no case succeeded or a reference or file is missing, with 3 if
     processes or a cluster failed so that runs are missing, and with 130 or 143 after an interrupt.
+    SIGTERM skips the page and the pictures.
 
     Raises
     ------
@@ -125,14 +146,20 @@ def run_and_write(
     try:
         _run_study(outputs, create_executor)
     except KeyboardInterrupt:
-        if outputs.results is None:
+        if outputs.report is None:
             reason = f"interrupted before any table was written; {_RESUME_HINT}"
             raise Interrupted(reason) from None
         acknowledge()
-    results = outputs.results
+    results, report = outputs.results, outputs.report
     assert results is not None
-    print_results(results)
-    print_written_files(create_console(), outputs.files.paths)
+    assert report is not None
+    report.print_results()
+    try:
+        if not signals.is_terminated():
+            _write_files(outputs, results, report)
+    except KeyboardInterrupt:
+        acknowledge()
+    outputs.files.print_paths()
     missing = results.not_run
     if results.interrupted or signals.is_interrupted():
         n_done = sum(
@@ -150,6 +177,10 @@ def run_and_write(
         raise typer.Exit(1)
 
 
+def _picture_names(report: StudyReport) -> list[str]:
+    return [f"{name}{suffix}" for name in report.pictures for suffix in (".png", ".svg")]
+
+
 def _planned_files(folder: Path) -> list[Path]:
     """Return paths that must be writable before the run.
 
@@ -162,7 +193,7 @@ def _planned_files(folder: Path) -> list[Path]:
 
 
 def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -> None:
-    """Run the study and write its files, the page before the pictures; stop if interrupted."""
+    """Run the study and write its tables; if interrupted, write the tables of the finished runs."""
     from beamdae.studies.execution import study_run
 
     if signals.is_interrupted():
@@ -176,17 +207,24 @@ def _run_study(outputs: StudyOutputs, create_executor: Callable[[], Executor]) -
                 show_progress(progress)
 
             results = study_run.run_study(outputs.study, outputs.folder, create_executor(), update)
-            outputs.results = results
         outputs.files.paths += [results.folder / name for name in results.tables]
-        writers, picture_writers = outputs.create_writers(results)
-        for name, write in writers.items():
+        outputs.results, outputs.report = results, outputs.create_report(results)
+        names = [*outputs.report.page, *_picture_names(outputs.report)]
+        outputs.files.views = tuple(results.folder / name for name in names)
+        for name, write in outputs.report.tables.items():
             outputs.files.write(name, write)
+
+
+def _write_files(outputs: StudyOutputs, results: StudyResults, report: StudyReport) -> None:
+    """Write the page, the Parquet files and the pictures, which take longest."""
+    for name, write in report.page.items() if outputs.page else ():
+        outputs.files.write(name, write)
     if outputs.parquet:
         # There may be thousands of files, so their folder is reported.
         outputs.files.write(
             "trajectories", lambda: sorted({path.parent for path in results.to_parquet()})
         )
-    for name, write in picture_writers.items():
+    for name, write in report.pictures.items() if outputs.picture else ():
         outputs.files.write(name, write)
 
 

@@ -28,6 +28,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.read_only import read_only
 
 Array = np.ndarray
 
@@ -40,6 +41,10 @@ _MIN_POINTS = 4  # of a cubic spline
 
 # Number of Newton corrections of the curve parameter at an arc length.
 _PARAMETER_ITERATIONS = 3
+# Cached parameters of one curve: arrays of at most this size, and their number. Building a beam
+# needs about 15 small arrays.
+_MAX_CACHED_SIZE = 1000
+_MAX_CACHED_RESULTS = 50
 # Smallest accepted ratio of the minimum to the maximum derivative of the arc length with respect to
 # the parameter; at a cusp, the ratio is smaller.
 _MIN_SPEED_RATIO = 1e-8
@@ -105,8 +110,25 @@ class _SplineCurve:
 
     def _parameter(self, s: Any) -> Array:
         """Return the spline parameters at arc lengths s [m], clipped to the ends of the curve."""
+        s = np.asarray(s, float)
+        if s.size > _MAX_CACHED_SIZE:
+            return self._solve_for_parameter(s)
+        # A beam evaluates points, angles and curvatures at the same arc lengths.
+        known, key = self._known_parameters, (s.shape, s.tobytes())
+        parameter = known.get(key)
+        if parameter is None:
+            if len(known) >= _MAX_CACHED_RESULTS:
+                known.clear()
+            parameter = known[key] = read_only(self._solve_for_parameter(s))
+        return parameter
+
+    @cached_property
+    def _known_parameters(self) -> dict[tuple[tuple[int, ...], bytes], Array]:
+        return {}
+
+    def _solve_for_parameter(self, s: Array) -> Array:
         grid, table = self._arc_length_table
-        s = np.clip(np.asarray(s, float), 0.0, table[-1])
+        s = np.clip(s, 0.0, table[-1])
         interval = np.clip(np.searchsorted(table, s, side="right") - 1, 0, grid.size - 2)
         tau = np.interp(s, table, grid)
         for _ in range(_PARAMETER_ITERATIONS):

@@ -5,21 +5,25 @@ They include a structure, which models that differ only in numbers share, and th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
+import pickle
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.linalg import solve_banded
 
+from beamdae.equations.banded_stiffness import BandedStiffness, plan_banded_stiffness
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
+from beamdae.errors import BeamdaeError
+from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import Impact
 from beamdae.parts.joints.event_constraints import FrozenGap
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.laws import Law
+from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
@@ -32,6 +36,9 @@ from beamdae.symbolic.statements import (
 )
 
 Array = np.ndarray
+_BYTES_PER_NUMBER = 8
+# Memory of the local coordinates of the times at which beams are checked together.
+_MAX_BLOCK_BYTES = 1e7
 FrozenGaps = Mapping[str, FrozenGap]
 
 
@@ -57,16 +64,25 @@ class RangeTerm:
 
         Each entry is the maximum over the rows of q and the copies of the kernel.
         """
-        local = self._local_coordinates(q)
-        values = self.statement.kernel.function(local, self._data_of_rows(len(q)))
-        return values.max(axis=0)
+        function = self.statement.kernel.function
+        values = (
+            function(self._local_coordinates(rows), self._data_of_rows(len(rows))).max(axis=0)
+            for rows in self._row_blocks(q)
+        )
+        return np.max(list(values), axis=0)
 
     def rotations(self, q: Array) -> Array:
         """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.
 
         The `defect` of `statement` must not be None.
         """
-        return self._deformations(q)[..., self._defect.rotations].reshape(len(q), -1)
+        rotations = self._defect.rotations
+        return np.concatenate(
+            [
+                self._deformations(rows)[..., rotations].reshape(len(rows), -1)
+                for rows in self._row_blocks(q)
+            ]
+        )
 
     def deformation_changes(self, q: Array) -> tuple[Array, Array]:
         """Return the deformations, and their changes due to exact strains, for k rows of `q`.
@@ -76,26 +92,45 @@ class RangeTerm:
         forces at its ends; they are infinite if the stiffness is singular. The `defect` of
         `statement` must not be None.
         """
+        width = 3 * self._stiffness_plan.bandwidth + 1  # of banded factors
+        numbers = self.statement.data.shape[1] * self._defect.size * (self._defect.size + width)
+        blocks = [self._deformation_changes(rows) for rows in _split_rows(q, numbers)]
+        deformations, changes = zip(*blocks, strict=True)
+        return np.concatenate(deformations), np.concatenate(changes)
+
+    def _deformation_changes(self, q: Array) -> tuple[Array, Array]:
         defect, copies = self._defect, self.statement.data.shape[1]
         values = defect.function(self._local_coordinates(q), self._data_of_rows(len(q)))
         force, stiffness = np.split(values, [defect.size], axis=1)
-        force = force.reshape(len(q), copies * defect.size)
         # The stiffness is symmetric, so the order of its entries does not matter.
         stiffness = stiffness.reshape(len(q), copies, defect.size, defect.size)
+        changes = self._solve_for_changes(force.reshape(len(q), -1), stiffness)
+        changes = changes.reshape(len(q), copies, defect.size)
+        return self._largest(self._deformations(q)), self._largest(changes)
+
+    def _solve_for_changes(self, force: Array, stiffness: Array) -> Array:
+        """Return the deformations (k, copies * size) under k forces; infinite where singular."""
+        plan, count = self._stiffness_plan, len(stiffness)
+        try:
+            solution = solve_banded(
+                (plan.bandwidth, plan.bandwidth),
+                plan.assemble(stiffness),
+                (plan.to_local.T @ force.T).T.ravel(),
+            )
+            return np.asarray(plan.to_local @ solution.reshape(count, -1).T).T
+        except (np.linalg.LinAlgError, ValueError):
+            # Some matrices are singular, or a failed run left numbers that are not finite.
+            if count == 1:
+                return np.full_like(force, np.inf)
+            rows = (self._solve_for_changes(force[[k]], stiffness[[k]]) for k in range(count))
+            return np.concatenate(list(rows))
+
+    @cached_property
+    def _stiffness_plan(self) -> BandedStiffness:
+        defect, copies = self._defect, self.statement.data.shape[1]
         size = self.statement.kernel.local.size
         rows = np.arange(copies * size).reshape(copies, size)[:, defect.deformations].ravel()
-        to_local = sp.csc_array(sp.csr_array(self.operator)[rows])
-        to_local = to_local[:, np.unique(to_local.nonzero()[1])]
-        diagonal_blocks = np.arange(copies), np.arange(copies + 1)
-        changes = np.full((len(q), copies, defect.size), np.inf)
-        for k in range(len(q)):
-            of_copies = sp.bsr_array((stiffness[k], *diagonal_blocks))
-            matrix = sp.csc_array(to_local.T @ of_copies @ to_local)
-            # The matrix is singular if a failed run left numbers that are not finite.
-            with suppress(RuntimeError, ValueError):
-                change = to_local @ splu(matrix).solve(to_local.T @ force[k])
-                changes[k] = change.reshape(copies, defect.size)
-        return self._largest(self._deformations(q)), self._largest(changes)
+        return plan_banded_stiffness(sp.csr_array(self.operator)[rows], defect.size)
 
     def _largest(self, deformations: Array) -> Array:
         """Return the largest displacement and rotation of deformations (k, copies, size)."""
@@ -115,6 +150,10 @@ class RangeTerm:
         assert defect is not None
         return defect
 
+    def _row_blocks(self, q: Array) -> Iterator[Array]:
+        """Return blocks of rows of `q`, whose local coordinates and data take little memory."""
+        return _split_rows(q, self.operator.shape[0] + self.statement.data.size)
+
     def _local_coordinates(self, q: Array) -> Array:
         """Return the local coordinates (k * copies, size) of coordinates q (k, n)."""
         size = self.statement.kernel.local.size
@@ -122,6 +161,13 @@ class RangeTerm:
 
     def _data_of_rows(self, count: int) -> Array:
         return np.tile(self.statement.data.T, (count, 1))
+
+
+def _split_rows(q: Array, numbers: int) -> Iterator[Array]:
+    """Yield blocks of rows of `q`; `numbers` is the count of intermediate numbers of a row."""
+    count = max(int(_MAX_BLOCK_BYTES / (_BYTES_PER_NUMBER * numbers)), 1)
+    for first in range(0, len(q), count):
+        yield q[first : first + count]
 
 
 @read_only_data
@@ -208,6 +254,63 @@ class EventTerm:
         return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
 
 
+class InputTerm(NamedTuple):
+    """Input of the equations of motion.
+
+    Attributes
+    ----------
+    name, unit
+        Name and unit.
+    value
+        Value at t = 0.
+    indices
+        Indices of the numbers `p` that are equal to the value; one for each formula that contains
+        the input. If the input has a law, these numbers are added to the law.
+    law
+        Law of time; None if the value is a number.
+    """
+
+    name: str
+    unit: str
+    value: float
+    indices: tuple[int, ...]
+    law: Law | None
+
+
+class ControllerTerm(NamedTuple):
+    """Sampled controller.
+
+    Attributes
+    ----------
+    controller
+        The part, with the law.
+    rows
+        Slice of the coordinates with its held values.
+    reads
+        Observables that its law reads.
+    """
+
+    controller: Controller
+    rows: slice
+    reads: tuple[Observable, ...]
+
+    def measure(self, p: Array, time: Array, state: State) -> Array:
+        """Return the values that the law reads at `time` = (t, branch)."""
+        return np.concatenate(
+            [
+                o.function(
+                    time[None],
+                    (o.operator @ state.q)[None],
+                    (o.operator @ state.v)[None],
+                    p[o.data],
+                    np.zeros((1, 0)),
+                )[0]
+                for o in self.reads
+            ]
+            or [np.zeros(0)]
+        )
+
+
 class PartCoordinates(NamedTuple):
     """Coordinates of one part of a mechanism or one body of a constrained system.
 
@@ -226,6 +329,8 @@ class PartCoordinates(NamedTuple):
         `rigid_coordinate_count`.
     follows_section
         True if the floating frame moves with one section and follows the vibrations of the section.
+    is_state
+        True if the coordinates are first-order states, without inertia.
     """
 
     name: str
@@ -233,6 +338,7 @@ class PartCoordinates(NamedTuple):
     size: float
     rigid_count: int
     follows_section: bool = False
+    is_state: bool = False
 
     @property
     def rigid(self) -> slice:
@@ -332,6 +438,10 @@ class EquationsOfMotion:
     mechanism
         Mechanism from which the equations were assembled, for pictures and for observables added
         after a run; None for a constrained system.
+    inputs
+        Inputs of the mechanism and their places among the numbers `p`.
+    controllers
+        Sampled controllers.
     statements
         Statements of the parts of the mechanism. They contain the formulas of laws as they were
         when the equations were assembled. Empty for a constrained system.
@@ -357,7 +467,25 @@ class EquationsOfMotion:
     configurations: Configurations | None = field(default=None, repr=False)
     mechanism: Mechanism | None = field(default=None, repr=False)
     statements: tuple[PartStatements, ...] = field(default=(), repr=False)
+    inputs: tuple[InputTerm, ...] = field(default=(), repr=False)
+    controllers: tuple[ControllerTerm, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __deepcopy__(self, memo: Any) -> EquationsOfMotion:
+        # Immutable; machine code cannot be copied.
+        return self
+
+    def __reduce__(self) -> Any:
+        if self.mechanism is None:
+            raise BeamdaeError(
+                "EquationsOfMotion: equations without a mechanism cannot be pickled; use a "
+                "Mechanism, or pickle the arrays of the result."
+            )
+        # Laws are often local functions of a model function, which pickle does not support.
+        import cloudpickle
+
+        numbers = {name: getattr(self, name) for name in _PICKLED_NUMBERS}
+        return _reassemble, (cloudpickle.dumps(self.mechanism), numbers)
 
     @property
     def n(self) -> int:
@@ -395,11 +523,40 @@ class EquationsOfMotion:
         """Names of the multipliers, in order."""
         return tuple(multiplier.name for multiplier in self.multipliers)
 
+    @property
+    def states(self) -> Array:
+        """Indices of the first-order states among the coordinates."""
+        return np.array(self.structure.states, int)
+
     @cached_property
     def position_scales(self) -> Array:
-        """Scale of each coordinate, (n,): the characteristic length [m], or 1 rad for an angle."""
+        """Scale of each coordinate, (n,): the characteristic length [m], or 1 rad for an angle.
+
+        The scale of a first-order state is that of its part.
+        """
         angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
-        return np.where(angle, 1.0, self.length)
+        scales = np.where(angle, 1.0, self.length)
+        for part in self.parts:
+            if part.is_state:
+                scales[part.rows] = part.size
+        return scales
+
+
+# Fields that may differ from those of newly assembled equations of the same mechanism.
+_PICKLED_NUMBERS = ("q0", "v0", "p", "length", "breakpoints", "scales", "start")
+
+
+def _reassemble(source: bytes, numbers: dict[str, Any]) -> EquationsOfMotion:
+    """Return pickled equations; CasADi expressions cannot be pickled."""
+    from beamdae.equations.assembly.assemble import equations_of_motion
+
+    equations = equations_of_motion(pickle.loads(source), AS_DRAWN)
+    if len(numbers["p"]) != len(equations.p):
+        raise BeamdaeError(
+            "EquationsOfMotion: the pickled equations do not contain the same parts as their "
+            "mechanism; pickle the arrays of the result."
+        )
+    return replace(equations, **numbers)
 
 
 @read_only_data
@@ -454,6 +611,11 @@ class ImpactEquations:
     restitution: Mapping[str, float]
     gaps: frozenset[str]
 
+    @property
+    def coefficients(self) -> Array:
+        """Coefficient of restitution of each constraint, (m,); 0 for active joints."""
+        return np.array([self.restitution.get(x, 0.0) for x in self.equations.lam_names])
+
 
 class Configurations(Protocol):
     """Configurations of a mechanism whose parts are switched by events.
@@ -485,6 +647,11 @@ class Configurations(Protocol):
         q: Array,
     ) -> Configuration:
         """Return the configuration after an event at `time` and positions `q`."""
+
+    def switch_parts(
+        self, now: Configuration, event: EventTerm, time: Array, q: Array
+    ) -> tuple[frozenset[str], FrozenGaps]:
+        """Return the inactive parts and frozen gaps after an event at `time` and positions `q`."""
 
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]

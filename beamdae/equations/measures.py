@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, share_plans
 from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.loops import prepare_loop
 from beamdae.native.return_codes import DONE
@@ -24,6 +24,7 @@ ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
 _N_FORCE_NORMS = 3  # of F + G^T lam, G^T lam and F at a = 0
 _N_GAP_NORMS = 2  # of g and g_dot
+N_BALANCE_VALUES = N_BALANCE_SCALARS + _N_FORCE_NORMS + _N_GAP_NORMS
 
 # Headers of tables besides the observed columns.
 TIME = "t [s]"
@@ -42,8 +43,10 @@ class ObservedRows:
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
+        # Transposed once: SciPy would copy all columns in each product.
+        columns = [np.ascontiguousarray(x.T) for x in (q, v)]
         for o in e.observables:
-            local = (np.asarray(o.operator @ x.T).T for x in (q, v))
+            local = (np.asarray(o.operator @ x).T for x in columns)
             blocks.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
         return np.hstack(blocks)
 
@@ -78,7 +81,7 @@ class BalancePlan:
             self.m,
             times=np.zeros((rows, 2)),
             states=np.zeros((rows, size)),
-            results=np.zeros((rows, N_BALANCE_SCALARS + _N_FORCE_NORMS + _N_GAP_NORMS)),
+            results=np.zeros((rows, N_BALANCE_VALUES)),
             value=np.zeros(N_BALANCE_SCALARS + size + self.m),
             ones=np.ones(max(self.n, self.m)),
         )
@@ -165,7 +168,7 @@ class BalanceRows:
         return results
 
 
-@cache_on_owner
+@share_plans
 def plan_balance(e: Structure) -> BalancePlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 

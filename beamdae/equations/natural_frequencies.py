@@ -28,9 +28,9 @@ def estimate_fastest_modes(
     """Estimate the fastest natural mode of each elastic body of the constrained mechanism.
 
     The method is power iteration with M^-1 K under the constraints, where K = dF/dq and M = dF/da.
-    A body is a set of coordinates that M and K couple. The iterate is normalized separately for
-    each body, so that the fastest body does not mask slower ones. Bodies without stiffness or
-    inertia are omitted.
+    First-order states are constant. A body is a set of coordinates that M and K couple. The iterate
+    is normalized separately for each body, so that the fastest body does not mask slower ones.
+    Bodies without stiffness or inertia are omitted.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
     solve = solver.mass_solver(time, state)

@@ -15,6 +15,7 @@ from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.signals import with_references
 
 Array = np.ndarray
 
@@ -29,10 +30,18 @@ _REFINEMENT_RATIO = 0.25
 _FAR_DISTANCE = 4.0**-6
 _NEAR_DISTANCE = 4.0**-11
 _POLE_GROWTH = 16.0
+# Operations that are finite at all finite operands.
+_FINITE_OPERATIONS = frozenset(
+    getattr(ca, f"OP_{name}")
+    for name in (
+        *("ASSIGN", "ADD", "SUB", "MUL", "NEG", "TWICE", "SQ", "SIN", "COS", "TANH", "ATAN"),
+        *("FABS", "FMIN", "FMAX", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO"),
+    )
+)
 
 
 class PartLaw(NamedTuple):
-    """Law that depends on time.
+    """Law that depends on time and may become infinite.
 
     Attributes
     ----------
@@ -50,18 +59,19 @@ class PartLaw(NamedTuple):
 
     def size(self, times: Array, branches: Array) -> Array:
         """Return |law| at each of `times` [s], with one branch time per row; nan becomes 0."""
-        rows = np.stack(np.broadcast_arrays(times, branches[:, None]), axis=-1).reshape(-1, 2)
-        sizes = np.abs(self.function(rows, self.numbers)).reshape(times.shape)
+        rows = np.empty((*times.shape, 2))
+        rows[..., 0], rows[..., 1] = times, branches[:, None]
+        sizes = np.abs(self.function(rows.reshape(-1, 2), self.numbers)).reshape(times.shape)
         return np.where(np.isnan(sizes), 0.0, sizes)
 
 
-def collect_varying_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
-    """Return the time-dependent laws of parts and of gravity, each law once."""
-    return select_varying_laws((part.name, law) for part in parts for law in part.laws)
+def collect_unbounded_laws(parts: Iterable[Part | GravityLaws]) -> tuple[PartLaw, ...]:
+    """Return the laws of parts and of gravity that may become infinite, each law once."""
+    return select_unbounded_laws((part.name, law) for part in parts for law in part.laws)
 
 
-def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
-    """Return the time-dependent laws among pairs (name of the part, law), each law once."""
+def select_unbounded_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
+    """Return those laws of pairs (name of the part, law) that may become infinite, each once."""
     part_laws: dict[int, PartLaw] = {}
     for part, law in laws:
         if id(law) in part_laws:
@@ -69,27 +79,45 @@ def select_varying_laws(laws: Iterable[tuple[str, Law]]) -> tuple[PartLaw, ...]:
         formula, numbers = law.formula, np.zeros(0)
         if isinstance(formula, Formula):
             numbers = np.array(formula.numbers, float)
-            function = _compile_varying_kind(formula.kind, len(numbers))
+            function = _compile_kind(formula.kind, len(numbers))
         else:
-            function = _compile_varying_law(formula, ca.SX(0, 1))
+            function = _compile_law(formula, ca.SX(0, 1))
         if function is not None:
             part_laws[id(law)] = PartLaw(part, function, numbers)
     return tuple(part_laws.values())
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
-def _compile_varying_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
+def _compile_kind(kind: Callable[..., Any], count: int) -> RowFunction | None:
     numbers = ca.SX.sym("numbers", count)
-    return _compile_varying_law(Formula(kind, numbers), numbers)
+    return _compile_law(Formula(kind, numbers), numbers)
 
 
-def _compile_varying_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
-    """Compile a law as a function of (t, branch) and numbers; None if the law is constant."""
+def _compile_law(law: Callable[[ca.SX], ca.SX], numbers: ca.SX) -> RowFunction | None:
+    """Compile a law as a function of (t, branch) and numbers; None if it is always finite."""
     time = ca.SX.sym("t", 2)
-    value = law(time)
-    if not ca.depends_on(value, time):
-        return None
-    return RowFunction(ca.Function("law", [time, numbers], [ca.densify(value)]))
+    function = ca.Function("law", [time, numbers], [ca.densify(with_references(law(time)))])
+    return RowFunction(function) if _may_become_infinite(function) else None
+
+
+def _may_become_infinite(function: ca.Function) -> bool:
+    """Return True if operations on time, the first input, may be infinite at a finite time."""
+    depends_on_time = [False] * function.sz_w()
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        operands, results = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            continue
+        if code in (ca.OP_INPUT, ca.OP_CONST):
+            depends = code == ca.OP_INPUT and operands[0] == 0
+        else:
+            depends = any(depends_on_time[i] for i in operands)
+            is_division_by_number = code == ca.OP_DIV and not depends_on_time[operands[1]]
+            if depends and code not in _FINITE_OPERATIONS and not is_division_by_number:
+                return True
+        for result in results:
+            depends_on_time[result] = depends
+    return False
 
 
 def require_no_pole(laws: Iterable[PartLaw], intervals: Sequence[tuple[float, float]]) -> None:

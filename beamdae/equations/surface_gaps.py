@@ -71,7 +71,7 @@ def compile_surface_gaps(equations: EquationsOfMotion) -> Sequence[SurfaceGapTer
         SurfaceGapTerm(
             o.name,
             o,
-            numbers.all,
+            numbers.all(mechanism.inputs),
             np.asarray(abs(o.operator).sum(axis=0)).ravel() * lengths,
             equations.length,
         )

@@ -12,7 +12,6 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import needs_radau
-from beamdae.integrators.ida.ida import Ida
 from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
 from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
@@ -115,6 +114,9 @@ class Auto(AdaptiveIntegrator):
         def choose(plan: RunPlan) -> Method:
             if needs_radau(plan):
                 return self._radau(plan)
+            # Imported here because many runs do not need Ida.
+            from beamdae.integrators.ida.ida import Ida
+
             try:
                 return Ida(self.rtol, max_step=self.max_step).method_on(plan)
             except MissingPackageError as problem:

@@ -41,6 +41,7 @@ from beamdae.integrators.method import (
     RESIDUAL_NOT_FINITE,
     STEPS_PER_CHECK,
     StepError,
+    allocate_rows,
     count_equal_steps,
 )
 from beamdae.integrators.run_plan import RunPlan
@@ -318,7 +319,7 @@ class FixedStepMethod:
                 newton_tolerance=newton_tolerance,
                 has_impulses=int(form.formulation.impulses),
                 residual=np.zeros(form.size),
-                rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
+                rows=allocate_rows(1 + 3 * n + m),
                 **{name: make_stage(matrix, native) for name, matrix in self._matrices.items()},
             )
 
@@ -365,7 +366,7 @@ class FixedStepMethod:
             If no step is possible.
         """
         run = self._run
-        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
+        run.most, run.filled = min(most, len(run.rows)), 0
         # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:

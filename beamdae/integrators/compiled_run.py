@@ -84,6 +84,7 @@ class FactorizedMatrix:
     pivot_source: FactorizedMatrix | None = None
     _plan: EliminationPlan | None = field(default=None, init=False)
     _plans: Iterator[EliminationPlan] = field(default_factory=lambda: iter(()), init=False)
+    _planned_nonzeros: Array = field(default_factory=lambda: np.full(1, np.nan), init=False)
 
     @classmethod
     def from_pattern(
@@ -109,14 +110,19 @@ class FactorizedMatrix:
         """Set the next proposed pivots in `linear`; mark `linear` as singular if there are none."""
         linear.needs_pivots = 0
         try:
-            if not linear.is_untried:
+            # Pivots of a nearly singular matrix may pass the test of the factors and still give
+            # inaccurate solutions; the same proposals for the same matrix would never end.
+            is_repeated = np.array_equal(self.nonzeros, self._planned_nonzeros)
+            if not (linear.is_untried or is_repeated):
                 candidates = propose_plans(self.pattern, self.nonzeros)
                 self._plans = chain(self._source_plans(), candidates)
+                self._planned_nonzeros = self.nonzeros.copy()
             plan = next(self._plans, None)
         except SingularMatrixError:
             plan = None
         if plan is None:
             linear.singular, linear.is_untried = 1, 0
+            self._planned_nonzeros = np.full(1, np.nan)
         else:
             self._plan = plan
             linear.set_plan(plan)

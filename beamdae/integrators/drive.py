@@ -14,17 +14,19 @@ from typing import cast
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.errors import BeamdaeError
+from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.errors import BeamdaeError, ProgressError
 from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
+from beamdae.integrators.events.table_limits import TableDetector
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
-from beamdae.integrators.limits import ProgressError, RunLimits, StallDetector
+from beamdae.integrators.limits import RunLimits, StallDetector
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
@@ -36,7 +38,9 @@ from beamdae.integrators.method import (
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
+from beamdae.integrators.sampling import next_sample_time, sample
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
+from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.results.event_records import EventRecord
@@ -139,7 +143,15 @@ def _drive(
         limits.stall_detector = StallDetector(plan.intervals[-1][1])
     gaps = compile_surface_gaps(equations)
     onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
+    is_adaptive = integrator.accuracy.name == "rtol"
+    terms = [
+        term
+        for term in find_distinct(compile_table_arguments(equations))
+        if term.is_limited or is_adaptive
+    ]
+    table_detector = TableDetector(terms, finds_peaks=is_adaptive) if terms else None
     run: _RunInProgress | None = None
+    trajectory: Trajectory | None = None
     status, compile_time = REACHED_END, 0.0
 
     def prepare_run(
@@ -147,7 +159,9 @@ def _drive(
     ) -> _RunInProgress:
         nonlocal compile_time
         began = clock.perf_counter()
-        run = _RunInProgress(equations, plan, method_on, limits, onset_detector, label)
+        run = _RunInProgress(
+            equations, plan, method_on, limits, onset_detector, table_detector, times, label
+        )
         compile_time += clock.perf_counter() - began
         return run
 
@@ -156,6 +170,7 @@ def _drive(
             prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
             plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
         if status.kind != "interrupted" and (run is None or run.progress_error is None):
+            trajectory = None  # Frees the rows of the pilot run.
             run = prepare_run(plan, limits, method_on)
             trajectory, status = run.execute()
     except KeyboardInterrupt:
@@ -163,6 +178,7 @@ def _drive(
             raise
         trajectory, status = run.report_interrupt()
     assert run is not None
+    assert trajectory is not None
     wall_time = clock.perf_counter() - run_began - compile_time
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
     solution = Solution(
@@ -180,6 +196,7 @@ def _drive(
             "integrator": integrator.method,
             **settings,
             **run.methods.first.resolved_options,
+            **run.thinning.report,
             **amplitudes,
         },
         made_by=integrator,
@@ -202,19 +219,23 @@ class _RunInProgress:
         method_on: Callable[[RunPlan], Method],
         limits: RunLimits,
         onset_detector: ContactOnsetDetector | None,
+        table_detector: TableDetector | None,
+        output_times: Array,
         label: str = "",
     ) -> None:
         """Prepare a run.
 
-        `equations` contain all parts, active or not; `onset_detector` is None without contacts;
-        `label` is appended to the message of an interrupted run.
+        `equations` contain all parts, active or not; `onset_detector` is None without contacts,
+        and `table_detector` is None without tables of the motion; rows at `output_times` [s] are
+        stored even if the run is too long to store all steps; `label` is appended to the message of
+        an interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._detector = EventDetector(equations) if equations.events else None
-        self._onset_detector = onset_detector
+        self._onset_detector, self._table_detector = onset_detector, table_detector
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
@@ -223,6 +244,7 @@ class _RunInProgress:
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
+        self.thinning = StepThinning(output_times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
@@ -240,7 +262,11 @@ class _RunInProgress:
         return self._segments[-1].history
 
     def _begin_segment(self, t: float, branch: float, state: State) -> None:
-        self._segments.append(RunSegment(StepHistory(t, state), branch, self._configuration))
+        configuration = self._configuration
+        active = self._equations if configuration is None else configuration.equations
+        if self._segments:
+            self._history.close()
+        self._segments.append(RunSegment(StepHistory(t, state), branch, configuration, active))
 
     def execute(self) -> tuple[Trajectory, Status]:
         try:
@@ -260,6 +286,7 @@ class _RunInProgress:
     def _collect(self, status: Status) -> tuple[Trajectory, Status]:
         if not self._history.drop_nonfinite():
             status = self._failure(_NOT_FINITE)
+        self.thinning.finish(self._segments)
         m = self._equations.m
         return Trajectory(tuple(segment.interval(m) for segment in self._segments)), status
 
@@ -268,6 +295,11 @@ class _RunInProgress:
 
     def _integrate_intervals(self) -> Status:
         is_due = self._detector is not None and self._detector.has_due_event(self._segments[0])
+        if self._controllers:
+            try:
+                self._sample_start()
+            except BeamdaeError as problem:
+                return self._failure(problem)
         status = PARTS_SWITCHED if is_due else self._integrate_to(self._interval_ends[0])
         while True:
             while status is PARTS_SWITCHED:
@@ -277,26 +309,76 @@ class _RunInProgress:
             start, *ends = self._interval_ends
             if not ends:
                 return REACHED_END
-            self._interval_ends, branch = tuple(ends), branch_time(start, ends[0])
+            self._interval_ends = tuple(ends)
+            self._stop_at_next_sample(start)
+            branch = branch_time(start, self._interval_ends[0])
             try:
-                state = self._restart_state(start, branch, self._history.last_state)
+                state = self._sampled_state(start, branch, self._history.last_state)
+            except BeamdaeError as problem:
+                return self._failure(problem)
+            try:
+                state = self._restart_state(start, branch, state)
             except BeamdaeError as problem:
                 return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
             self._begin_segment(start, branch, state)
-            status = self._integrate_to(ends[0])
+            status = self._integrate_to(self._interval_ends[0])
 
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""
         time, starter = np.array([start, branch]), self._plan.starter
+        if self._controllers and start not in self._equations.breakpoints:
+            # Only held values have changed.
+            v = starter.with_state_rates(time, state.q, state.v)
+            return State(state.q, v, *starter.acceleration(time, state.q, v))
         starter.require_continuous(self._segments[-1].branch, time, state.q)
         return starter.state(time, state.q, state.v)
+
+    def _sample_start(self) -> None:
+        """Replace the state at the start by that after the samples of controllers."""
+        start, state = self._history.end, self._history.last_state
+        self._stop_at_next_sample(start)
+        branch = branch_time(start, self._interval_ends[0])
+        sampled = self._sampled_state(start, branch, state)
+        if sampled is not state:
+            time, starter = np.array([start, branch]), self._plan.starter
+            state = starter.state(time, sampled.q, sampled.v)
+        self._segments.clear()
+        self._begin_segment(start, branch, state)
+
+    def _stop_at_next_sample(self, t: float) -> None:
+        """End the interval that begins at `t` [s] at the next sample of a controller."""
+        following = next_sample_time(self._controllers, t)
+        if following < self._interval_ends[0] - SAME_TIME * abs(following):
+            self._interval_ends = (following, *self._interval_ends)
+
+    def _sampled_state(self, t: float, branch: float, state: State) -> State:
+        """Return the state with the values that controllers hold after the samples at `t` [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If a law fails.
+        """
+        if not self._controllers:
+            return state
+        # Measured before the jump of laws.
+        time = np.array([t, branch])
+        q = sample(self._controllers, self._equations.p, time, state)
+        return state if q is None else state._replace(q=q)
+
+    @property
+    def _controllers(self) -> tuple[ControllerTerm, ...]:
+        return self._equations.controllers
 
     def _integrate_to(self, end: float) -> Status:
         """Take steps until `end` [s], a limit, a terminal event or a failure; return the status."""
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
+        if outside := self._reason_outside_table():
+            return Status("limited", f"stopped at t = {history.end:.6g} s: {outside}")
         steps_per_check = method.steps_per_check
         unchecked, steps_checked = history.count, self.steps
+        checks_steps = self._onset_detector is not None or self._table_detector is not None
         try:
             method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
@@ -304,13 +386,21 @@ class _RunInProgress:
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
                 is_due = self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
-                if self._onset_detector and (is_due or self._max_batch or history.end >= end):
+                outside = ""
+                if checks_steps and (is_due or self._max_batch or history.end >= end):
                     end = self._truncate_at_onset(unchecked, end)
+                    end, outside = self._truncate_at_table(unchecked, end)
                     unchecked, steps_checked = history.count, self.steps
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
+                if outside:
+                    return Status("limited", f"stopped at t = {end:.6g} s: {outside}")
+                history.release(unchecked if checks_steps else history.count)
+                self.thinning.enforce(self._segments)
                 t = history.end
-                if t < end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
+                # Between samples, an interval may consist of one step: its end is checked, too.
+                is_before_end = t < self._interval_ends[-1]
+                if is_before_end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
                     return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
         except StepError as problem:
             time = np.array([history.end, branch])
@@ -328,6 +418,40 @@ class _RunInProgress:
             return Status("limited", f"stopped at t = {history.end:.6g} s: {reason}")
         return REACHED_END
 
+    def _truncate_at_table(self, first: int, end: float) -> tuple[float, str]:
+        """Drop the steps after an argument left a table, or a step passed over a peak of a table.
+
+        Check the rows from `first` on. Return the new end [s], and the reason if the run ends
+        there. At a peak, the run restarts, and again inside the peak, where the error test sees it.
+        """
+        if self._table_detector is None:
+            return end, ""
+        segment = self._segments[-1]
+        tail = segment.tail(first, self._equations.m)
+        if tail is None or (stop := self._table_detector.find_first(*tail)) is None:
+            return end, ""
+        segment.truncate(tail[0], stop.t)
+        end = segment.history.end
+        if not stop.reason:
+            self._interval_ends = tuple(sorted({end, stop.probe, *self._interval_ends}))
+        return end, stop.reason
+
+    def _reason_outside_table(self) -> str:
+        """Return the reason why the present state or time is outside a table, or ""."""
+        segment, configuration = self._segments[-1], self._configuration
+        t, branch = segment.history.end, segment.branch
+        # Events may have changed laws.
+        active = self._equations if configuration is None else configuration.equations
+        mechanism = active.mechanism
+        ranges = () if mechanism is None else (x for law in mechanism.laws for x in law.ranges)
+        for x in ranges:
+            if reason := x.reason_to_stop(t, branch):
+                return reason
+        if self._table_detector is None:
+            return ""
+        inactive = frozenset() if configuration is None else configuration.inactive
+        return self._table_detector.reason_at(t, branch, segment.history.last_state, inactive)
+
     def _truncate_at_onset(self, unchecked: int, end: float) -> float:
         """Drop the steps after the first contact that a step passed over; return the new end [s].
 
@@ -335,7 +459,8 @@ class _RunInProgress:
         restarts at the onset of the contact, and again inside the surface, where the error test
         sees the contact force.
         """
-        assert self._onset_detector is not None
+        if self._onset_detector is None:
+            return end
         segment = self._segments[-1]
         tail = segment.tail(unchecked, self._equations.m)
         if tail is None or (onset := self._onset_detector.find_first(*tail)) is None:

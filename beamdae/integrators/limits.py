@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from dataclasses import dataclass, field
 
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import BeamdaeError, call_progress
 from beamdae.integrators.integrator import Progress
 
 # Runs that would need more steps are rejected.
@@ -15,14 +15,6 @@ MAX_PLANNED_STEPS = 1e8
 # or 1e7 at the pace of the last 1e5 steps. These windows are longer than impacts and other short
 # stiff phases. Methods with expensive steps are checked more often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
-
-
-class ProgressError(Exception):
-    """Raised if the user's function `progress` raises an exception, `problem`."""
-
-    def __init__(self, problem: Exception) -> None:
-        super().__init__(f"progress failed: {format_exception(problem)}")
-        self.problem = problem
 
 
 @dataclass
@@ -109,10 +101,7 @@ class RunLimits:
                 return stall
         if self.progress is None or steps % steps_per_check:
             return None
-        try:
-            answer = self.progress(t)
-        except Exception as problem:
-            raise ProgressError(problem) from problem
+        answer = call_progress(self.progress, t)
         # Functions that update progress bars may return other objects.
         return answer if isinstance(answer, str) else None
 

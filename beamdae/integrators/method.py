@@ -21,6 +21,10 @@ MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints
 
 # Number of steps between two checks of limits; methods with more expensive steps use fewer.
 STEPS_PER_CHECK = 64
+# Limit of the memory of the rows that a compiled loop fills [bytes], so that they are still in the
+# processor cache when they are stored, and least number of rows.
+_MAX_ROW_BYTES = 2 * 2**20
+_MIN_ROWS = 8
 # After a failure, the residual is evaluated this far ahead, relative to the rest of the interval,
 # because steps shrink to zero before a time after which the residual is not finite.
 PROBE_SHARE = 1e-6
@@ -108,6 +112,12 @@ class StepError(ArithmeticError):
     def __init__(self, message: str, residual: Array | None = None) -> None:
         super().__init__(message)
         self.residual = residual
+
+
+def allocate_rows(size: int) -> Array:
+    """Return rows of `size` numbers that a compiled loop fills between two checks of limits."""
+    rows = _MAX_ROW_BYTES // (np.dtype(float).itemsize * size)
+    return np.zeros((min(max(rows, _MIN_ROWS), STEPS_PER_CHECK), size))
 
 
 def clip_step(step: float, remaining: float) -> float:

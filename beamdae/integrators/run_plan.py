@@ -42,6 +42,9 @@ class RunPlan:
         Cached function that returns the fastest natural mode of each elastic body in this state.
     amplitudes
         Amplitudes of the parts measured by a pilot run, or None.
+    partial_rate
+        Rate of the motion [1/s] that a pilot run measured over many periods, if it was too short to
+        measure amplitudes; otherwise 0.
     matrices
         Last matrix by name of the method, so that a run can reuse the pivots of its pilot run.
     """
@@ -51,6 +54,7 @@ class RunPlan:
     state: State
     fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
+    partial_rate: float = 0.0
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:
@@ -124,7 +128,7 @@ def plan_run(equations: EquationsOfMotion, times: Array) -> RunPlan:
     starter = ConsistencySolver(equations)
     starter.require_inertia()
     first = time_on_branch(equations.breakpoints, start, end)
-    state = starter.state(first, equations.q0, equations.v0)
+    state = starter.start_state(first, equations.q0, equations.v0)
     # Cached because the pilot run and the main run need the same modes.
     modes = cache(partial(estimate_fastest_modes, starter, first, state))
     return RunPlan(starter, intervals, state, modes)

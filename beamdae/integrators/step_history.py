@@ -1,16 +1,22 @@
-"""Growing storage for the accepted steps of a run, and its segments between restarts."""
+"""Growing storage for the accepted steps of a run, and its segments between restarts.
+
+Long runs store only some of their steps, see `step_thinning`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import Configuration, State
-from beamdae.memory import available_memory, format_gigabytes
-from beamdae.results.trajectory import Interval
+from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
+from beamdae.equations.measures import BalanceRows, balance_rows
+from beamdae.integrators.step_thinning import Measure, ThinnedRows
+from beamdae.memory import available_memory, format_gigabytes, release_freed_memory
+from beamdae.results.trajectory import Interval, StepRecord
 
 Array = np.ndarray
 
@@ -24,6 +30,8 @@ _TAIL_STEPS = 8
 _SAME_TIME = 1e-13
 # Below this size, the available memory is not queried: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
+# Freed memory is returned to the system in amounts of this size.
+_MAX_FREED_BYTES = 1e8
 # Number of copies of the rows that exist while the result is assembled.
 _RESULT_COPIES = 2.0
 
@@ -48,6 +56,12 @@ class StepHistory:
         self._rows_per_step = 1
         self._is_finite = True
         self._tail_begin = 0
+        # Rows before this index are no longer needed by `tail` and `truncate`.
+        self._released = 0
+        # Replaces the first blocks; `_stride` is the number of steps of which one is stored.
+        self._thinned: ThinnedRows | None = None
+        self._stride = 0
+        self._thinned_interval: Interval | None = None
         self._write(np.concatenate(((t,), *state))[None])
 
     def append(self, t: float, state: State, stages: Sequence[tuple[float, State]] = ()) -> bool:
@@ -95,7 +109,7 @@ class StepHistory:
         self._count += count
 
     def _require_memory(self) -> None:
-        stored_bytes = sum(block.nbytes for block in self._blocks)
+        stored_bytes = sum(block.nbytes for block in self._blocks) + self._thinned_bytes
         if stored_bytes > _UNCHECKED_BYTES and available_memory() < _RESULT_COPIES * stored_bytes:
             raise OutOfMemoryError(
                 f"the {self._count} stored states take "
@@ -105,21 +119,99 @@ class StepHistory:
 
     @property
     def count(self) -> int:
-        """Number of rows, including the start."""
+        """Number of rows, including the start and rows that are no longer stored."""
         return self._count
+
+    @property
+    def block_count(self) -> int:
+        """Number of blocks that have been allocated."""
+        return len(self._blocks)
+
+    @property
+    def stored_bytes(self) -> int:
+        """Memory of the stored rows [bytes]."""
+        return sum(block.nbytes for block in self._filled_blocks) + self._thinned_bytes
+
+    @property
+    def output_bytes(self) -> int:
+        """Memory of the stored output rows of the part that has been thinned [bytes]."""
+        return 0 if self._thinned is None else self._thinned.output_bytes
+
+    @property
+    def _thinned_bytes(self) -> int:
+        return 0 if self._thinned is None else self._thinned.stored_bytes
+
+    def close(self) -> None:
+        """Free the unused rows of the last block; no rows can be added afterwards."""
+        blocks = self._filled_blocks
+        self._blocks = [*blocks[:-1], blocks[-1].copy()]
+
+    def release(self, first: int) -> None:
+        """Declare that `tail` will not be called for rows before `first`."""
+        self._released = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
+
+    def thin(
+        self, stride: int, branch: float, output_times: Array, measure: Measure, is_final: bool
+    ) -> None:
+        """Reduce rows to output rows and every `stride`-th step, see `step_thinning`.
+
+        Rows are reduced if they are released or if `is_final` is True. `branch` is a time [s]
+        inside the smooth interval.
+        """
+        if not (self._is_finite or is_final):
+            return
+        if self._thinned is not None and stride > self._stride:
+            self._thinned = self._thinned.reduced(stride)
+        self._stride = stride
+        end = self._count if is_final else self._released // self._block_rows * self._block_rows
+        tail_rows = _TAIL_STEPS * self._rows_per_step
+        # Few whole blocks, which are freed soon, but enough rows for polynomials near the start.
+        most = -(-max(tail_rows, self._block_rows) // self._block_rows) * self._block_rows
+        while (begin := 0 if self._thinned is None else self._thinned.row_count) < end:
+            if begin + most > end and not is_final:
+                break
+            thinned = ThinnedRows() if self._thinned is None else self._thinned
+            is_last = is_final and begin + most >= end
+            self._thinned = thinned.extended(
+                self._rows_from(begin, min(begin + most, end)),
+                stride,
+                self._rows_per_step,
+                0 if is_last else tail_rows,
+                output_times,
+                lambda rows: self._make_interval([rows], branch),
+                measure,
+            )
+            full_blocks = self._thinned.row_count // self._block_rows
+            for k in range(
+                begin // self._block_rows, len(self._blocks) if is_last else full_blocks
+            ):
+                self._blocks[k] = np.empty((0, self._column_ends[-1]))
+
+    def _rows_from(self, begin: int, end: int | None = None) -> Array:
+        """Return the rows from index `begin` to `end`, none of which has been thinned."""
+        end = self._count if end is None else end
+        block, row = divmod(begin, self._block_rows)
+        blocks = self._filled_blocks[block : -(-end // self._block_rows)]
+        return np.concatenate(blocks)[row : row + end - begin]
 
     @property
     def last_state(self) -> State:
         """State of the last row."""
-        block, row = divmod(self._count - 1, self._block_rows)
-        values = self._blocks[block][row, 1:]
+        values = self._last_row[1:]
         return State(*np.split(values, [end - 1 for end in self._column_ends[1:-1]]))
 
     @property
     def end(self) -> float:
         """Time of the last row [s]."""
-        block, row = divmod(self._count - 1, self._block_rows)
-        return float(self._blocks[block][row, 0])
+        return float(self._last_row[0])
+
+    @property
+    def _last_row(self) -> Array:
+        last, thinned = self._count - 1, self._thinned
+        if thinned is not None and thinned.window is not None and last < thinned.row_count:
+            return thinned.window[last - thinned.first]
+        block, row = divmod(last, self._block_rows)
+        return self._blocks[block][row]
 
     @property
     def is_finite(self) -> bool:
@@ -138,10 +230,10 @@ class StepHistory:
         """Drop the first non-finite step and all later steps; return True if no step is dropped."""
         if self._is_finite:
             return True
-        finite = np.concatenate([np.isfinite(rows).all(axis=1) for rows in self._filled_blocks])
-        bad = np.flatnonzero(~finite)
+        begin = 0 if self._thinned is None else self._thinned.row_count
+        bad = np.flatnonzero(~np.isfinite(self._rows_from(begin)).all(axis=1))
         if len(bad):
-            self._count = self._complete_steps(int(bad[0]))
+            self._count = self._complete_steps(begin + int(bad[0]))
         return len(bad) == 0
 
     def _complete_steps(self, count: int) -> int:
@@ -155,8 +247,7 @@ class StepHistory:
         is not finite. Return None if there is no finite step from `first` on.
         """
         begin = self._tail_begin = max(first - 1 - _TAIL_STEPS * self._rows_per_step, 0)
-        blocks = self._filled_blocks[begin // self._block_rows :]
-        rows = np.concatenate(blocks)[begin % self._block_rows :]
+        rows = self._rows_from(begin)
         bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
         count = self._complete_steps(int(bad[0]) if len(bad) else len(rows))
         if count <= first - begin:
@@ -182,8 +273,39 @@ class StepHistory:
             self._write(np.column_stack([times, *tail.at(times)]))
 
     def interval(self, branch: float) -> Interval:
-        """Return all rows as an interval; the states of a single block are not copied."""
-        return self._make_interval(self._filled_blocks, branch)
+        """Return all stored rows as an interval; the states of a single block are not copied.
+
+        If rows have been thinned, all rows must have been, and no rows can be added afterwards.
+        """
+        if self._thinned is None:
+            return self._make_interval(self._filled_blocks, branch)
+        if self._thinned_interval is None:
+            parts, nodes, values = self._thinned.result(self._stride)
+            self._thinned = replace(self._thinned, rows=(), steps=())
+            t, *state = self._join_columns(parts)
+            record = StepRecord(nodes, values, self._rows_per_step)
+            self._thinned_interval = Interval(
+                t[:, 0].copy(), State(*state), branch, 1, record=record
+            )
+        return self._thinned_interval
+
+    def _join_columns(self, parts: list[Array]) -> list[Array]:
+        """Return the columns t, q, v, a and lam of all parts; the parts are freed one by one."""
+        count = sum(map(len, parts))
+        spans = list(pairwise([0, *self._column_ends]))
+        columns = [np.empty((count, last - first)) for first, last in spans]
+        begin = freed_bytes = 0
+        parts.reverse()
+        while parts:
+            part = parts.pop()
+            for column, (first, last) in zip(columns, spans, strict=True):
+                column[begin : begin + len(part)] = part[:, first:last]
+            begin, freed_bytes = begin + len(part), freed_bytes + part.nbytes
+            del part
+            if freed_bytes > _MAX_FREED_BYTES:
+                release_freed_memory()
+                freed_bytes = 0
+        return columns
 
     def _make_interval(self, blocks: Sequence[Array], branch: float) -> Interval:
         t, *state = (
@@ -207,11 +329,45 @@ class RunSegment:
         Time [s] inside the smooth interval, which selects the pieces of piecewise laws.
     configuration
         Active parts; None if `EquationsOfMotion.configurations` is None.
+    equations
+        Equations of the active parts.
     """
 
     history: StepHistory
     branch: float
     configuration: Configuration | None
+    equations: EquationsOfMotion
+
+    @property
+    def block_count(self) -> int:
+        """Number of blocks of rows that have been allocated."""
+        return self.history.block_count
+
+    @property
+    def count(self) -> int:
+        """Number of rows, including rows that are no longer stored."""
+        return self.history.count
+
+    @property
+    def stored_bytes(self) -> int:
+        """Memory of the stored rows [bytes]."""
+        return self.history.stored_bytes
+
+    @property
+    def output_bytes(self) -> int:
+        """Memory of the stored output rows [bytes]."""
+        return self.history.output_bytes
+
+    def thin(self, stride: int, output_times: Array, is_final: bool = False) -> None:
+        """Reduce rows to output rows and every `stride`-th step, see `StepHistory.thin`."""
+        self.history.thin(stride, self.branch, output_times, self._measure, is_final)
+
+    @cached_property
+    def _balance(self) -> BalanceRows:
+        return balance_rows(self.equations)
+
+    def _measure(self, interval: Interval) -> Array:
+        return self._balance(interval.times, *interval.rows)
 
     def interval(self, m: int) -> Interval:
         """Return all steps as an interval with the `m` multipliers of all parts."""

@@ -12,6 +12,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdae.linear.lane_operations import (
+    LANES,
+    add_lanes,
+    aligned_zeros,
+    clear_lanes,
+    gather_lanes,
+    invert_lanes,
+    multiply_lanes,
+    substitute_backward,
+    substitute_forward,
+    subtract_products,
+    subtract_unit_triangle,
+)
+
 Array = np.ndarray
 
 # A solution is accurate if its backward error does not exceed this value.
@@ -23,26 +37,49 @@ MAX_REFINEMENTS = 2
 class EliminationPlan(NamedTuple):
     """Pivots of a matrix and the pattern of its factors.
 
-    A position is an index in the order of elimination. Integers are unsigned, so that compiled
-    loops need not check for negative indices.
+    Blocks of unknowns are eliminated first, several at a time (`lane_blocks`). The other unknowns
+    are eliminated one by one; their position is their index in the order of elimination. Integers
+    are unsigned, so that compiled loops need not check for negative indices.
 
     Attributes
     ----------
-    rows, columns
-        Rows and columns of the pivots, by position.
     scale
-        Scale factors of the rows, by position.
+        Scale factors of all rows.
+    matrix_starts, matrix_rows
+        CSC pattern of the matrix.
+    batches
+        One row per batch of blocks, with the columns `INTERIOR` to `FIRST_CORNER`.
+    block_unknowns
+        Indices of the unknowns of the blocks: interior, then neighbors, each with one index per
+        lane. Lanes without a block have the index after the last unknown.
+    block_entries
+        Indices of the entries of the blocks in `Factors.entries`, column by column: all rows of the
+        interior unknowns, then the interior rows of the neighbors.
+    corner_entries
+        Indices of the entries in rows and columns of neighbors, which the blocks change.
+    n_entries
+        Number of `Factors.entries`, shape (1,): non-zeros of the matrix, its fill by blocks, and
+        `N_EXTRA_ENTRIES` that stand for zeros, ones and unused entries.
+    rows, columns
+        Rows and columns of the other pivots, by position.
     starts, positions, sources
-        Columns of the matrix, by position: their starts, the positions of their rows, and the
-        indices of their CSC non-zeros.
+        Columns of the matrix after the elimination of the blocks, by position: their starts, the
+        positions of their rows, and their indices in `Factors.entries`.
     upper_starts, upper_rows, lower_starts, lower_rows
         Columns of the factors above and below the diagonal: their starts, and the positions of
         their rows, ascending.
     """
 
+    scale: Array
+    matrix_starts: Array
+    matrix_rows: Array
+    batches: Array
+    block_unknowns: Array
+    block_entries: Array
+    corner_entries: Array
+    n_entries: Array
     rows: Array
     columns: Array
-    scale: Array
     starts: Array
     positions: Array
     sources: Array
@@ -52,26 +89,55 @@ class EliminationPlan(NamedTuple):
     lower_rows: Array
 
 
+# Columns of `EliminationPlan.batches`: numbers of interior unknowns and of neighbors of each block;
+# number of neighbors, the last ones, that all blocks of the batch share; and the first index of the
+# batch, divided by the number of lanes, in `block_unknowns` (and `Factors.block_x`), in
+# `block_entries` (and `Factors.blocks`) and in `corner_entries`.
+INTERIOR = 0
+NEIGHBORS = 1
+SHARED = 2
+FIRST_UNKNOWN = 3
+FIRST_ENTRY = 4
+FIRST_CORNER = 5
+# Last entries of `Factors.entries`: a zero, a one, and an entry for numbers that are not used.
+ZERO_ENTRY = 0
+ONE_ENTRY = 1
+UNUSED_ENTRY = 2
+N_EXTRA_ENTRIES = 3
+
+
 class Factors(NamedTuple):
     """Factors of the last matrix; the next factorization overwrites them.
 
     Attributes
     ----------
     matrix
-        Scaled entries of the matrix in the order of `EliminationPlan.sources`.
+        Non-zeros of the matrix with scaled rows.
+    entries
+        The same entries after the elimination of the blocks, see `EliminationPlan.n_entries`.
+    blocks, corner, block_x
+        Factors of the blocks, contributions of a batch to other equations, and solutions of the
+        equations of the blocks.
     upper, lower, inverse
         Entries of the factors above and below the diagonal, and the reciprocals of the pivots.
-    x, right, residual, terms
-        Work arrays.
+    x
+        Work array by position.
+    solution, right, residual, terms
+        Work arrays by row or unknown, with one more entry.
     refinements
         Number of steps of iterative refinement per solution, shape (1,).
     """
 
     matrix: Array
+    entries: Array
+    blocks: Array
+    corner: Array
+    block_x: Array
     upper: Array
     lower: Array
     inverse: Array
     x: Array
+    solution: Array
     right: Array
     residual: Array
     terms: Array
@@ -81,16 +147,35 @@ class Factors(NamedTuple):
 def empty_plan() -> EliminationPlan:
     """Return the plan of a matrix without rows."""
     none = np.zeros(0, np.uint32)
-    return EliminationPlan(none, none, np.zeros(0), *(none for _ in range(7)))
+    batches, n_entries = np.zeros((0, 6), np.int64), np.array([N_EXTRA_ENTRIES])
+    plan = EliminationPlan(*(none for _ in EliminationPlan._fields))
+    return plan._replace(scale=np.zeros(0), batches=batches, n_entries=n_entries)
 
 
 def allocate_factors(plan: EliminationPlan, dtype: Any) -> Factors:
     """Return zero arrays for the factors of a plan."""
-    patterns = (plan.sources, plan.upper_rows, plan.lower_rows)
-    matrix, upper, lower = (np.zeros(len(rows), dtype) for rows in patterns)
-    inverse, x, right, residual = np.zeros((4, len(plan.rows)), dtype)
-    terms, refinements = np.zeros(len(plan.rows)), np.zeros(1, np.int64)
-    return Factors(matrix, upper, lower, inverse, x, right, residual, terms, refinements)
+    patterns = (plan.matrix_rows, plan.block_entries, plan.block_unknowns)
+    matrix, blocks, block_x = (aligned_zeros(len(rows), dtype) for rows in patterns)
+    upper, lower = (np.zeros(len(rows), dtype) for rows in (plan.upper_rows, plan.lower_rows))
+    inverse, x = np.zeros((2, len(plan.rows)), dtype)
+    solution, right, residual = np.zeros((3, len(plan.scale) + 1), dtype)
+    largest = int(plan.batches[:, NEIGHBORS].max(initial=0))
+    return Factors(
+        matrix=matrix,
+        entries=np.zeros(int(plan.n_entries[0]), dtype),
+        blocks=blocks,
+        corner=aligned_zeros(LANES * largest * largest, dtype),
+        block_x=block_x,
+        upper=upper,
+        lower=lower,
+        inverse=inverse,
+        x=x,
+        solution=solution,
+        right=right,
+        residual=residual,
+        terms=np.zeros(len(plan.scale)),
+        refinements=np.zeros(1, np.int64),
+    )
 
 
 def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
@@ -99,43 +184,141 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
     Pivots are unsuitable if one of them or its reciprocal is not finite, or if refinement does not
     make solutions accurate.
     """
-    return _eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
+    _scale_matrix(plan, factors, nonzeros)
+    _eliminate_blocks(plan, factors)
+    return _eliminate(plan, factors) and _set_refinements(plan, factors)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
     """Replace `right` by the solution; apply the refinements that `refactorize` found necessary."""
-    rows, columns, scale = plan.rows, plan.columns, plan.scale
-    x, scaled_right = factors.x, factors.right
-    for k in range(len(x)):
-        scaled_right[k] = x[k] = scale[k] * right[rows[k]]
-    lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
-    upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
-    inverse, residual, terms = factors.inverse, factors.residual, factors.terms
-    _substitute(lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, x)
+    scale, solution, residual = plan.scale, factors.solution, factors.residual
+    size = len(scale)
+    for i in range(size):
+        solution[i] = scale[i] * right[i]
+    if factors.refinements[0] > 0:
+        for i in range(size):
+            factors.right[i] = solution[i]
+    _solve_scaled(plan, factors, solution)
     for _ in range(factors.refinements[0]):
         _update_residual(
-            plan.starts, plan.positions, factors.matrix, x, scaled_right, residual, terms
+            plan.matrix_starts,
+            plan.matrix_rows,
+            factors.matrix,
+            solution,
+            factors.right,
+            residual,
+            factors.terms,
         )
-        _substitute(
-            lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, residual
+        _solve_scaled(plan, factors, residual)
+        for i in range(size):
+            solution[i] += residual[i]
+    for i in range(size):
+        right[i] = solution[i]
+
+
+def _scale_matrix(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> None:
+    scale, rows, matrix, entries = plan.scale, plan.matrix_rows, factors.matrix, factors.entries
+    for e in range(len(matrix)):
+        entries[e] = matrix[e] = scale[rows[e]] * nonzeros[e]
+    for e in range(len(matrix), len(entries)):
+        entries[e] = 0.0
+    entries[len(entries) - N_EXTRA_ENTRIES + ONE_ENTRY] = 1.0
+
+
+def _eliminate_blocks(plan: EliminationPlan, factors: Factors) -> None:
+    """Factorize the blocks without pivoting, and subtract their contributions from `entries`."""
+    entries, blocks, corner, at = (
+        factors.entries,
+        factors.blocks,
+        factors.corner,
+        plan.block_entries,
+    )
+    for batch in range(plan.batches.shape[0]):
+        interior, neighbors = plan.batches[batch, INTERIOR], plan.batches[batch, NEIGHBORS]
+        first, size = plan.batches[batch, FIRST_ENTRY], interior + neighbors
+        gather_lanes(blocks, first, interior * (size + neighbors), entries, at, first)
+        left = first + interior
+        for j in range(interior):
+            column = first + j * size
+            subtract_unit_triangle(blocks, column, j, interior, blocks, first, size)
+            below = column + interior
+            subtract_products(blocks, below, neighbors, blocks, left, size, blocks, column, j)
+            invert_lanes(blocks, column + j)
+            multiply_lanes(blocks, column + j + 1, size - j - 1, blocks, column + j)
+        clear_lanes(corner, 0, neighbors * neighbors)
+        for j in range(neighbors):
+            column, below = first + interior * size + j * interior, j * neighbors
+            subtract_unit_triangle(blocks, column, interior, interior, blocks, first, size)
+            subtract_products(
+                corner, below, neighbors, blocks, left, size, blocks, column, interior
+            )
+        target = plan.batches[batch, FIRST_CORNER]
+        add_lanes(entries, plan.corner_entries, target, corner, 0, neighbors * neighbors)
+
+
+def _solve_scaled(plan: EliminationPlan, factors: Factors, right: Array) -> None:
+    """Replace the scaled right-hand side by the solution, without refinement."""
+    blocks, block_x, at, batches = (
+        factors.blocks,
+        factors.block_x,
+        plan.block_unknowns,
+        plan.batches,
+    )
+    rows, columns, x = plan.rows, plan.columns, factors.x
+    # Read and written by lanes without a block.
+    right[len(right) - 1] = 0.0
+    for batch in range(batches.shape[0]):
+        substitute_forward(
+            right,
+            at,
+            block_x,
+            batches[batch, FIRST_UNKNOWN],
+            blocks,
+            batches[batch, FIRST_ENTRY],
+            batches[batch, INTERIOR],
+            batches[batch, NEIGHBORS],
+            batches[batch, SHARED],
         )
-        for k in range(len(x)):
-            x[k] += residual[k]
+    for k in range(len(x)):
+        x[k] = right[rows[k]]
+    _substitute(
+        plan.lower_starts,
+        plan.lower_rows,
+        factors.lower,
+        plan.upper_starts,
+        plan.upper_rows,
+        factors.upper,
+        factors.inverse,
+        x,
+    )
     for k in range(len(x)):
         right[columns[k]] = x[k]
+    for back in range(batches.shape[0]):
+        batch = batches.shape[0] - 1 - back
+        substitute_backward(
+            right,
+            at,
+            block_x,
+            batches[batch, FIRST_UNKNOWN],
+            blocks,
+            batches[batch, FIRST_ENTRY],
+            batches[batch, INTERIOR],
+            batches[batch, NEIGHBORS],
+            batches[batch, SHARED],
+        )
 
 
-def _eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
-    scale, starts, positions, sources = plan.scale, plan.starts, plan.positions, plan.sources
+def _eliminate(plan: EliminationPlan, factors: Factors) -> bool:
+    """Factorize the equations of the unknowns outside blocks."""
+    starts, positions, sources, entries = plan.starts, plan.positions, plan.sources, factors.entries
     upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
     lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
-    matrix, upper, lower, x = factors.matrix, factors.upper, factors.lower, factors.x
+    upper, lower, x = factors.upper, factors.lower, factors.x
     for j in range(len(x)):
         x[j] = 0.0
     for j in range(len(x)):
         for e in range(starts[j], starts[j + 1]):
-            row = positions[e]
-            matrix[e] = x[row] = scale[row] * nonzeros[sources[e]]
+            x[positions[e]] = entries[sources[e]]
         for p in range(upper_starts[j], upper_starts[j + 1]):
             k = upper_rows[p]
             factor = x[k]
@@ -191,28 +374,25 @@ def _set_refinements(plan: EliminationPlan, factors: Factors) -> bool:
     The measure is the backward error of Oettli & Prager, relative to the terms of each equation,
     for a solution to which all columns contribute equally.
     """
-    lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
-    upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
-    starts, positions, matrix = plan.starts, plan.positions, factors.matrix
-    inverse, x, right, residual = factors.inverse, factors.x, factors.right, factors.residual
-    for k in range(len(x)):
-        x[k] = right[k] = 0.0
-    for j in range(len(x)):
+    starts, rows, matrix = plan.matrix_starts, plan.matrix_rows, factors.matrix
+    x, right, residual = factors.solution, factors.right, factors.residual
+    size = len(plan.scale)
+    for i in range(size):
+        x[i] = right[i] = 0.0
+    for j in range(size):
         largest = 0.0
         for e in range(starts[j], starts[j + 1]):
             largest = max(largest, _estimate_modulus(matrix[e]))
         exact = 1.0 / largest
         for e in range(starts[j], starts[j + 1]):
-            right[positions[e]] += matrix[e] * exact
-    for k in range(len(x)):
-        residual[k] = right[k]
+            right[rows[e]] += matrix[e] * exact
+    for i in range(size):
+        residual[i] = right[i]
     for refinements in range(MAX_REFINEMENTS + 1):
-        _substitute(
-            lower_starts, lower_rows, lower, upper_starts, upper_rows, upper, inverse, residual
-        )
-        for k in range(len(x)):
-            x[k] += residual[k]
-        if _update_residual(starts, positions, matrix, x, right, residual, factors.terms):
+        _solve_scaled(plan, factors, residual)
+        for i in range(size):
+            x[i] += residual[i]
+        if _update_residual(starts, rows, matrix, x, right, residual, factors.terms):
             factors.refinements[0] = refinements
             return True
     return False
@@ -220,7 +400,7 @@ def _set_refinements(plan: EliminationPlan, factors: Factors) -> bool:
 
 def _update_residual(
     starts: Array,
-    positions: Array,
+    rows: Array,
     matrix: Array,
     x: Array,
     right: Array,
@@ -231,18 +411,19 @@ def _update_residual(
 
     Also set `terms` to the sums of the magnitudes of all terms in each equation.
     """
-    for k in range(len(x)):
+    count = len(terms)
+    for k in range(count):
         residual[k] = right[k]
         terms[k] = _estimate_modulus(right[k])
-    for j in range(len(x)):
+    for j in range(count):
         value = x[j]
         size = _estimate_modulus(value)
         for e in range(starts[j], starts[j + 1]):
-            row = positions[e]
+            row = rows[e]
             residual[row] -= matrix[e] * value
             terms[row] += _estimate_modulus(matrix[e]) * size
     is_solved = True
-    for k in range(len(x)):
+    for k in range(count):
         # This comparison is False for NaN.
         is_solved &= _estimate_modulus(residual[k]) <= MAX_BACKWARD_ERROR * terms[k]
     return is_solved

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from typing import NamedTuple
 
@@ -17,8 +18,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
-from beamdae.linear.elimination import EliminationPlan
+from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_plan
 from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.linear.lane_blocks import BlockElimination, find_blocks
 from beamdae.linear.orderings import (
     compute_bordered_ordering,
     factorize_in_order,
@@ -36,10 +38,11 @@ _MAX_CACHED_BYTES = 8 * 2**20
 
 
 def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
-    """Yield two elimination plans for a matrix and similar matrices, the preferred plan first.
+    """Yield elimination plans for a matrix and similar matrices, the preferred plan first.
 
-    The first plan takes pivots from the band if possible and from the border otherwise (see
-    `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The second plan uses
+    The first plan eliminates blocks first (`lane_blocks`), if there are enough of them. The second
+    plan takes pivots from the band if possible and from the border otherwise (see
+    `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses
     the column order of SuperLU and partial pivoting.
 
     Parameters
@@ -60,19 +63,22 @@ def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[Eliminatio
     row_counts = np.bincount(pattern.indices, minlength=size)
     if (row_counts == 0).any() or (np.diff(pattern.indptr) == 0).any():
         raise SingularMatrixError("the matrix is singular")
-    key = _PatternKey(
-        pattern.indptr.astype(np.int64).tobytes(), pattern.indices.astype(np.int64).tobytes()
-    )
-    is_cached = size <= _MAX_CACHED_SIZE
-    order_pattern = _cached_order_pattern if is_cached else _order_pattern
-    scale = _compute_row_scale(pattern, nonzeros)
+    key = _PatternKey.of(pattern.indptr, pattern.indices)
+    scale = _compute_row_scale(key, nonzeros)
+    blocks = (_cached_find_blocks if key.is_cached else _find_blocks)(key)
+    if blocks is not None:
+        with np.errstate(all="ignore"):
+            remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)
+        if np.isfinite(remainder).all():
+            with suppress(RuntimeError):
+                yield _plan_blocks(key, blocks, remainder, scale)
     try:
-        bordered = order_pattern(key)
+        bordered = _choose_order(key)
         factors = factorize_in_order(_scale_matrix(bordered, nonzeros, scale))
-        yield _plan(key, is_cached, bordered, factors, scale)
+        yield _plan_pivots(key, key, bordered, factors, scale)
         natural = _natural_order(key)
         factors = factorize_with_partial_pivoting(_scale_matrix(natural, nonzeros, scale))
-        yield _plan(key, is_cached, natural, factors, scale)
+        yield _plan_pivots(key, key, natural, factors, scale)
     except RuntimeError as problem:
         raise SingularMatrixError("the matrix is singular") from problem
 
@@ -82,6 +88,21 @@ class _PatternKey(NamedTuple):
 
     starts: bytes
     indices: bytes
+
+    @classmethod
+    def of(cls, starts: Array, indices: Array) -> _PatternKey:
+        """Return the key of a CSC pattern."""
+        return cls(starts.astype(np.int64).tobytes(), indices.astype(np.int64).tobytes())
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return len(self.starts) // np.dtype(np.int64).itemsize - 1
+
+    @property
+    def is_cached(self) -> bool:
+        """True if results for this pattern are cached."""
+        return self.size <= _MAX_CACHED_SIZE
 
     def entry_numbers(self) -> sp.csc_array:
         """Return a matrix with this pattern whose entries are the indices of its non-zeros."""
@@ -123,6 +144,17 @@ def _order_pattern(key: _PatternKey) -> _OrderedPattern:
 _cached_order_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_order_pattern)
 
 
+def _choose_order(key: _PatternKey) -> _OrderedPattern:
+    return (_cached_order_pattern if key.is_cached else _order_pattern)(key)
+
+
+def _find_blocks(key: _PatternKey) -> BlockElimination | None:
+    return find_blocks(key.entry_numbers())
+
+
+_cached_find_blocks = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_find_blocks)
+
+
 def _natural_order(key: _PatternKey) -> _OrderedPattern:
     numbers = key.entry_numbers()
     size = numbers.shape[0]
@@ -139,24 +171,52 @@ def _scale_matrix(ordered: _OrderedPattern, nonzeros: Array, scale: Array) -> sp
     )
 
 
-def _compute_row_scale(pattern: sp.csc_array, nonzeros: Array) -> Array:
+def _compute_row_scale(key: _PatternKey, nonzeros: Array) -> Array:
     """Return powers of two close to 1 / the largest magnitude in each row."""
-    largest = np.zeros(pattern.shape[0])
-    np.maximum.at(largest, pattern.indices, np.abs(nonzeros))
+    largest = np.zeros(key.size)
+    np.maximum.at(largest, np.frombuffer(key.indices, np.int64), np.abs(nonzeros))
     return invert_to_power_of_two(largest)
 
 
-def _plan(
-    key: _PatternKey, is_cached: bool, ordered: _OrderedPattern, factors: SuperLU, scale: Array
+def _plan_blocks(
+    key: _PatternKey, blocks: BlockElimination, remainder: Array, scale: Array
 ) -> EliminationPlan:
+    """Return the plan that eliminates blocks first; `remainder` holds the remaining non-zeros."""
+    rest = _PatternKey.of(blocks.starts, blocks.indices)
+    order = _choose_order(rest)
+    rest_scale = _compute_row_scale(rest, remainder)
+    factors = factorize_in_order(_scale_matrix(order, remainder, rest_scale))
+    plan = _plan_pivots(key, rest, order, factors, scale)
+    return plan._replace(
+        batches=blocks.batches,
+        block_unknowns=blocks.block_unknowns,
+        block_entries=blocks.block_entries,
+        corner_entries=blocks.corner_entries,
+        n_entries=blocks.n_entries,
+        rows=_to_unsigned(blocks.unknowns[plan.rows]),
+        columns=_to_unsigned(blocks.unknowns[plan.columns]),
+        sources=_to_unsigned(blocks.sources[plan.sources]),
+    )
+
+
+def _plan_pivots(
+    key: _PatternKey, rest: _PatternKey, ordered: _OrderedPattern, factors: SuperLU, scale: Array
+) -> EliminationPlan:
+    """Return the plan of a matrix without blocks, or of the rest of the matrix without them."""
     rows = ordered.order[np.argsort(factors.perm_r)]
     columns = ordered.order[np.argsort(factors.perm_c)]
-    analyze = _cached_analyze_pattern if is_cached else _analyze_pattern
-    return analyze(key, rows.tobytes(), columns.tobytes())._replace(scale=scale[rows])
+    analyze = _cached_analyze_pattern if rest.is_cached else _analyze_pattern
+    starts, matrix_rows = (_to_unsigned(np.frombuffer(x, np.int64)) for x in key)
+    return analyze(rest, rows.tobytes(), columns.tobytes())._replace(
+        scale=scale,
+        matrix_starts=starts,
+        matrix_rows=matrix_rows,
+        n_entries=np.array([len(matrix_rows) + N_EXTRA_ENTRIES]),
+    )
 
 
 def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) -> EliminationPlan:
-    """Return the plan for pivots in these rows and columns, without row scaling."""
+    """Return the plan for pivots in these rows and columns, without matrix and scaling."""
     rows, columns = (np.frombuffer(x, np.int64) for x in (row_bytes, column_bytes))
     position = np.empty(len(rows), int)
     position[rows] = np.arange(len(rows))
@@ -167,10 +227,9 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
     upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
     upper_starts, upper_rows = _flatten_columns(upper)
     lower_starts, lower_rows = _flatten_columns(lower)
-    return EliminationPlan(
+    return empty_plan()._replace(
         rows=_to_unsigned(rows),
         columns=_to_unsigned(columns),
-        scale=np.ones(0),
         starts=_to_unsigned(permuted.indptr),
         positions=_to_unsigned(permuted.indices),
         sources=_to_unsigned(permuted.data),

@@ -12,7 +12,6 @@ import struct
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -236,9 +235,9 @@ def library_imports() -> dict[str, int]:
 
 
 @cache
-def describe_writer() -> tuple[str, ...]:
-    """Return the version of CasADi and the source of this module, which determine the IR."""
-    return f"casadi {version('casadi')}", Path(__file__).read_text("utf-8")
+def describe_writer() -> str:
+    """Return the source of this module, which determines the IR of a function."""
+    return Path(__file__).read_text("utf-8")
 
 
 class _Operand(NamedTuple):

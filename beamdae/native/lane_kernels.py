@@ -23,6 +23,7 @@ from beamdae.native.lane_code import (
 )
 from beamdae.native.llvm import LoadedObject
 from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
+from beamdae.package_versions import installed_version
 
 Array = np.ndarray
 
@@ -132,13 +133,16 @@ def build_lane_kernel(function: ca.Function, compiles: bool = True) -> LaneKerne
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
     # The function and the writer determine the IR; writing the IR to build a cache key is slower.
+    text = "\n".join([function.serialize(), describe_writer()])
     source = ObjectSource(
         name=name,
-        text="\n".join([function.serialize(), *describe_writer()]),
+        text=f"{text}\ncasadi {installed_version('casadi')}",
         symbols=(name,),
         imports=library_imports(),
         level=_OPTIMIZATION_LEVEL,
         ir=lambda: write_lane_module(function),
+        # Without the version of CasADi: before use, objects are checked against CasADi.
+        portable_text=lambda: text,
     )
     try:
         code = load_object(

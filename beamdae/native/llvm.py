@@ -11,15 +11,56 @@ from collections.abc import Container, Iterable, Mapping
 from functools import cache
 from itertools import count
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from beamdae.errors import format_exception
 
 _library_numbers = count()
 
+# Levels of x86-64 processors in ascending order, with the features (names of LLVM) that each adds
+# to the one before. System V Application Binary Interface, AMD64 supplement, section 3.1.1.
+_X86_LEVELS = {
+    "x86-64-v2": {"cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"},
+    "x86-64-v3": {"avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"},
+    "x86-64-v4": {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"},
+}
+X86_LEVELS = tuple(_X86_LEVELS)
+
 
 class MachineCodeError(Exception):
     """Raised if machine code is unavailable; the message gives the reason."""
+
+
+class Target(NamedTuple):
+    """System and processor for which LLVM compiles, in the terms of LLVM."""
+
+    triple: str
+    cpu: str
+    features: str = ""
+
+
+@cache
+def host_target() -> Target:
+    """Return the target of this machine.
+
+    All x86-64 processors of a level share one target, so that objects can be compiled on another
+    machine. Elsewhere, the target is the processor of this machine.
+
+    Raises
+    ------
+    MachineCodeError
+        If llvmlite is missing.
+    """
+    llvm = _llvmlite().binding
+    triple, features = llvm.get_process_triple(), llvm.get_host_cpu_features()
+    available = {name for name, is_available in features.items() if is_available}
+    target = Target(triple, llvm.get_host_cpu_name(), features.flatten())
+    if triple.startswith("x86_64"):
+        for cpu, added_features in _X86_LEVELS.items():
+            if not added_features <= available:
+                break
+            target = Target(triple, cpu)
+    return target
 
 
 @cache
@@ -32,14 +73,12 @@ def describe_target() -> tuple[str, ...]:
         If llvmlite is missing.
     """
     llvmlite = _llvmlite()
-    llvm = llvmlite.binding
-    cpu, features = _host()
-    version = ".".join(map(str, llvm.llvm_version_info))
-    return (llvm.get_process_triple(), cpu, features, f"llvmlite {llvmlite.__version__}", version)
+    version = ".".join(map(str, llvmlite.binding.llvm_version_info))
+    return (*host_target(), f"llvmlite {llvmlite.__version__}", version)
 
 
-def compile_module(ir: str, level: int) -> bytes:
-    """Compile a module of LLVM IR to an object for this machine.
+def compile_module(ir: str, level: int, target: Target | None = None) -> bytes:
+    """Compile a module of LLVM IR to an object.
 
     Parameters
     ----------
@@ -47,6 +86,8 @@ def compile_module(ir: str, level: int) -> bytes:
         Text of the module.
     level
         Optimization level, as in O1; 0 for IR that needs no passes.
+    target
+        Machine that runs the object. Defaults to this machine.
 
     Raises
     ------
@@ -55,15 +96,15 @@ def compile_module(ir: str, level: int) -> bytes:
     """
     llvm = _llvmlite().binding
     try:
-        target = _target()
+        machine = _target_machine(target or host_target())
         # The context is released with the module; the global context would keep every constant.
         module = llvm.parse_assembly(ir, llvm.create_context())
-        module.data_layout = str(target.target_data)
+        module.data_layout = str(machine.target_data)
         module.verify()
         options = llvm.create_pipeline_tuning_options(level)
-        passes = llvm.create_pass_builder(target, options)
+        passes = llvm.create_pass_builder(machine, options)
         passes.getModulePassManager().run(module, passes)
-        return bytes(target.emit_object(module))
+        return bytes(machine.emit_object(module))
     except RuntimeError as problem:
         raise MachineCodeError(
             f"LLVM cannot compile the module ({_first_line(problem)})"
@@ -182,20 +223,12 @@ def _llvmlite() -> Any:
 
 
 @cache
-def _host() -> tuple[str, str]:
-    llvm = _llvmlite().binding
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-
-
-@cache
-def _target() -> Any:
+def _target_machine(target: Target) -> Any:
     llvm = _llvmlite().binding
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    cpu, features = _host()
-    target = llvm.Target.from_triple(llvm.get_process_triple())
-    return target.create_target_machine(
-        cpu=cpu, features=features, opt=1, codemodel="jitdefault", jit=True
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=1, codemodel="jitdefault", jit=True
     )
 
 
@@ -204,7 +237,7 @@ def _engine() -> Any:
     llvm = _llvmlite().binding
     try:
         llvm.check_jit_execution()
-        return llvm.create_lljit_compiler(_target(), suppress_errors=True)
+        return llvm.create_lljit_compiler(_target_machine(host_target()), suppress_errors=True)
     except OSError as problem:
         raise MachineCodeError("this system forbids running code from memory") from problem
     except RuntimeError as problem:

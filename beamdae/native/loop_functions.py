@@ -2,7 +2,7 @@
 
 The loops of integrators are written once, in plain Python that numba compiles. Through these
 functions, they operate on whole arrays, evaluate kernels, solve linear systems and call C
-functions.
+functions. Empty slices are skipped: many are empty, and NumPy needs microseconds for each.
 """
 
 from __future__ import annotations
@@ -16,6 +16,13 @@ import numpy as np
 from beamdae.native.return_codes import DONE, SINGULAR
 
 Array = np.ndarray
+
+# Largest number of rows of a tile, see `pick_tiles`.
+TILE_ROWS = 4
+# Columns of the table of tiles before the index of each lane.
+_TILE_START = 0
+_TILE_HEIGHT = 1
+_TILE_LANES = 2
 
 
 def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]) -> None:
@@ -56,7 +63,34 @@ def locate_largest(vector: Array, weights: Array) -> int:
 
 def pick(out: Array, at: Array, vector: Array, of: Array, begin: int, end: int) -> None:
     """Set out[at] = vector[of], for the slice begin:end of `at` and `of`."""
-    out[at[begin:end]] = vector[of[begin:end]]
+    if begin < end:
+        out[at[begin:end]] = vector[of[begin:end]]
+
+
+def pick_tiles(
+    out: Array, start: int, stride: int, vector: Array, tiles: Array, begin: int, end: int
+) -> None:
+    """Set out[start + a + i * stride + l] = vector[b_l + i] for the tiles begin:end.
+
+    A row of `tiles` contains a, the number of rows i (up to `TILE_ROWS`), and b_l for each lane l.
+    `TILE_ROWS` numbers from b_l on are read.
+    """
+    for tile in tiles[begin:end]:
+        for i in range(tile[_TILE_HEIGHT]):
+            first = start + int(tile[_TILE_START]) + i * stride
+            out[first : first + len(tile) - _TILE_LANES] = vector[tile[_TILE_LANES:] + i]
+
+
+def add_tiles(out: Array, vector: Array, stride: int, tiles: Array, begin: int, end: int) -> None:
+    """Add vector[a + i * stride + l] to out[b_l + i] for the tiles begin:end, see `pick_tiles`.
+
+    Lanes are added in ascending order. Zeros are added to out[b_l + i] for i up to `TILE_ROWS`.
+    """
+    for tile in tiles[begin:end]:
+        height = int(tile[_TILE_HEIGHT])
+        for lane, index in enumerate(tile[_TILE_LANES:].tolist()):
+            first = int(tile[_TILE_START]) + lane
+            out[index : index + height] += vector[first : first + height * stride : stride]
 
 
 def gather(
@@ -66,13 +100,15 @@ def gather(
 
     Terms with the same index in `at` are added.
     """
-    out[at[begin:end]] = 0.0
-    add_weighted(out, at, weights, vector, of, begin, end)
+    if begin < end:
+        out[at[begin:end]] = 0.0
+        add_weighted(out, at, weights, vector, of, begin, end)
 
 
 def add(out: Array, rows: Array, vector: Array, of: Array, begin: int, end: int) -> None:
     """Add vector[of] to out[rows], for the slice begin:end of `rows` and `of`."""
-    np.add.at(out, rows[begin:end], vector[of[begin:end]])
+    if begin < end:
+        np.add.at(out, rows[begin:end], vector[of[begin:end]])
 
 
 def add_weighted(
@@ -82,7 +118,8 @@ def add_weighted(
 
     The slice begin:end of `rows`, `weights` and `of` is used.
     """
-    np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
+    if begin < end:
+        np.add.at(out, rows[begin:end], weights[begin:end] * vector[of[begin:end]])
 
 
 def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:

@@ -3,20 +3,21 @@
 A loop is a function of one object whose fields are numbers, arrays and nested objects of this kind.
 It may set numbers and entries of arrays. Its machine code receives the numbers and the addresses of
 the arrays in a table. It does not use Python and therefore releases the interpreter lock while it
-runs. The machine code is cached like the code of kernels; numba is imported only to compile it.
+runs. Wheels contain the machine code of the loops of this package; code that is compiled on first
+use is cached like the code of kernels. numba is imported only to compile a loop.
 """
 
 from __future__ import annotations
 
 import ctypes
 import gc
+import hashlib
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -24,15 +25,23 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import format_exception
+from beamdae.linear import lane_operations
 from beamdae.native import linear_solver, loop_functions
 from beamdae.native.llvm import LoadedObject, MachineCodeError
 from beamdae.native.object_code import ObjectSource, is_native_enabled, load_object
+from beamdae.package_versions import installed_version
 
 Array = np.ndarray
 
 _OPTIMIZATION_LEVEL = 2
+_PACKAGE_PREFIX = f"{__name__.partition('.')[0]}."
 # Modules whose source determines the machine code of a loop, besides the loop itself.
-_RECIPE_MODULES = ("loop_functions", "overloads", "structs", "numba_compiler")
+_RECIPE_MODULES = (
+    lane_operations.__name__,
+    *(f"{__package__}.{x}" for x in ("loop_functions", "overloads", "structs", "numba_compiler")),
+)
+# Modules of functions whose machine code comes from `overloads`.
+_OVERLOADED_MODULES = (loop_functions.__name__, lane_operations.__name__)
 # Functions that the overloads of these `loop_functions` call.
 _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.factorize: linear_solver.factorize_linear,
@@ -103,8 +112,8 @@ class CompiledLoop:
     def __init__(
         self, function: Any, work: Any, *, compiles: bool = True, **callbacks: tuple[Any, str]
     ) -> None:
-        layout = _TableLayout(work)
-        self._numbers, self._kind = layout.numbers, layout.kind
+        layout = _TableLayout(work, {})
+        self._numbers, self._kind, self._addresses = layout.numbers, layout.kind, layout.addresses
         self.table = np.array(layout.words, np.int64)
         self._floats = self.table.view(np.float64)
         entries = {"loop": (function, "@"), **callbacks}
@@ -126,9 +135,9 @@ class CompiledLoop:
         The address of the table does not change, so that callbacks may call this method while the
         loop runs.
         """
-        layout = _TableLayout(self._work)
+        layout = _TableLayout(self._work, self._addresses)
         assert layout.kind == self._kind
-        self._numbers = layout.numbers
+        self._numbers, self._addresses = layout.numbers, layout.addresses
         self.table[:] = layout.words
         self.load()
 
@@ -146,6 +155,8 @@ class CompiledLoop:
 class _TableLayout:
     """Positions of the fields of an object in a table.
 
+    `known_addresses` are the `addresses` of an earlier layout of the object.
+
     Attributes
     ----------
     words
@@ -154,16 +165,21 @@ class _TableLayout:
         (owner, name, word, type) of the numbers.
     kind
         (class name, ((field, word, type), ...)): the part on which machine code depends.
+    addresses
+        (array, address) of the arrays, by the id of the array.
     """
 
-    def __init__(self, work: Any) -> None:
+    def __init__(self, work: Any, known_addresses: _Addresses) -> None:
+        # Reading the address of an array takes longer than all other operations on it here.
+        self.addresses: _Addresses = {}
+        self._known_addresses = known_addresses
         self.words: list[int] = []
         self.numbers: list[tuple[Any, str, int, type]] = []
         self.kind = self._add_object(work)
 
     def _add_object(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
         start, entries = len(self.words), []
-        for name in _field_names(owner):
+        for name in _field_names(owner.__class__):
             value, word = getattr(owner, name), len(self.words)
             if type(value) is tuple:
                 continue
@@ -174,17 +190,31 @@ class _TableLayout:
                 self.words.append(0)
                 kind = number.__name__
             elif isinstance(value, np.ndarray):
-                assert value.flags.c_contiguous, name
-                self.words += [value.ctypes.data, *value.shape]
-                kind = (str(value.dtype), value.ndim)
+                self.words += [self._find_address(name, value), *value.shape]
+                kind = (_dtype_name(value.dtype), value.ndim)
             else:
                 kind = self._add_object(value)
             entries.append((name, word - start, kind))
         return type(owner).__name__, tuple(entries)
 
+    def _find_address(self, name: str, array: Array) -> int:
+        key = id(array)
+        known = self._known_addresses.get(key) or self.addresses.get(key)
+        if known is None:
+            assert array.flags.c_contiguous, name
+            known = array, array.ctypes.data
+        self.addresses[key] = known
+        return known[1]
 
-def _field_names(owner: Any) -> tuple[str, ...]:
-    return getattr(owner, "_fields", None) or tuple(field.name for field in fields(owner))
+
+# The arrays are kept, because the id of a deleted array may be used again.
+_Addresses = dict[int, tuple[Array, int]]
+_dtype_name = cache(str)
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return getattr(kind, "_fields", None) or tuple(field.name for field in fields(kind))
 
 
 def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> Iterator[str]:
@@ -193,7 +223,7 @@ def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> 
     Bytecode is what numba compiles, and reading sources would take as long as the steps of a short
     run. `visited` collects the functions.
     """
-    if function in visited or function.__module__ == loop_functions.__name__:
+    if function in visited or function.__module__ in _OVERLOADED_MODULES:
         return
     visited[function] = None
     code = function.__code__
@@ -203,25 +233,61 @@ def _iterate_code(function: FunctionType, visited: dict[FunctionType, None]) -> 
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType):
             yield from _iterate_code(_IMPLEMENTATIONS.get(value, value), visited)
-        elif isinstance(value, (int, float, complex, tuple)):
-            yield f"{name} = {value!r}"
-        elif isinstance(value, np.ndarray):
-            yield f"{name} = {value.dtype} {value.tolist()!r}"
+        elif (constant := _describe_constant(value)) is not None:
+            yield f"{name} = {constant}"
+
+
+def _describe_constant(value: Any) -> str | None:
+    """Return the value of a global number, tuple or array of a loop, or None for other values."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, (int, float, complex, tuple)):
+        return repr(value)
+    return f"{value.dtype} {value.tolist()!r}" if isinstance(value, np.ndarray) else None
+
+
+def _identify_entries(
+    entries: _EntryPoints, functions: Iterable[FunctionType], kind: Any
+) -> str | None:
+    """Return a text that determines what loops of this package compute, None for other loops.
+
+    In contrast to bytecode, the source files of the functions and the values of their constants are
+    the same for all versions of Python.
+    """
+    modules = {*_RECIPE_MODULES, *(function.__module__ for function in functions)}
+    if any(not module.startswith(_PACKAGE_PREFIX) for module in modules):
+        return None
+    try:
+        lines = {f"{module} {_hash_source(module)}" for module in modules}
+    except OSError:
+        return None
+    for function in functions:
+        lines.add(f"{function.__module__}.{function.__qualname__}")
+        for name in function.__code__.co_names:
+            constant = _describe_constant(function.__globals__.get(name))
+            if constant is not None:
+                lines.add(f"{function.__module__}.{name} = {constant}")
+    symbols = [
+        f"{symbol}({arguments}) = {function.__module__}.{function.__qualname__}"
+        for symbol, (function, arguments) in entries
+    ]
+    return "\n".join([repr(kind), *symbols, *sorted(lines)])
+
+
+@cache
+def _hash_source(module: str) -> str:
+    """Return the hash of the source file of a module of this package."""
+    folder, names = Path(__file__).parents[1], module.split(".")[1:]
+    path = folder.joinpath(*names)
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 @cache
 def _describe_compiler() -> str:
     """Return the versions and sources on which the IR of loops depends."""
-    sources = (Path(__file__).with_name(f"{name}.py") for name in _RECIPE_MODULES)
-    texts = [source.read_text("utf-8") for source in sources]
-    return "\n".join([f"numba {_numba_version()}", sys.version, *texts])
-
-
-def _numba_version() -> str:
-    try:
-        return version("numba")
-    except PackageNotFoundError:
-        return "none"
+    hashes = map(_hash_source, _RECIPE_MODULES)
+    return "\n".join([f"numba {installed_version('numba')}", sys.version, *hashes])
 
 
 _loaded_objects: dict[Any, LoadedObject | None] = {}
@@ -247,6 +313,7 @@ def _load_entries(entries: _EntryPoints, kind: Any, compiles: bool) -> dict[str,
                 tuple(symbol for symbol, _ in entries),
                 level=_OPTIMIZATION_LEVEL,
                 ir=lambda: _compile_entries(entries, tuple(called_functions), kind),
+                portable_text=lambda: _identify_entries(entries, called_functions, kind),
             )
             code = load_object(source, lambda code: True, compiles)
             if code is not None or compiles:

@@ -71,7 +71,7 @@ def read_object(folder: Path, recipe: str, name: str) -> bytes | None:
     """Return the object built from this recipe; None if missing, damaged or not trusted."""
     with _translate_errors(folder):
         try:
-            data = _read_private_file(folder / _object_file_name(recipe, name)) or b""
+            data = _read_private_file(folder / object_file_name(recipe, name)) or b""
         except OSError:
             return None
     content = data[_CHECKSUM_BYTES:]
@@ -95,13 +95,18 @@ def write_object(folder: Path, recipe: str, name: str, content: bytes) -> None:
                 # Otherwise the name may reach the disk before the content.
                 os.fsync(descriptor)
             _remove_abandoned_files(folder, Path(unfinished).stat().st_mtime)
-            path = folder / _object_file_name(recipe, name)
+            path = folder / object_file_name(recipe, name)
             if path.is_dir():
                 _remove(path)
             os.replace(unfinished, path)
         finally:
             with suppress(FileNotFoundError):
                 os.unlink(unfinished)
+
+
+def object_file_name(recipe: str, name: str) -> str:
+    """Return the name of the file of an object: its name, and a hash of its recipe."""
+    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:_NAME_DIGITS]}.o"
 
 
 def _remove_abandoned_files(folder: Path, now: float) -> None:
@@ -118,10 +123,6 @@ def _remove(path: Path) -> None:
             shutil.rmtree(path)
         else:
             path.unlink()
-
-
-def _object_file_name(recipe: str, name: str) -> str:
-    return f"{name}-{hashlib.sha256(recipe.encode()).hexdigest()[:_NAME_DIGITS]}.o"
 
 
 def _checksum(recipe: str, content: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Machine code from LLVM IR, compiled once and cached.
+"""Machine code from LLVM IR: installed with the package, or compiled once and cached.
 
 If compiling or loading fails, beamdae warns once and falls back to interpreted code. If caching
 fails, it warns once and compiles in each process.
@@ -15,6 +15,7 @@ from beamdae.errors import warn_once
 from beamdae.native import llvm
 from beamdae.native.llvm import LoadedObject, MachineCodeError
 from beamdae.native.object_cache import CacheError, cache_folder, read_object, write_object
+from beamdae.native.prebuilt_objects import has_prebuilt_objects, read_prebuilt_object
 
 
 def is_native_enabled() -> bool:
@@ -40,6 +41,10 @@ class ObjectSource:
         Optimization level, as in O1; 0 for IR that needs no passes.
     ir
         Function that returns the module of LLVM IR. If None, the module is `text`.
+    portable_text
+        Function that returns a text that determines what the object computes, and is the same for
+        all versions of Python and of compilers; prebuilt objects are found by it. If the
+        function or its result is None, the object is never prebuilt.
     """
 
     name: str
@@ -48,11 +53,30 @@ class ObjectSource:
     imports: Mapping[str, int] = field(default_factory=dict)
     level: int = 1
     ir: Callable[[], str] | None = None
+    portable_text: Callable[[], str | None] | None = None
+
+    @property
+    def identity(self) -> str | None:
+        """Text that identifies the object among those installed with the package, or None."""
+        text = self.portable_text() if self.portable_text else None
+        return None if text is None else f"{text}\nO{self.level}"
 
     @property
     def recipe(self) -> str:
         """Text that determines the object: source, optimization level and target."""
         return "\n".join([self.text, f"O{self.level}", *llvm.describe_target()])
+
+    def compile(self) -> bytes:
+        """Return the object for this machine."""
+        return llvm.compile_module(self.ir() if self.ir else self.text, self.level)
+
+    def read_prebuilt(self) -> bytes | None:
+        """Return the object installed with the package for this machine; None if there is none."""
+        target = llvm.host_target()
+        if not has_prebuilt_objects(target):
+            return None
+        identity = self.identity
+        return None if identity is None else read_prebuilt_object(target, identity, self.name)
 
     def load(self, content: bytes) -> LoadedObject:
         """Load `content`, the object compiled from this source, into memory."""
@@ -62,16 +86,17 @@ class ObjectSource:
 def load_object(
     source: ObjectSource, is_correct: Callable[[LoadedObject], bool], compiles: bool = True
 ) -> LoadedObject | None:
-    """Return machine code from the cache or the compiler; None if unavailable or switched off.
+    """Return machine code from the cache, the package or the compiler.
 
-    A newly compiled object is used and cached only if `is_correct` returns True for it. With
-    `compiles` False, only the cache is used.
+    Return None if machine code is unavailable or switched off. An object that is not from the cache
+    is used and cached only if `is_correct` returns True for it; an incorrect object of the
+    package is replaced by a compiled one. With `compiles` False, nothing is compiled.
 
     Warns
     -----
     KernelWarning
-        If the cache or the compiler cannot be used, or `is_correct` returns False; once per process
-        and reason.
+        If the cache or the compiler cannot be used, or `is_correct` returns False for a compiled
+        object; once per process and reason.
     """
     if not is_native_enabled():
         return None
@@ -79,12 +104,15 @@ def load_object(
         folder, content = _read_cache(source)
         if content is not None:
             return source.load(content)
-        if not compiles:
-            return None
-        content = llvm.compile_module(source.ir() if source.ir else source.text, source.level)
-        code = source.load(content)
-        if not is_correct(code):
-            raise MachineCodeError(f"LLVM: {source.name} returns wrong numbers")
+        content = source.read_prebuilt()
+        code = None if content is None else _try_to_load(source, content)
+        if content is None or code is None or not is_correct(code):
+            if not compiles:
+                return None
+            content = source.compile()
+            code = source.load(content)
+            if not is_correct(code):
+                raise MachineCodeError(f"LLVM: {source.name} returns wrong numbers")
     except MachineCodeError as problem:
         _warn(
             f"{problem}; runs take several times as long, with results that agree within the "
@@ -94,6 +122,14 @@ def load_object(
     if folder is not None:
         _write_cache(folder, source, content)
     return code
+
+
+def _try_to_load(source: ObjectSource, content: bytes) -> LoadedObject | None:
+    """Return an object of the package, None if it imports symbols that this system lacks."""
+    try:
+        return source.load(content)
+    except MachineCodeError:
+        return None
 
 
 def _read_cache(source: ObjectSource) -> tuple[Path | None, bytes | None]:

@@ -1,4 +1,4 @@
-"""Compiled versions of `loop_functions`: loops without temporary arrays.
+"""Compiled versions of `loop_functions` and `linear.lane_operations`, without temporary arrays.
 
 Importing this module imports numba and registers the compiled versions with it.
 """
@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from types import FunctionType
 
+import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.core import cgutils, errors
+from numba.extending import intrinsic, register_jitable
 from numba.extending import overload as _overload
 
+from beamdae.linear import lane_operations
 from beamdae.native import linear_solver, loop_functions, structs
 
 # The overloads are called only by compiled loops, which need no C wrappers.
@@ -73,8 +76,16 @@ def _parts(real, imaginary, vector):
     return loop
 
 
+def _are_dense_reals(*arrays):
+    """Return True if arrays can be read as columns of doubles; the stages of Radau are complex."""
+    return all(x.dtype == types.float64 and x.ndim == 1 and x.layout == "C" for x in arrays)
+
+
 @overload(loop_functions.max_norm)
 def _largest(vector, weights):
+    if _are_dense_reals(vector, weights):
+        return lambda vector, weights: _max_norm_ir((vector, weights))
+
     def loop(vector, weights):
         largest = 0.0
         for i in range(vector.size):
@@ -89,14 +100,9 @@ def _largest(vector, weights):
 
 @overload(loop_functions.euclidean_norm)
 def _norm(vector, weights):
-    def loop(vector, weights):
-        total = 0.0
-        for i in range(vector.size):
-            weighted = vector[i] * weights[i]
-            total += weighted * weighted
-        return math.sqrt(total)
-
-    return loop
+    if not _are_dense_reals(vector, weights):
+        raise errors.TypingError("euclidean_norm: both arrays must be contiguous and real.")
+    return lambda vector, weights: math.sqrt(_sum_of_squares_ir((vector, weights)))
 
 
 @overload(loop_functions.locate_largest)
@@ -114,10 +120,13 @@ def _where_largest(vector, weights):
     return loop
 
 
+# The loops over entries have unsigned indices, so that they do not check for negative ones.
+
+
 @overload(loop_functions.pick)
 def _pick(out, at, vector, of, begin, end):
     def loop(out, at, vector, of, begin, end):
-        for k in range(begin, end):
+        for k in range(np.uint64(begin), np.uint64(end)):
             out[at[k]] = vector[of[k]]
 
     return loop
@@ -126,9 +135,9 @@ def _pick(out, at, vector, of, begin, end):
 @overload(loop_functions.gather)
 def _gather(out, at, weights, vector, of, begin, end):
     def loop(out, at, weights, vector, of, begin, end):
-        for k in range(begin, end):
+        for k in range(np.uint64(begin), np.uint64(end)):
             out[at[k]] = 0.0
-        for k in range(begin, end):
+        for k in range(np.uint64(begin), np.uint64(end)):
             out[at[k]] += weights[k] * vector[of[k]]
 
     return loop
@@ -137,7 +146,7 @@ def _gather(out, at, weights, vector, of, begin, end):
 @overload(loop_functions.add)
 def _add(out, rows, vector, of, begin, end):
     def loop(out, rows, vector, of, begin, end):
-        for k in range(begin, end):
+        for k in range(np.uint64(begin), np.uint64(end)):
             out[rows[k]] += vector[of[k]]
 
     return loop
@@ -146,7 +155,7 @@ def _add(out, rows, vector, of, begin, end):
 @overload(loop_functions.add_weighted)
 def _add_weighted(out, rows, weights, vector, of, begin, end):
     def loop(out, rows, weights, vector, of, begin, end):
-        for k in range(begin, end):
+        for k in range(np.uint64(begin), np.uint64(end)):
             out[rows[k]] += weights[k] * vector[of[k]]
 
     return loop
@@ -192,6 +201,677 @@ def _kernel(kernels, k, shared, local, start, out, lanes):
     def loop(kernels, k, shared, local, start, out, lanes):
         inputs = _start_of(local[start:])
         _call_kernel(kernels[k], _start_of(shared), inputs, _start_of(out), lanes)
+
+    return loop
+
+
+class _LaneArray:
+    """Array of lanes: real parts of all lanes of an entry, then imaginary parts if complex."""
+
+    def __init__(self, context, builder, kind, array):
+        data = context.make_array(kind)(context, builder, array).data
+        self._builder = builder
+        self._data = builder.bitcast(data, _DOUBLE.as_pointer())
+        self.parts = 2 if kind.dtype == types.complex128 else 1
+
+    def _pointers(self, entry):
+        builder, width = self._builder, ir.IntType(64)(lane_operations.LANES)
+        first = builder.mul(entry, ir.IntType(64)(self.parts * lane_operations.LANES))
+        for _ in range(self.parts):
+            pointer = builder.gep(self._data, [first])
+            yield builder.bitcast(pointer, _LANE_VECTOR.as_pointer())
+            first = builder.add(first, width)
+
+    def load(self, entry):
+        return [self._builder.load(pointer, align=8) for pointer in self._pointers(entry)]
+
+    def store(self, entry, values):
+        for pointer, value in zip(self._pointers(entry), values, strict=True):
+            self._builder.store(value, pointer, align=8)
+
+
+class _IndexedArray:
+    """Array of numbers with one index per lane and entry."""
+
+    def __init__(self, context, builder, kind, array, index_kind, indices):
+        self._builder = builder
+        self._data = context.make_array(kind)(context, builder, array).data
+        self._indices = context.make_array(index_kind)(context, builder, indices).data
+        self._is_complex = kind.dtype == types.complex128
+
+    def pointers(self, entry):
+        """Yield pointers to the numbers of all lanes; pairs of real and imaginary part."""
+        for lane in range(lane_operations.LANES):
+            yield self._pointers(entry, lane)
+
+    def pointer_of_first(self, entry):
+        """Return the pointers of the first lane."""
+        return self._pointers(entry, 0)
+
+    def _pointers(self, entry, lane):
+        builder, word = self._builder, ir.IntType(64)
+        position = builder.add(builder.mul(entry, word(lane_operations.LANES)), word(lane))
+        index = builder.zext(builder.load(builder.gep(self._indices, [position])), word)
+        if not self._is_complex:
+            return (builder.gep(self._data, [index]),)
+        data = builder.bitcast(self._data, _DOUBLE.as_pointer())
+        real = builder.gep(data, [builder.mul(index, word(2))])
+        return real, builder.gep(real, [word(1)])
+
+
+_DOUBLE = ir.DoubleType()
+_LANE_VECTOR = ir.VectorType(_DOUBLE, lane_operations.LANES)
+_ZEROS = ir.Constant(_LANE_VECTOR, [0.0] * lane_operations.LANES)
+
+
+def _multiply(builder, x, y):
+    if len(x) == 1:
+        return [builder.fmul(x[0], y[0])]
+    (a, b), (c, d) = x, y
+    real = builder.fsub(builder.fmul(a, c), builder.fmul(b, d))
+    return [real, builder.fadd(builder.fmul(a, d), builder.fmul(b, c))]
+
+
+def _subtract(builder, x, y):
+    return [builder.fsub(a, b) for a, b in zip(x, y, strict=True)]
+
+
+def _lane_operation(write):
+    """Return an intrinsic of one tuple, whose IR `write(context, builder, kinds, values)` emits."""
+
+    @intrinsic
+    def call(typing, arguments):
+        def code(context, builder, signature, operands):
+            write(
+                context, builder, list(arguments.types), cgutils.unpack_tuple(builder, operands[0])
+            )
+            return context.get_dummy_value()
+
+        return types.void(arguments), code
+
+    return call
+
+
+def _weighted_reduction(term, join):
+    """Return an intrinsic that reduces vector * weights, with one result for each lane at first.
+
+    A single result would wait for the preceding operation at every entry. `term(builder, weighted)`
+    returns the terms, and `join(builder, total, term)` adds them to a total, which is 0 at first.
+    """
+
+    @intrinsic
+    def call(typing, arguments):
+        def code(context, builder, signature, operands):
+            vector, weights = (
+                context.make_array(kind)(context, builder, array)
+                for kind, array in zip(
+                    arguments.types, cgutils.unpack_tuple(builder, operands[0]), strict=True
+                )
+            )
+            (size,) = cgutils.unpack_tuple(builder, vector.shape, 1)
+            width = size.type(lane_operations.LANES)
+
+            def accumulate(place, first, kind):
+                one, other = (
+                    builder.load(
+                        builder.bitcast(builder.gep(x.data, [first]), kind.as_pointer()), align=8
+                    )
+                    for x in (vector, weights)
+                )
+                terms = term(builder, builder.fmul(one, other))
+                builder.store(join(builder, builder.load(place), terms), place)
+
+            lanes = cgutils.alloca_once_value(builder, _ZEROS)
+            total = cgutils.alloca_once_value(builder, _DOUBLE(0.0))
+            whole = builder.udiv(size, width)
+            with cgutils.for_range(builder, whole) as loop:
+                accumulate(lanes, builder.mul(loop.index, width), _LANE_VECTOR)
+            done = builder.mul(whole, width)
+            with cgutils.for_range(builder, builder.sub(size, done)) as loop:
+                accumulate(total, builder.add(done, loop.index), _DOUBLE)
+            result, lanes = builder.load(total), builder.load(lanes)
+            for lane in range(lane_operations.LANES):
+                part = builder.extract_element(lanes, ir.IntType(32)(lane))
+                result = join(builder, result, part)
+            return result
+
+        return types.float64(arguments), code
+
+    return call
+
+
+def _square(builder, values):
+    return builder.fmul(values, values)
+
+
+def _magnitude(builder, values):
+    negative = builder.fneg(values)
+    return builder.select(builder.fcmp_ordered("<", values, negative), negative, values)
+
+
+def _add_terms(builder, total, terms):
+    return builder.fadd(total, terms)
+
+
+def _join_largest(builder, total, terms):
+    # NaN is kept.
+    is_new = builder.or_(
+        builder.fcmp_ordered(">", terms, total), builder.fcmp_unordered("uno", terms, terms)
+    )
+    return builder.select(is_new, terms, total)
+
+
+_sum_of_squares_ir = _weighted_reduction(_square, _add_terms)
+_max_norm_ir = _weighted_reduction(_magnitude, _join_largest)
+
+
+def _copy_indexed(store):
+    """Return an operation on (lanes, begin, count, vector, at, first) for each index.
+
+    `store(builder, lane_value, pointer)` returns the value to store in the lane, or stores in the
+    vector and returns None.
+    """
+
+    def write(context, builder, kinds, values):
+        lanes = _LaneArray(context, builder, kinds[0], values[0])
+        begin, count = values[1], values[2]
+        indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
+        with cgutils.for_range(builder, count) as loop:
+            entry = builder.add(begin, loop.index)
+            parts = lanes.load(entry)
+            for lane, pointers in enumerate(indexed.pointers(builder.add(values[5], loop.index))):
+                at = ir.IntType(32)(lane)
+                for part, pointer in enumerate(pointers):
+                    value = store(builder, builder.extract_element(parts[part], at), pointer)
+                    if value is not None:
+                        parts[part] = builder.insert_element(parts[part], value, at)
+            if store is _load_number:
+                lanes.store(entry, parts)
+
+    return _lane_operation(write)
+
+
+def _load_number(builder, lane, pointer):
+    return builder.load(pointer)
+
+
+def _store_number(builder, lane, pointer):
+    builder.store(lane, pointer)
+
+
+def _add_number(builder, lane, pointer):
+    builder.store(builder.fadd(builder.load(pointer), lane), pointer)
+
+
+_gather_lanes_ir = _copy_indexed(_load_number)
+_scatter_lanes_ir = _copy_indexed(_store_number)
+_add_lanes_ir = _copy_indexed(_add_number)
+
+
+@overload(lane_operations.gather_lanes)
+def _gather_lanes(out, begin, count, vector, at, first):
+    def loop(out, begin, count, vector, at, first):
+        _gather_lanes_ir((out, begin, count, vector, at, first))
+
+    return loop
+
+
+@overload(lane_operations.scatter_lanes)
+def _scatter_lanes(vector, at, first, lanes, begin, count):
+    def loop(vector, at, first, lanes, begin, count):
+        _scatter_lanes_ir((lanes, begin, count, vector, at, first))
+
+    return loop
+
+
+@overload(lane_operations.add_lanes)
+def _add_lanes(vector, at, first, lanes, begin, count):
+    def loop(vector, at, first, lanes, begin, count):
+        _add_lanes_ir((lanes, begin, count, vector, at, first))
+
+    return loop
+
+
+@_lane_operation
+def _add_lane_sums_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
+    with cgutils.for_range(builder, values[2]) as loop:
+        pointers = indexed.pointer_of_first(builder.add(values[5], loop.index))
+        parts = lanes.load(builder.add(values[1], loop.index))
+        for pointer, part in zip(pointers, parts, strict=True):
+            builder.store(builder.fadd(builder.load(pointer), _sum_of(builder, part)), pointer)
+
+
+def _sum_of(builder, vector):
+    """Return the sum of all lanes, by halves."""
+    width = lane_operations.LANES
+    while width > 1:
+        width //= 2
+        halves = [
+            builder.shuffle_vector(vector, vector, _index_vector(range(start, start + width)))
+            for start in (0, width)
+        ]
+        vector = builder.fadd(*halves)
+    return builder.extract_element(vector, ir.IntType(32)(0))
+
+
+def _index_vector(indices):
+    indices = list(indices)
+    return ir.Constant(ir.VectorType(ir.IntType(32), len(indices)), indices)
+
+
+@_lane_operation
+def _broadcast_lanes_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
+    none = ir.Constant(_LANE_VECTOR, ir.Undefined)
+    with cgutils.for_range(builder, values[2]) as loop:
+        parts = []
+        for pointer in indexed.pointer_of_first(builder.add(values[5], loop.index)):
+            first = builder.insert_element(none, builder.load(pointer), ir.IntType(32)(0))
+            zeros = _index_vector([0] * lane_operations.LANES)
+            parts.append(builder.shuffle_vector(first, none, zeros))
+        lanes.store(builder.add(values[1], loop.index), parts)
+
+
+@overload(lane_operations.add_lane_sums)
+def _add_lane_sums(vector, at, first, lanes, begin, count):
+    def loop(vector, at, first, lanes, begin, count):
+        _add_lane_sums_ir((lanes, begin, count, vector, at, first))
+
+    return loop
+
+
+@overload(lane_operations.broadcast_lanes)
+def _broadcast_lanes(out, begin, count, vector, at, first):
+    def loop(out, begin, count, vector, at, first):
+        _broadcast_lanes_ir((out, begin, count, vector, at, first))
+
+    return loop
+
+
+@overload(lane_operations.clear_lanes)
+def _clear_lanes(lanes, begin, count):
+    def loop(lanes, begin, count):
+        for i in range(lane_operations.LANES * begin, lane_operations.LANES * (begin + count)):
+            lanes[i] = 0.0
+
+    return loop
+
+
+@_lane_operation
+def _invert_lanes_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    one = ir.Constant(_LANE_VECTOR, [1.0] * lane_operations.LANES)
+    parts = lanes.load(values[1])
+    if len(parts) == 1:
+        inverse = [builder.fdiv(one, parts[0])]
+    else:
+        # 1 / z = conjugate of z / |z|^2.
+        real, imaginary = parts
+        squares = builder.fmul(real, real), builder.fmul(imaginary, imaginary)
+        reciprocal = builder.fdiv(one, builder.fadd(*squares))
+        inverse = [
+            builder.fmul(real, reciprocal),
+            builder.fmul(builder.fneg(imaginary), reciprocal),
+        ]
+    lanes.store(values[1], inverse)
+
+
+@overload(lane_operations.invert_lanes)
+def _invert_lanes(lanes, k):
+    def loop(lanes, k):
+        _invert_lanes_ir((lanes, k))
+
+    return loop
+
+
+@_lane_operation
+def _multiply_lanes_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    factor = _LaneArray(context, builder, kinds[3], values[3]).load(values[4])
+    with cgutils.for_range(builder, values[2]) as loop:
+        entry = builder.add(values[1], loop.index)
+        lanes.store(entry, _multiply(builder, lanes.load(entry), factor))
+
+
+@overload(lane_operations.multiply_lanes)
+def _multiply_lanes(lanes, begin, count, factors, k):
+    def loop(lanes, begin, count, factors, k):
+        _multiply_lanes_ir((lanes, begin, count, factors, k))
+
+    return loop
+
+
+@_lane_operation
+def _subtract_lanes_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    column = _LaneArray(context, builder, kinds[3], values[3])
+    factor = lanes.load(values[5])
+    with cgutils.for_range(builder, values[2]) as loop:
+        entry = builder.add(values[1], loop.index)
+        product = _multiply(builder, column.load(builder.add(values[4], loop.index)), factor)
+        lanes.store(entry, _subtract(builder, lanes.load(entry), product))
+
+
+@overload(lane_operations.subtract_lanes)
+def _subtract_lanes(lanes, begin, count, column, first, k):
+    def loop(lanes, begin, count, column, first, k):
+        _subtract_lanes_ir((lanes, begin, count, column, first, k))
+
+    return loop
+
+
+# Rows that `subtract_products` keeps in registers: nodes of beams have three coordinates.
+_ROWS_IN_REGISTERS = 3
+
+
+@_lane_operation
+def _subtract_products_ir(context, builder, kinds, values):
+    lanes = _LaneArray(context, builder, kinds[0], values[0])
+    matrix = _LaneArray(context, builder, kinds[3], values[3])
+    factors = _LaneArray(context, builder, kinds[6], values[6])
+    begin, rows, first, stride, k, columns = (values[i] for i in (1, 2, 4, 5, 7, 8))
+
+    def subtract_rows(row, count):
+        sums = []
+        for i in range(count):
+            entry = builder.add(builder.add(begin, row), row.type(i))
+            parts = lanes.load(entry)
+            sums.append((entry, [cgutils.alloca_once_value(builder, part) for part in parts]))
+        with cgutils.for_range(builder, columns) as loop:
+            factor = factors.load(builder.add(k, loop.index))
+            column = builder.add(builder.add(first, row), builder.mul(loop.index, stride))
+            for i, (_, places) in enumerate(sums):
+                product = _multiply(builder, matrix.load(builder.add(column, row.type(i))), factor)
+                old = [builder.load(place) for place in places]
+                for place, part in zip(places, _subtract(builder, old, product), strict=True):
+                    builder.store(part, place)
+        for entry, places in sums:
+            lanes.store(entry, [builder.load(place) for place in places])
+
+    together = _ROWS_IN_REGISTERS
+    whole = builder.udiv(rows, rows.type(together))
+    with cgutils.for_range(builder, whole) as loop:
+        subtract_rows(builder.mul(loop.index, rows.type(together)), together)
+    done = builder.mul(whole, rows.type(together))
+    with cgutils.for_range(builder, builder.sub(rows, done)) as loop:
+        subtract_rows(builder.add(done, loop.index), 1)
+
+
+@overload(lane_operations.subtract_products)
+def _subtract_products(lanes, begin, rows, matrix, first, stride, factors, k, columns):
+    def loop(lanes, begin, rows, matrix, first, stride, factors, k, columns):
+        _subtract_products_ir((lanes, begin, rows, matrix, first, stride, factors, k, columns))
+
+    return loop
+
+
+def _transpose_halves(builder, rows):
+    """Transpose the two 4 x 4 matrices in the halves of four vectors."""
+    even, odd = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
+    low, high = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+
+    def shuffle(one, other, indices):
+        return builder.shuffle_vector(one, other, _index_vector(indices))
+
+    pairs = [[shuffle(*rows[k : k + 2], x) for k in (0, 2)] for x in (even, odd)]
+    return [shuffle(*pair, x) for x in (low, high) for pair in pairs]
+
+
+class _Tile:
+    """Row of a table of tiles in compiled code."""
+
+    def __init__(self, context, builder, kind, array, k):
+        data = context.make_array(kind)(context, builder, array).data
+        self._builder = builder
+        width = ir.IntType(64)(2 + lane_operations.LANES)
+        self._data = builder.gep(data, [builder.mul(k, width)])
+        self.start, self.height = self._word(0), self._word(1)
+
+    def _word(self, column):
+        pointer = self._builder.gep(self._data, [ir.IntType(64)(column)])
+        return self._builder.zext(self._builder.load(pointer), ir.IntType(64))
+
+    def runs(self, data):
+        """Return pointers to the runs of all lanes in an array."""
+        builder = self._builder
+        return [
+            builder.bitcast(builder.gep(data, [self._word(2 + lane)]), _RUN.as_pointer())
+            for lane in range(lane_operations.LANES)
+        ]
+
+    def row(self, data, start, stride, i):
+        """Return the pointer to row `i` in an array of rows of lanes."""
+        builder = self._builder
+        first = builder.add(builder.add(self.start, start), builder.mul(stride, stride.type(i)))
+        return builder.bitcast(builder.gep(data, [first]), _LANE_VECTOR.as_pointer())
+
+
+_RUN = ir.VectorType(_DOUBLE, loop_functions.TILE_ROWS)
+_HALVES = [list(range(first, first + 4)) for first in (0, 4)]
+
+
+@_lane_operation
+def _pick_tiles_ir(context, builder, kinds, values):
+    out, vector = (context.make_array(kinds[k])(context, builder, values[k]).data for k in (0, 3))
+    start, stride, begin, end = (values[k] for k in (1, 2, 5, 6))
+    with cgutils.for_range(builder, builder.sub(end, begin)) as loop:
+        tile = _Tile(context, builder, kinds[4], values[4], builder.add(begin, loop.index))
+        runs = [builder.load(pointer, align=8) for pointer in tile.runs(vector)]
+        halves = [
+            builder.shuffle_vector(runs[k], runs[k + 4], _index_vector(range(8))) for k in range(4)
+        ]
+        for i, row in enumerate(_transpose_halves(builder, halves)):
+            with builder.if_then(builder.icmp_unsigned(">", tile.height, tile.height.type(i))):
+                builder.store(row, tile.row(out, start, stride, i), align=8)
+
+
+@overload(loop_functions.pick_tiles)
+def _pick_tiles(out, start, stride, vector, tiles, begin, end):
+    def loop(out, start, stride, vector, tiles, begin, end):
+        _pick_tiles_ir((out, start, stride, vector, tiles, begin, end))
+
+    return loop
+
+
+@_lane_operation
+def _add_tiles_ir(context, builder, kinds, values):
+    out, vector = (context.make_array(kinds[k])(context, builder, values[k]).data for k in (0, 1))
+    stride, begin, end = (values[k] for k in (2, 4, 5))
+    with cgutils.for_range(builder, builder.sub(end, begin)) as loop:
+        tile = _Tile(context, builder, kinds[3], values[3], builder.add(begin, loop.index))
+        rows = []
+        for i in range(loop_functions.TILE_ROWS):
+            is_row = builder.icmp_unsigned(">", tile.height, tile.height.type(i))
+            # Rows beyond the tile read the first row.
+            distance = builder.select(is_row, builder.mul(stride, stride.type(i)), stride.type(0))
+            pointer = tile.row(vector, distance, stride, 0)
+            rows.append(builder.select(is_row, builder.load(pointer, align=8), _ZEROS))
+        halves = _transpose_halves(builder, rows)
+        runs = [
+            builder.shuffle_vector(part, part, _index_vector(half))
+            for half in _HALVES
+            for part in halves
+        ]
+        pointers = tile.runs(out)
+        for pointer, run in zip(pointers, runs, strict=True):
+            builder.store(builder.fadd(builder.load(pointer, align=8), run), pointer, align=8)
+
+
+@overload(loop_functions.add_tiles)
+def _add_tiles(out, vector, stride, tiles, begin, end):
+    def loop(out, vector, stride, tiles, begin, end):
+        _add_tiles_ir((out, vector, stride, tiles, begin, end))
+
+    return loop
+
+
+# Numbers of interior unknowns for which substitution keeps all of them in registers: one or two
+# nodes of three coordinates.
+_NODE_COORDINATES = 3
+_TWO_NODES = 2 * _NODE_COORDINATES
+
+
+class _BlockSubstitution:
+    """Operands of `substitute_forward` and `substitute_backward` for `n` interior unknowns."""
+
+    def __init__(self, n, context, builder, kinds, values):
+        self.n, self.builder = n, builder
+        self.at = _IndexedArray(context, builder, kinds[0], values[0], kinds[1], values[1])
+        self.x = _LaneArray(context, builder, kinds[2], values[2])
+        self.factors = _LaneArray(context, builder, kinds[4], values[4])
+        self.begin, self.first = values[3], values[5]
+        self.neighbors, self.shared = values[6], values[7]
+        self.separate = builder.sub(self.neighbors, self.shared)
+        word = self.begin.type
+        self.size = builder.add(self.neighbors, word(n))
+        self.first_neighbor = builder.add(self.begin, word(n))
+
+    def shift(self, entry, distance):
+        return self.builder.add(entry, entry.type(distance))
+
+    def column(self, k):
+        """Return the first entry of a column of the interior unknowns."""
+        return self.builder.add(self.first, self.builder.mul(self.size, self.size.type(k)))
+
+    def gather(self, entry):
+        """Return one entry of all lanes of the right-hand side, as real and imaginary part."""
+        parts = [ir.Constant(_LANE_VECTOR, ir.Undefined) for _ in range(self.x.parts)]
+        for lane, pointers in enumerate(self.at.pointers(entry)):
+            for part, pointer in enumerate(pointers):
+                number, position = self.builder.load(pointer), ir.IntType(32)(lane)
+                parts[part] = self.builder.insert_element(parts[part], number, position)
+        return parts
+
+    def broadcast(self, entry):
+        """Return an entry that all lanes share."""
+        none = ir.Constant(_LANE_VECTOR, ir.Undefined)
+        zeros = _index_vector([0] * lane_operations.LANES)
+        first = [
+            self.builder.insert_element(none, self.builder.load(pointer), ir.IntType(32)(0))
+            for pointer in self.at.pointer_of_first(entry)
+        ]
+        return [self.builder.shuffle_vector(part, none, zeros) for part in first]
+
+    def subtract_product(self, value, entry, factor):
+        product = _multiply(self.builder, self.factors.load(entry), factor)
+        return _subtract(self.builder, value, product)
+
+
+def _substitute_forward_ir(n):
+    @_lane_operation
+    def call(context, builder, kinds, values):
+        block = _BlockSubstitution(n, context, builder, kinds, values)
+        x = [block.gather(block.shift(block.begin, i)) for i in range(n)]
+        for k in range(n):
+            for i in range(k + 1, n):
+                x[i] = block.subtract_product(x[i], block.shift(block.column(k), i), x[k])
+        for i in range(n):
+            block.x.store(block.shift(block.begin, i), x[i])
+
+        def sum_row(row):
+            total = [_ZEROS] * block.x.parts
+            for k in range(n):
+                entry = builder.add(block.shift(block.column(k), n), row)
+                total = block.subtract_product(total, entry, x[k])
+            return total
+
+        with cgutils.for_range(builder, block.separate) as loop:
+            total = sum_row(loop.index)
+            entry = builder.add(block.first_neighbor, loop.index)
+            for lane, pointers in enumerate(block.at.pointers(entry)):
+                for part, pointer in zip(total, pointers, strict=True):
+                    number = builder.extract_element(part, ir.IntType(32)(lane))
+                    builder.store(builder.fadd(builder.load(pointer), number), pointer)
+        with cgutils.for_range(builder, block.shared) as loop:
+            row = builder.add(block.separate, loop.index)
+            total = sum_row(row)
+            pointers = block.at.pointer_of_first(builder.add(block.first_neighbor, row))
+            for part, pointer in zip(total, pointers, strict=True):
+                number = builder.fadd(builder.load(pointer), _sum_of(builder, part))
+                builder.store(number, pointer)
+
+    return call
+
+
+def _substitute_backward_ir(n):
+    @_lane_operation
+    def call(context, builder, kinds, values):
+        block = _BlockSubstitution(n, context, builder, kinds, values)
+        x = [
+            [cgutils.alloca_once_value(builder, part) for part in block.x.load(entry)]
+            for entry in (block.shift(block.begin, i) for i in range(n))
+        ]
+
+        def subtract_column(row, factor):
+            upper = builder.add(block.column(n), builder.mul(row, row.type(n)))
+            for i, places in enumerate(x):
+                value = [builder.load(place) for place in places]
+                value = block.subtract_product(value, block.shift(upper, i), factor)
+                for place, part in zip(places, value, strict=True):
+                    builder.store(part, place)
+
+        with cgutils.for_range(builder, block.separate) as loop:
+            entry = builder.add(block.first_neighbor, loop.index)
+            subtract_column(loop.index, block.gather(entry))
+        with cgutils.for_range(builder, block.shared) as loop:
+            row = builder.add(block.separate, loop.index)
+            subtract_column(row, block.broadcast(builder.add(block.first_neighbor, row)))
+        x = [[builder.load(place) for place in places] for places in x]
+        for k in reversed(range(n)):
+            column = block.column(k)
+            x[k] = _multiply(builder, x[k], block.factors.load(block.shift(column, k)))
+            for i in range(k):
+                x[i] = block.subtract_product(x[i], block.shift(column, i), x[k])
+        for i in range(n):
+            for lane, pointers in enumerate(block.at.pointers(block.shift(block.begin, i))):
+                for part, pointer in zip(x[i], pointers, strict=True):
+                    builder.store(builder.extract_element(part, ir.IntType(32)(lane)), pointer)
+
+    return call
+
+
+def _overload_substitution(function, write):
+    """Register compiled versions of a substitution: for one node, two nodes, and any block."""
+    one_node, two_nodes = write(_NODE_COORDINATES), write(_TWO_NODES)
+    # A copy, because the function itself stands for all versions.
+    copy = FunctionType(function.__code__, function.__globals__)
+    any_block = register_jitable(error_model="numpy", no_cfunc_wrapper=True)(copy)
+
+    @overload(function)
+    def substitute(right, at, block_x, begin, blocks, first, interior, neighbors, shared):
+        def loop(right, at, block_x, begin, blocks, first, interior, neighbors, shared):
+            arguments = (right, at, block_x, begin, blocks, first, neighbors, shared)
+            if interior == _TWO_NODES:
+                two_nodes(arguments)
+            elif interior == _NODE_COORDINATES:
+                one_node(arguments)
+            else:
+                any_block(right, at, block_x, begin, blocks, first, interior, neighbors, shared)
+
+        return loop
+
+
+_overload_substitution(lane_operations.substitute_forward, _substitute_forward_ir)
+_overload_substitution(lane_operations.substitute_backward, _substitute_backward_ir)
+
+
+@overload(lane_operations.subtract_unit_triangle)
+def _subtract_unit_triangle(lanes, begin, count, rows, blocks, first, size):
+    def loop(lanes, begin, count, rows, blocks, first, size):
+        for k in range(count):
+            _subtract_lanes_ir(
+                (
+                    lanes,
+                    begin + k + 1,
+                    rows - k - 1,
+                    blocks,
+                    first + k * size + k + 1,
+                    begin + k,
+                )
+            )
 
     return loop
 

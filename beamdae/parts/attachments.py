@@ -188,9 +188,9 @@ def largest_distance(points: np.ndarray) -> float:
         return 0.0
     # Points far from the center first: the search ends once no remaining pair can be farther apart.
     radius = np.hypot(*(points - points.mean(axis=0)).T)
-    largest = 0.0
+    largest, largest_radius = 0.0, radius.max()
     for k in np.argsort(-radius):
-        if radius[k] + radius.max() <= largest:
+        if radius[k] + largest_radius <= largest:
             break
         largest = max(largest, float(np.max(np.hypot(*(points - points[k]).T))))
     return largest

@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -24,8 +24,11 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.signals import Signal, as_expression, find_signals, with_references
 from beamdae.symbolic.statements import SX
+from beamdae.symbolic.table_calls import TableCall, record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
 _NONSMOOTH_OPERATIONS = {
@@ -53,7 +56,6 @@ _SAMPLE_TOLERANCE = 1e-6
 # Adaptive integrators take at least this many steps per time scale of a law. In a table, no step is
 # longer than the shortest interval.
 MIN_STEPS_PER_TIME_SCALE = 4.0
-_MIN_TABLE_ROWS = 3
 _BRANCHES_ON_TIME = (
     "without branches on t (if, while, and, or, min, max); give the pieces to "
     "bd.piecewise((end time, law), ..., last law)"
@@ -62,6 +64,37 @@ _NEEDS_NUMBER = (
     "without float, int, random numbers or functions of math; use numpy functions "
     "such as np.sin, and bd.table for tables"
 )
+
+
+class TableRange(NamedTuple):
+    """Argument rate t + offset of a table with outside="error" in a time law.
+
+    Attributes
+    ----------
+    table, axis
+        The table, and the index of its argument.
+    rate, offset
+        Rate [1/s] and value at t = 0 of the argument.
+    since, until
+        Times [s] between which the law contains the table.
+    """
+
+    table: Table
+    axis: int
+    rate: float
+    offset: float
+    since: float = -math.inf
+    until: float = math.inf
+
+    def reason_to_stop(self, t: float, branch: float) -> str | None:
+        """Return the reason why a run must end at t [s] if the table ends there, or None.
+
+        `branch` is a time inside the interval after t.
+        """
+        knots, value = self.table.axes[self.axis], self.rate * branch + self.offset
+        if not self.since < branch < self.until or knots[0] <= value <= knots[-1]:
+            return None
+        return str(self.table.describe_argument(self.axis, self.rate * t + self.offset))
 
 
 @dataclass(frozen=True)
@@ -78,6 +111,8 @@ class Law:
     time_scale
         Shortest time [s] over which the law changes, or None (no limit). Steps of adaptive
         integrators are at most a quarter of this time.
+    ranges
+        Ranges of tables that end a run where they end.
 
     Raises
     ------
@@ -90,6 +125,7 @@ class Law:
     pieces: tuple[Callable[[Any], Any], ...]
     breakpoints: tuple[float, ...] = ()
     time_scale: float | None = None
+    ranges: tuple[TableRange, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.pieces, tuple) or not all(callable(p) for p in self.pieces):
@@ -109,6 +145,12 @@ class Law:
             raise BeamdaeError(f"Law: breakpoints must ascend, got {self.breakpoints} s.")
         if self.time_scale is not None:
             set_fields(self, time_scale=require_positive("Law", "time_scale", self.time_scale))
+        ranges = self.ranges
+        if not isinstance(ranges, tuple) or not all(isinstance(x, TableRange) for x in ranges):
+            raise BeamdaeError(
+                f"Law: ranges must be a tuple of ranges of tables, got {short_repr(ranges)}; "
+                "omit the argument."
+            )
 
     def __call__(self, time: SX) -> SX:
         """Return the value at time[0] of the piece that is valid at time[1]."""
@@ -157,7 +199,7 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
         # CasADi 3.8 warns that NumPy functions of its symbols will change. Scalar expressions
         # such as np.sin(t) stay the same.
         warnings.simplefilter("ignore", FutureWarning)
-        value = piece(t)
+        value = as_expression(piece(t))
     number = as_real(value)
     if number is not None:
         return SX(number)
@@ -169,11 +211,11 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
 def _evaluate_at(piece: Callable[[Any], Any], t: float) -> float:
     """Return the value of a piece at the number t, also if the piece accepts only expressions."""
     try:
-        return float(piece(t))
+        return float(with_references(as_expression(piece(t))))
     except Exception as problem:
         # Some functions of CasADi, such as the steps of a `table`, accept symbols only.
         try:
-            return float(ca.evalf(_evaluate_piece(piece, SX(t))))
+            return float(ca.evalf(with_references(_evaluate_piece(piece, SX(t)))))
         except Exception:
             raise problem from None
 
@@ -220,18 +262,22 @@ def shift_law(law: Law, since: float) -> Law:
         return lambda t: piece(t - since)
 
     pieces = tuple(shift_piece(piece) for piece in law.pieces)
-    return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale)
+    ranges = tuple(
+        x._replace(offset=x.offset - x.rate * since, since=x.since + since, until=x.until + since)
+        for x in law.ranges
+    )
+    return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale, ranges)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
-    """Return a number, a function of t or a `Law` as a checked `Law`.
+    """Return a number, a function of t, a signal or a `Law` as a checked `Law`.
 
     Parameters
     ----------
     part
         Name of the part, for messages.
     value
-        A number, a function of t [s] or a `Law`.
+        A number, a function of t [s], a `Law`, or an input, state, sensor or expression of them.
     start
         First time [s] at which the law is evaluated.
 
@@ -243,8 +289,17 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
     """
     if isinstance(value, Law):
         law = value
+    elif isinstance(value, Table):
+        if len(value.axes) > 1:
+            raise BeamdaeError(
+                f"{part}: {value.name} has two arguments and is no time law; use it in a formula, "
+                "such as lambda t: table(t, 2.0)."
+            )
+        value = law = _split_at_tables(part, value)
+    elif isinstance(value, (Signal, SX)):
+        law = Law((_constant_expression(SX(as_expression(value))),))
     elif callable(value):
-        law = Law((value,))
+        law = _split_at_tables(part, value)
     else:
         number = require_finite(part, "law", value)
         law = Law((Formula(_constant, (number,)),))
@@ -254,10 +309,11 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         time = SX.sym("t", 2)
         for piece in law.pieces:
             _require_formula_in_time(part, piece, time[0], start)
-        function = ca.Function("law", [time], [law(time)])
+        function = ca.Function("law", [time], [with_references(law(time))])
         if law is not value:
             _require_numeric_agreement(part, value, function, start)
-            _require_smooth(part, value, function)
+            if len(law.pieces) == 1:
+                _require_smooth(part, value, function)
         initial_value = float(function([start, start]))
     if not np.isfinite(initial_value):
         raise BeamdaeError(
@@ -266,6 +322,27 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         )
     require_finite(part, f"{_law_label(law.pieces[0])} at t = {start:g} s", initial_value)
     return law
+
+
+def _split_at_tables(part: str, function: Callable[[Any], Any]) -> Law:
+    """Return a function of t as a law, with breakpoints where tables in it have kinks."""
+    t = SX.sym("t")
+    with record_calls(as_symbols=True) as calls:
+        try:
+            value = _evaluate_piece(function, t)
+        except Exception:
+            # The checks of the law raise the error with its cause.
+            calls.clear()
+    if not calls:
+        return Law((function,))
+    symbols = [t, *(call.value for call in calls)]
+    if isinstance(value, SX):
+        _require_smooth(part, function, ca.Function("law", symbols, [with_references(value)]))
+    return _split_at_rows(part, function, calls, t)
+
+
+def _constant_expression(value: SX) -> Callable[[Any], SX]:
+    return lambda t: value
 
 
 def _constant(t: Any, numbers: Any) -> Any:
@@ -387,65 +464,84 @@ def piecewise(*pieces: Any) -> Law:
         first, last = bisect_right(law.breakpoints, start), bisect_left(law.breakpoints, end)
         functions += law.pieces[first : last + 1]
         breakpoints += [*law.breakpoints[first:last], end]
-    return Law(tuple(functions), tuple(breakpoints[:-1]), min(scales, default=None))
-
-
-def table(times: Any, values: Any) -> Law:
-    """Return the natural cubic spline through a table, constant before and after the table.
-
-    Parameters
-    ----------
-    times
-        Ascending times [s], at least 3.
-    values
-        Values at these times, in the unit of the driven quantity.
-
-    Returns
-    -------
-    Law
-        The law, with breakpoints at the first and the last time. Steps of adaptive integrators are
-        at most the shortest interval between times.
-
-    Raises
-    ------
-    BeamdaeError
-        If the lists have different lengths, fewer than 3 entries or entries that are not finite
-        numbers, or the times do not ascend.
-    """
-    t, y = _require_numbers("times", times), _require_numbers("values", values)
-    if t.shape != y.shape or len(t) < _MIN_TABLE_ROWS:
-        raise BeamdaeError(
-            "table: times and values must be lists of the same length, at least "
-            f"{_MIN_TABLE_ROWS}, got {len(t)} and {len(y)}."
-        )
-    shortest = float(np.min(np.diff(t)))
-    if shortest <= 0.0:
-        raise BeamdaeError(
-            f"table: times must ascend, but the smallest difference of successive times is "
-            f"{shortest:g} s; sort the rows by time and give each time once."
-        )
-    require_positive("table", "the shortest interval between times", shortest)
-    # Imported here because the import takes as long as a short run, and few models have tables.
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(t, y, bc_type="natural")
-    inner = [float(x) for x in t[1:-1]]
-
-    def interpolate(at: Any) -> Any:
-        start = ca.pw_const(at, inner, t[:-1])
-        return sum(ca.pw_const(at, inner, spline.c[k]) * (at - start) ** (3 - k) for k in range(4))
-
-    first, last = float(y[0]), float(y[-1])
-    return Law(
-        (lambda at: first, interpolate, lambda at: last),
-        (float(t[0]), float(t[-1])),
-        MIN_STEPS_PER_TIME_SCALE * shortest,
+    ranges = tuple(
+        x._replace(since=max(x.since, start), until=min(x.until, end))
+        for law, start, end in zip(laws, [-math.inf, *ends], [*ends, math.inf], strict=True)
+        for x in law.ranges
     )
+    return Law(tuple(functions), tuple(breakpoints[:-1]), min(scales, default=None), ranges)
 
 
-def _require_numbers(name: str, values: Any) -> np.ndarray:
-    entries = require_sequence("table", name, values, "a list of numbers")
-    return np.array([require_finite("table", name, value) for value in entries])
+def _split_at_rows(
+    part: str, function: Callable[[Any], Any], calls: Sequence[TableCall], t: SX
+) -> Law:
+    """Return a function of t that contains tables of time as a law with smooth pieces.
+
+    The breakpoints are the times at which the argument of a table passes an end of the table, or
+    any row of a linear table.
+    """
+    times: set[float] = set()
+    time_scales: list[float] = []
+    ranges: list[TableRange] = []
+    for table, arguments, _ in calls:
+        for axis, (knots, argument) in enumerate(zip(table.axes, arguments, strict=True)):
+            rate, offset = _as_line(part, table, argument, t)
+            if rate == 0.0:
+                continue
+
+            def find_times(values: Any, rate: float = rate, offset: float = offset) -> list[float]:
+                return sorted(((values - offset) / rate).tolist())
+
+            times.update(find_times(table.kinks(axis)))
+            row_times = find_times(knots)
+            if table.kind != "linear":
+                shortest = float(np.min(np.diff(row_times)))
+                time_scales.append(MIN_STEPS_PER_TIME_SCALE * shortest)
+            if table.outside == "error":
+                times.update(row_times[:: len(row_times) - 1])
+                ranges.append(TableRange(table, axis, rate, offset))
+    breakpoints = tuple(sorted(times))
+    bounds = [breakpoints[0] - 1.0, *breakpoints, breakpoints[-1] + 1.0] if times else [0.0, 0.0]
+    pieces = tuple(_LockedPiece(function, 0.5 * (a + b)) for a, b in pairwise(bounds))
+    return Law(pieces, breakpoints, min(time_scales, default=None), tuple(ranges))
+
+
+def _as_line(part: str, table: Table, argument: SX, t: SX) -> tuple[float, float]:
+    """Return the numbers (a, b) of an argument a t + b of a table."""
+    rate = ca.jacobian(argument, t)
+    others = [x for x in ca.symvar(argument) if x.element_hash() != t.element_hash()]
+    if ca.depends_on(rate, t) or others:
+        raise BeamdaeError(
+            f"{part}: in a time law, each argument of {table.name} must be a t + b with numbers a "
+            "and b."
+        )
+    return float(ca.evalf(rate)), float(ca.evalf(ca.substitute(argument, t, 0.0)))
+
+
+@dataclass(frozen=True)
+class _LockedPiece:
+    """Function of t whose tables are continued smoothly from their pieces at one time.
+
+    Attributes
+    ----------
+    function
+        Function of t that contains tables.
+    at
+        Time [s] at which the pieces are selected.
+    """
+
+    function: Callable[[Any], Any]
+    at: float
+
+    def __call__(self, t: Any) -> Any:
+        if not isinstance(t, SX):
+            return self.function(t)
+        if not t.is_symbolic():
+            # A law that was shifted in time.
+            symbol = SX.sym("t")
+            return ca.substitute(SX(self(symbol)), symbol, t)
+        with locked_pieces(t, self.at):
+            return self.function(t)
 
 
 def _law_label(piece: Callable[[Any], Any]) -> str:
@@ -482,7 +578,8 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
         raise BeamdaeError(
             f"{part}: {_law_label(piece)} must return one number, got {short_repr(value)}."
         )
-    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() != t.element_hash()]
+    known = {t.element_hash(), *(x.value_symbol.element_hash() for x in find_signals(value))}
+    other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
     if other_symbols:
         raise BeamdaeError(
             f"{part}: {_law_label(piece)} must depend only on t, not on "

@@ -20,18 +20,21 @@ from beamdae.errors import (
     require_name,
     require_pair,
     require_point,
+    set_fields,
     short_repr,
     suggest,
 )
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground
+from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import Event, select_impacts, select_switches
 from beamdae.parts.gravity import GravityLaws
 from beamdae.parts.laws import Law, as_law
 from beamdae.parts.observables import as_quantity
 from beamdae.parts.part import Part
 from beamdae.parts.rotation import Rotation
+from beamdae.parts.signals import Input, Sensor, State
 from beamdae.read_only import ReadOnlyDict, read_only, read_only_copy
 from beamdae.symbolic.statements import Quantity
 
@@ -97,6 +100,8 @@ class Mechanism(HasOrigin):
         Events added by `when`.
     inactive
         Names of the parts that are inactive at the start.
+    inputs
+        Inputs added by `input`, by name.
 
     Raises
     ------
@@ -132,6 +137,7 @@ class Mechanism(HasOrigin):
         self.observables: dict[str, Quantity] = {}
         self.events: list[Event] = []
         self.inactive: set[str] = set()
+        self.inputs: dict[str, Input] = {}
 
     def __repr__(self) -> str:
         names = list(islice(self.parts, _MAX_NAMES_IN_REPR))
@@ -173,14 +179,215 @@ class Mechanism(HasOrigin):
                 f"got {short_repr(part)}."
             )
         name = require_name(type(part).__name__, getattr(part, "name", None))
-        if name in self.parts or name == self.ground.name:
+        self._require_free(name)
+        for body in part.bodies:
+            self._require_member(name, body)
+        if isinstance(part, Controller):
+            self._connect(part)
+        self.parts[name] = part
+        return part
+
+    def _require_free(self, name: str) -> None:
+        if name in self.parts or name in self.inputs or name == self.ground.name:
             raise BeamdaeError(
                 f"Mechanism: the name {name!r} is in use; give each part a different name."
             )
-        for body in part.bodies:
-            self._require_member(name, body)
-        self.parts[name] = part
-        return part
+
+    def _connect(self, controller: Controller) -> None:
+        """Let a controller drive its inputs."""
+        name = controller.name
+        for quantity in controller.quantities:
+            self._require_members_of(name, quantity)
+        for drive in controller.drives:
+            if drive not in self.inputs.values():
+                raise BeamdaeError(
+                    f"{name}: the input {drive.name!r} is not part of this mechanism; add it with "
+                    "mech.input."
+                )
+            if drive.pieces or controller.drives.count(drive) > 1:
+                raise BeamdaeError(
+                    f"{name}: the input {drive.name!r} is already driven; add another input."
+                )
+        for k, drive in enumerate(controller.drives):
+            set_fields(drive, pieces=(controller.piece(k),))
+
+    def input(self, name: str, default: Any = 0.0, unit: str = "-") -> Input:
+        """Add an input and return it: a value that laws and formulas of parts can contain.
+
+        The input is observed under its name and is an input of `linearize`. `simulate` can replace
+        its value. It is used instead of a law, as in `bd.Moment("motor", hub, torque)`, or in a
+        formula, as in `bd.Moment("motor", hub, 0.5 * torque - damping * rate)` with a sensor
+        `rate`.
+
+        Parameters
+        ----------
+        name
+            Unique name.
+        default
+            Value, in `unit`: a number, a function of t [s] or a `Law`. A number is one of the
+            numbers `p` of the equations of motion.
+        unit
+            Unit of the value.
+
+        Returns
+        -------
+        Input
+            The input.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is invalid or in use, the default is neither a number nor a valid law, or
+            the unit is invalid.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism()
+        >>> wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5))
+        >>> pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+        >>> torque = mech.input("torque", default=2.0, unit="N m")
+        >>> motor = mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
+        >>> mech.observe("wheel", wheel.at(0.0, 0.0))
+        >>> for value in (2.0, 3.0):
+        ...     run = bd.simulate(mech, bd.Radau(), t_end=1.0, inputs={"torque": value})
+        ...     print(f"{run['wheel.angle'].iloc[-1]:.4f}")
+        2.0000
+        3.0000
+        """
+        name = require_name("Mechanism.input", name)
+        self._require_free(name)
+        value = Input(name, default, unit)
+        self.observe(name, value.quantity)
+        self.inputs[name] = value
+        return value
+
+    def sensor(self, name: str, what: Quantity, column: str | None = None) -> Sensor:
+        """Add a sensor and return it: a measured value that laws and formulas can contain.
+
+        The value is that of the quantity at the same time, without delay. It is observed under its
+        name. Formulas with sensors define forces and rates of states, but not constraints.
+
+        Parameters
+        ----------
+        name
+            Unique name.
+        what
+            Quantity such as `spring.elongation` or `beam.strain(s=0.1, offset=0.01)`, or an
+            attachment; not a reaction.
+        column
+            Name of the column of the quantity, such as "angle" of an attachment. May be omitted if
+            there is only one column.
+
+        Returns
+        -------
+        Sensor
+            The sensor.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is invalid or in use, `what` is neither an attachment nor a quantity or is a
+            reaction, or there is no such column.
+        """
+        name = require_name("Mechanism.sensor", name)
+        self._require_free(name)
+        quantity = as_quantity(name, what)
+        names = [x.name for x in quantity.columns]
+        wanted = names[0] if column is None and len(names) == 1 else as_text(column)
+        if wanted not in names:
+            raise BeamdaeError(
+                f"{name}: column must be one of {', '.join(map(repr, names))}, "
+                f"got {short_repr(column)}."
+            )
+        k = names.index(wanted)
+        sensor = Sensor(name, quantity, k, quantity.columns[k].unit)
+        self._require_members_of(name, quantity)
+        self.observe(name, sensor.quantity)
+        return sensor
+
+    def state(
+        self, name: str, rate: Any = None, start: float = 0.0, unit: str = "-", scale: float = 1.0
+    ) -> State:
+        """Add a first-order state x' = rate and return it: a value that formulas can contain.
+
+        The state is observed under its name; `rate` is evaluated without delay. States enter the
+        error control of adaptive integrators, linear models and modes, and sensitivities; at an
+        equilibrium, their rates are zero. They store no energy. A state cannot define a constraint.
+
+        Parameters
+        ----------
+        name
+            Unique name.
+        rate
+            Rate x' [unit/s]: a number, a function of t [s], or a formula of inputs, sensors and
+            states, such as `(target - angle) / 0.1`. The rate of a state that depends on itself is
+            a function of the state and of time: `lambda x, t: (speed - x) / 0.1`. If None,
+            `State.follows` defines the rate.
+        start
+            Value at the start.
+        unit
+            Unit of the state.
+        scale
+            Typical size of the state, in `unit`, relative to which adaptive integrators limit its
+            error until a pilot run has measured its amplitude.
+
+        Returns
+        -------
+        State
+            The state.
+
+        Raises
+        ------
+        BeamdaeError
+            If the name is invalid or in use, `rate` is not a valid formula, `start` is not a finite
+            number, the unit is invalid or `scale` is not positive.
+
+        Examples
+        --------
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism()
+        >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+        >>> x = mech.sensor("x", ball.point, "x")
+        >>> lag = mech.state("lag", lambda lag, t: (x - lag) / 0.5, unit="m")
+        >>> run = bd.simulate(mech, bd.Radau(), t_end=5.0)
+        >>> print(f"{run['lag'].iloc[-1]:.3f} m")
+        4.500 m
+        """
+        state = State(require_name("Mechanism.state", name), rate, start, unit, scale)
+        self._require_free(state.name)
+        self.observe(state.name, state.quantity)
+        return self.add(state)
+
+    def with_inputs(self, values: Mapping[str, Any]) -> Mechanism:
+        """Return a copy of the mechanism with other values of inputs.
+
+        Parameters
+        ----------
+        values
+            Numbers, functions of t [s] or `Law`s by name of the input.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no such input, or a value is invalid.
+        """
+        other = copy(self)
+        other.inputs = dict(self.inputs)
+        for name, value in require_mapping(
+            "Mechanism", "inputs", values, "a dict of numbers or laws by name of the input"
+        ).items():
+            if name not in self.inputs:
+                raise BeamdaeError(
+                    f"Mechanism: there is no input {short_repr(name)}"
+                    f"{suggest(name, self.inputs)}; add it with mech.input."
+                )
+            if self.inputs[name].pieces:
+                raise BeamdaeError(
+                    f"Mechanism: a controller drives the input {name!r}; omit its value."
+                )
+            other.inputs[name] = Input(name, value, self.inputs[name].unit)
+        return other
 
     def observe(self, name: str, what: Attachment | Quantity) -> None:
         """Add columns to the results: the motion of an attachment, or a quantity.
@@ -277,6 +484,7 @@ class Mechanism(HasOrigin):
         other.parts, other.observables = ReadOnlyDict(self.parts), ReadOnlyDict(self.observables)
         collections: Any = tuple(self.events), frozenset(self.inactive)
         other.events, other.inactive = collections
+        other.inputs = ReadOnlyDict(self.inputs)
         return other
 
     def deactivate(self, *parts: Part) -> None:
@@ -336,9 +544,15 @@ class Mechanism(HasOrigin):
 
     @property
     def laws(self) -> list[Law]:
-        """All time laws of the parts and of gravity."""
+        """All time laws of the parts, of gravity and of inputs."""
         part_laws = [law for part in self.parts.values() for law in part.laws]
-        return part_laws + list(self.gravity_laws.laws if self.gravity_laws else ())
+        gravity_laws = list(self.gravity_laws.laws if self.gravity_laws else ())
+        return [*part_laws, *gravity_laws, *self.input_laws.values()]
+
+    @property
+    def input_laws(self) -> dict[str, Law]:
+        """Laws of the inputs that are not numbers, by name of the input."""
+        return {name: x.law for name, x in self.inputs.items() if x.law is not None}
 
     def require_switched_members(self) -> None:
         """Raise BeamdaeError unless this mechanism contains the parts that its events switch."""

@@ -1,4 +1,4 @@
-"""Observables of attachments: absolute motion and relative displacement."""
+"""Observables of attachments: absolute motion, relative motion and relative displacement."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, require_choice, short_repr
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.parts.signals import Value
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
     Formula,
@@ -47,13 +48,16 @@ def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
     BeamdaeError
         If `what` is neither an attachment nor a quantity.
     """
-    quantity = motion_quantity(what) if isinstance(what, Attachment) else what
-    if not isinstance(quantity, Quantity):
+    if isinstance(what, Attachment):
+        return motion_quantity(what)
+    if isinstance(what, Value):
+        return what.quantity
+    if not isinstance(what, Quantity):
         raise BeamdaeError(
             f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
             f"observed, got {short_repr(what)}."
         )
-    return quantity.current
+    return what.current
 
 
 def _has_rotation(attachment: Attachment) -> bool:
@@ -153,3 +157,88 @@ def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial"
         (of.checked_kinematics, on.checked_kinematics, arm, *angle),
     )
     return Quantity(columns, (of.piece, on.piece), values, data)
+
+
+@dataclass(frozen=True)
+class _RelativeMotion:
+    """Motion of a point as seen from the body or section of a reference point.
+
+    Attributes
+    ----------
+    size
+        Number of local coordinates of the observed point; the local coordinates of the reference
+        point follow.
+    axes
+        As in `relative_motion`.
+    has_angle
+        True if the relative angle is a column.
+    """
+
+    size: int
+    axes: str
+    has_angle: bool
+
+    def __call__(self, local: Local, of: Any, on: Any, angles: Callable[[], Any]) -> SX:
+        position, rotation = of(local.q[: self.size])
+        root, root_rotation = on(local.q[self.size :])
+        placement = position - root
+        if self.axes == "section":
+            placement = rotate(-(angles()[1] + root_rotation), placement)
+        if self.has_angle:
+            angle = angles()[0] + rotation - (angles()[1] + root_rotation)
+            placement = ca.vertcat(placement, angle)
+        return ca.vertcat(placement, local.dot(placement))
+
+
+@rebuilt_for_mesh
+def relative_motion(of: Attachment, on: Attachment, axes: str = "section") -> Quantity:
+    """Return position, angle and their rates of `of` relative to `on`, in axes that move with `on`.
+
+    An observer who moves with the body of `on` measures these values, for example a sensor on a
+    carriage. The rates are the derivatives of the components.
+
+    Parameters
+    ----------
+    of
+        Observed point.
+    on
+        Origin of the axes.
+    axes
+        Axes of the components: "section" for axes that rotate with `on`: along the axis of the beam
+        at `on` and its left normal, or the axes of a rigid body; or "inertial".
+
+    Returns
+    -------
+    Quantity
+        Columns x, y [m] and angle [rad], followed by their rates x_dot, y_dot [m/s] and angle_dot
+        [rad/s]. The angle is that of the section or body of `of` relative to that of `on`; it is
+        omitted if one of them is a particle.
+
+    Raises
+    ------
+    BeamdaeError
+        If `of` or `on` is not an attachment, `axes` is unknown, or `on` is a particle and `axes` is
+        "section".
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> arm = mech.add(bd.RigidBody("arm", mass=1.0, inertia=0.1, center=(0.5, 0.0)))
+    >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(1.0, 0.0)))
+    >>> mech.observe("ball on arm", bd.relative_motion(ball.point, arm.at(0.5, 0.0)))
+    """
+    require_attachment("relative_motion", "of", of)
+    require_attachment("relative_motion", "on", on)
+    require_choice("relative_motion", "axes", axes, ("section", "inertial"))
+    if axes == "section":
+        require_angle("relative_motion", on)
+    has_angle = of.has_angle and on.has_angle
+    columns = [Variable("x", "m"), Variable("y", "m"), *([Variable("angle", "rad")] * has_angle)]
+    angles = constant_formula(of.inclination, on.inclination)
+    values, data = FormulaExpression.of(
+        _RelativeMotion(of.size, axes, has_angle),
+        (of.checked_kinematics, on.checked_kinematics, angles),
+    )
+    rates = [column.rate for column in columns]
+    return Quantity((*columns, *rates), (of.piece, on.piece), values, data)

@@ -11,7 +11,9 @@ import numpy as np
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.events import Event
 from beamdae.parts.laws import Law
+from beamdae.symbolic.signals import find_signals
 from beamdae.symbolic.statements import (
+    SX,
     ConstraintStatement,
     ForceStatement,
     Quantity,
@@ -73,8 +75,8 @@ class Part:
         Unique name in the mechanism, of at most 100 printable characters. A name must not start
         with =, +, - or @, contain [ or ], or start or end with a space.
     is_load
-        True for loads. By default, the load factor of an equilibrium scales all active loads and
-        gravity.
+        True for loads. By default, the load factor of an equilibrium scales gravity and all active
+        loads whose laws do not depend on states or sensors.
     symbol
         Name of the symbol of the part in drawings. Defaults to a diamond at each attachment.
     """
@@ -140,6 +142,16 @@ class Part:
         return np.zeros(0)
 
     @property
+    def is_state(self) -> bool:
+        """True if the coordinates are first-order states x, whose rows of F are x' - f."""
+        return False
+
+    @property
+    def scale(self) -> float | None:
+        """Typical size of the coordinates; None (default) for bodies, whose outline defines it."""
+        return None
+
+    @property
     def outline(self) -> Array:
         """Points that span the extent of the part in the reference configuration, (k, 2) [m]."""
         return np.zeros((0, 2))
@@ -148,6 +160,11 @@ class Part:
     def laws(self) -> tuple[Law, ...]:
         """Time laws on which the part depends; integrators restart at their breakpoints."""
         return ()
+
+    @property
+    def is_controlled(self) -> bool:
+        """True if a law of the part depends on states or sensors."""
+        return any(signal.rows for law in self.laws for signal in find_signals(law(SX.zeros(2))))
 
     @property
     def inputs(self) -> tuple[Variable, ...]:

@@ -98,7 +98,8 @@ def select_columns(
         ]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    known_names = list(dict.fromkeys([*without_unit, *observables]))
+    # Headers, for names with another unit.
+    known_names = list(dict.fromkeys([*without_unit, *observables, *headers]))
     raise BeamdaeError(
         f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
@@ -143,6 +144,22 @@ def select_observed_columns(part: str, names: Sequence[str], present: Sequence[s
                 f"columns: {', '.join(present) or 'none'}."
             ) from None
     return list(selected)
+
+
+def require_one_column(part: str, name: Any, selected: Sequence[str]) -> str:
+    """Return the only one of the headers that a name selects.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects several columns.
+    """
+    if len(set(selected)) > 1:
+        raise BeamdaeError(
+            f"{part}: {short_repr(name)} selects several columns; name one of "
+            f"{', '.join(selected)}."
+        )
+    return selected[0]
 
 
 def require_certified_columns(part: str, columns: Any) -> tuple[str, ...] | None:

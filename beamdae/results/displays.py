@@ -78,7 +78,9 @@ class Views(Protocol):
 
     animate: Callable[..., Animation | Path]
     plot_equilibrium_path: Callable[..., Plot]
+    plot_fit: Callable[..., Plot]
     plot_frequency_response: Callable[..., Plot]
+    plot_profile: Callable[..., Plot]
     plot_section_forces: Callable[..., Plot]
     plot_time_series: Callable[..., Plot]
     save_plot: Callable[..., Path]

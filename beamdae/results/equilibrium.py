@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
+from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import BeamdaeError, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
@@ -95,9 +96,10 @@ class Equilibrium:
         Name and parameters of the model; empty unless a model function was analyzed.
     notes
         Remarks on the interpretation of the result.
-    free
-        Name of the coordinate that moves most in a motion without stiffness at the end of the path.
-        The equilibrium is arbitrary along this motion. Empty if no such motion exists.
+    free_coordinates
+        For each row, name of the coordinate that moves most in a motion without stiffness, along
+        which the equilibrium is arbitrary; "" if there is none. The critical modes of critical
+        points are not counted.
     """
 
     equations: EquationsOfMotion
@@ -112,7 +114,7 @@ class Equilibrium:
     settings: dict[str, Any] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), repr=False)
-    free: str = ""
+    free_coordinates: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         critical = "".join(f"; {point.kind} at {point.factor:.6g}" for point in self.critical)
@@ -127,6 +129,11 @@ class Equilibrium:
         return float(self.factors[-1, -1]) if self.factors.shape[1] else 1.0
 
     @property
+    def free(self) -> str:
+        """Entry of `free_coordinates` at the end of the path; "" if nothing can move freely."""
+        return self.free_coordinates[-1] if self.free_coordinates else ""
+
+    @property
     def stable(self) -> bool:
         """True if the end of the path is stable under constant loads and cannot move freely."""
         return bool(self.unstable[-1] == 0) and not self.free
@@ -139,7 +146,7 @@ class Equilibrium:
     def at(self, row: int) -> Equilibrium:
         """Return the path up to and including a row, for example up to a critical point.
 
-        `status`, `settings` and `free` remain those of the whole path.
+        `status`, `settings` and `notes` remain those of the whole path.
 
         Parameters
         ----------
@@ -158,6 +165,7 @@ class Equilibrium:
             q=self.q[: row + 1],
             lam=self.lam[: row + 1],
             unstable=self.unstable[: row + 1],
+            free_coordinates=self.free_coordinates[: row + 1],
             critical=tuple(point for point in self.critical if point.row <= row),
         )
 
@@ -326,7 +334,11 @@ class Equilibrium:
             )
         beams = (beam.warning for beam in self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
-        return tuple(filter(None, (*self.notes, free, *beams, *strains)))
+        outside = (
+            f"{phrase}, where its value is held; extend the table"
+            for phrase in list_arguments_outside(self.equations, np.full(2, self.t), self.q)
+        )
+        return tuple(filter(None, (*self.notes, free, *beams, *strains, *outside)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return status, settings and warnings for `to_csv`; `further` adds or replaces entries."""

@@ -46,6 +46,9 @@ Array = np.ndarray
 
 # The columns of longer runs are thinned out before they are checked.
 _MAX_CHECKED_ROWS = 10_000
+# Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
+# take as much again.
+_MAX_BLOCK_BYTES = 1e8
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
@@ -254,7 +257,12 @@ class RunData:
 
     def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
         times, state = self._output
-        return rows(times, *state)
+        count = max(int(_MAX_BLOCK_BYTES / sum(x[:1].nbytes for x in state)), 1)
+        blocks = [
+            rows(times[k : k + count], *(x[k : k + count] for x in state))
+            for k in range(0, max(len(times), 1), count)
+        ]
+        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 
 def coordinate_headers(equations: EquationsOfMotion) -> list[str]:

@@ -200,6 +200,7 @@ class Solution(RunData, TimeSeries):
                 "at_times: times must be a nonempty ascending list within the run, "
                 f"{first:.12g} to {end:.12g} s, got {short_repr(times)}."
             )
+        self.trajectory.warn_between_rows("at_times", t)
         return replace(self, t=t)
 
     def animate(

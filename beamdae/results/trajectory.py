@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -9,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import Configuration, State
-from beamdae.errors import BeamdaeError, require_finite
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_finite
 from beamdae.read_only import read_only, read_only_data
 
 Array = np.ndarray
@@ -20,6 +22,45 @@ Array = np.ndarray
 # amplified by 2.2 between the steps (1.6 with degree 3, 3.1 with degree 5).
 _DEGREE_OF_MOTION = 4  # for q and v
 _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
+
+
+@read_only_data
+@dataclass(frozen=True)
+class StepRecord:
+    """Energies at all nodes of an interval that stores only some of its steps.
+
+    Attributes
+    ----------
+    nodes
+        Times of all nodes (k,) [s], see `Interval.nodes`.
+    values
+        Energies, powers and norms at the nodes (k, 11), see `measures.plan_balance`.
+    nodes_per_step
+        Number of nodes per step.
+    """
+
+    nodes: Array
+    values: Array
+    nodes_per_step: int
+
+
+class StateWeights(NamedTuple):
+    """Weights (times, nodes) of the states at the nodes of an interval in interpolated states.
+
+    Attributes
+    ----------
+    positions, positions_by_velocities
+        Weights of q and of v in q.
+    velocities
+        Weights of v in v.
+    reactions
+        Weights of a in a, and of lam in lam.
+    """
+
+    positions: sp.csr_array
+    positions_by_velocities: sp.csr_array
+    velocities: sp.csr_array
+    reactions: sp.csr_array
 
 
 @read_only_data
@@ -44,6 +85,10 @@ class Interval:
     responded to the laws of this interval. The polynomials therefore exclude the first state,
     except before the second node and in intervals with too few nodes.
 
+    Long runs store only some of their steps (`integrators.step_thinning`). Nodes are then the start
+    and the end of the interval, the output times, at which the dense output of all steps was
+    evaluated, and every n-th step; the polynomials pass through these nodes.
+
     Attributes
     ----------
     nodes
@@ -57,6 +102,8 @@ class Interval:
         Number of nodes per step: 1 for methods without stages, otherwise the number of stages.
     configuration
         The active parts. None if `EquationsOfMotion.configurations` is None.
+    record
+        Energies at all steps if `nodes` contain only some of them; otherwise None.
     """
 
     nodes: Array
@@ -64,6 +111,7 @@ class Interval:
     branch: float
     nodes_per_step: int = 1
     configuration: Configuration | None = None
+    record: StepRecord | None = None
 
     @cached_property
     def t(self) -> Array:
@@ -75,6 +123,15 @@ class Interval:
         """States at the times `t`."""
         return State(*(x[:: self.nodes_per_step] for x in self.rows))
 
+    @cached_property
+    def grid(self) -> Interval:
+        """Interval with the nodes of all steps, but without states if only some are stored."""
+        if self.record is None:
+            return self
+        empty = State(*(np.zeros((len(self.record.nodes), 0)) for _ in self.rows))
+        nodes, nodes_per_step = self.record.nodes, self.record.nodes_per_step
+        return Interval(nodes, empty, self.branch, nodes_per_step, self.configuration)
+
     @property
     def times(self) -> Array:
         """Rows (t, branch) of the nodes, (k, 2): the time argument of compiled functions."""
@@ -82,12 +139,56 @@ class Interval:
 
     def at(self, t: Array) -> State:
         """Return the states at times (j,) [s] inside the interval, one row per time."""
+        if self.nodes_per_step == 1 and np.array_equal(t, self.nodes):
+            # Not copied: long runs may store output rows only.
+            return self.rows
+        step = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
+        if np.array_equal(self.t[step], t):
+            # The polynomials pass through the steps.
+            return State(*(x[step * self.nodes_per_step] for x in self.rows))
         q, v, a, lam = self.rows
         node = _preceding_node(self.nodes, t)
-        motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
-        reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
-        position = motion @ q if self.nodes_per_step == 1 else self._integrate_velocity(q, v, t)
-        return State(position, motion @ v, reaction @ a, reaction @ lam)
+        reaction = motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
+        if self._degree(_DEGREE_OF_REACTIONS) != self._degree(_DEGREE_OF_MOTION):
+            reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
+        positions = motion @ q if self.nodes_per_step == 1 else self.positions_at(t)
+        return State(positions, motion @ v, reaction @ a, reaction @ lam)
+
+    def positions_at(self, t: Array) -> Array:
+        """Return the coordinates q of `at` (j, n)."""
+        if self.nodes_per_step == 1:
+            return self.interpolate(self.rows.q, t)
+        by_q, by_v = self._position_weights(t)
+        return by_q @ self.rows.q + by_v @ self.rows.v
+
+    def derivative_at(self, t: Array) -> State:
+        """Return the exact time derivatives of the polynomials of `at` at times (j,) [s].
+
+        The fields of the result are q', v', a' and lam'. At a node, the derivative is that of the
+        step that ends there.
+        """
+        q, v, a, lam = self.rows
+        node = _preceding_node(self.nodes, t)
+        motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION, derivative=True)
+        reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS, derivative=True)
+        if self.nodes_per_step == 1:
+            rates = motion @ q
+        else:
+            ends, step = self.t[1:], _preceding_node(self.t, t)
+            # Slope of the linear correction by which `positions_at` matches q at the steps.
+            change = np.diff(q[:: self.nodes_per_step], axis=0)
+            slopes = (change - self._integrate_within_step(v, ends)) / np.diff(self.t)[:, None]
+            rates = self.interpolate(v, t) + slopes[step]
+        return State(rates, motion @ v, reaction @ a, reaction @ lam)
+
+    def weights_at(self, t: Array) -> StateWeights:
+        """Return the weights of the nodes in the states of `at` at times (j,) [s]."""
+        node = _preceding_node(self.nodes, t)
+        degrees = (_DEGREE_OF_MOTION, _DEGREE_OF_REACTIONS)
+        motion, reaction = (self._lagrange_weights(t, node, degree) for degree in degrees)
+        if self.nodes_per_step == 1:
+            return StateWeights(motion, sp.csr_array(motion.shape), motion, reaction)
+        return StateWeights(*self._position_weights(t), motion, reaction)
 
     def interpolate(self, values: Array, t: Array) -> Array:
         """Interpolate quantities at times inside the interval with the polynomials of v.
@@ -149,43 +250,76 @@ class Interval:
 
     def _integrate_within_step(self, rates: Array, t: Array) -> Array:
         """Integrate rates from the start of the step that contains each time to that time."""
+        return self._integration_weights(t) @ rates
+
+    def _integration_weights(self, t: Array) -> sp.csr_array:
+        """Return the weights (len(t), k) of the nodes in integrals from the start of the step."""
         step = _preceding_node(self.t, t)
         node, start = step * self.nodes_per_step, self.t[step]
         half = 0.5 * (t - start)
-        integrals = np.zeros((len(t), rates.shape[1]))
         # Gauss points that integrate polynomials of this degree exactly.
         degree = max(self.nodes_per_step, _DEGREE_OF_REACTIONS)
-        for x, weight in zip(*np.polynomial.legendre.leggauss(degree // 2 + 1), strict=True):
-            at = start + (1.0 + x) * half
-            values = self._lagrange_weights(at, node, _DEGREE_OF_REACTIONS) @ rates
-            integrals += (weight * half)[:, None] * values
-        return integrals
+        points, weights = gauss_points(degree // 2 + 1)
+        times = (start + (1.0 + x) * half for x in points)
+        at_points = self._lagrange_weights(
+            np.concatenate(list(times)), np.tile(node, len(points)), _DEGREE_OF_REACTIONS
+        )
+        # All points of a time have the same nodes.
+        ends = at_points.indptr[: len(t) + 1]
+        half = np.repeat(half, np.diff(ends))
+        terms = at_points.data.reshape(len(points), -1)
+        data = weights[0] * half * terms[0]
+        for weight, term in zip(weights[1:], terms[1:], strict=True):
+            data += weight * half * term
+        return sp.csr_array(
+            (data, at_points.indices[: ends[-1]], ends), shape=(len(t), len(self.nodes))
+        )
 
-    def _integrate_velocity(self, q: Array, v: Array, t: Array) -> Array:
-        """Return q as the integral of v, with a linear correction that matches q at the steps."""
+    def _position_weights(self, t: Array) -> tuple[sp.csr_array, sp.csr_array]:
+        """Return the weights (j, k) of q and of v at the nodes in the positions at times (j,).
+
+        Positions are the integral of v, with a linear correction that matches q at the steps.
+        """
         step = _preceding_node(self.t, t)
-        ends = q[:: self.nodes_per_step]
-        gap = np.diff(ends, axis=0) - self._integrate_within_step(v, self.t[1:])
-        x = ((t - self.t[step]) / (self.t[step + 1] - self.t[step]))[:, None]
-        return ends[step] + self._integrate_within_step(v, t) + x * gap[step]
+        x = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
+        weights = self._integration_weights(t)
+        to_ends = self._integration_weights(self.t[1:])
+        # All times of a step have the same nodes.
+        width = int(to_ends.indptr[1])
+        weights.data -= np.repeat(x, width) * to_ends.data.reshape(-1, width)[step].ravel()
+        pairs = self.nodes_per_step * np.stack([step, step + 1], axis=1)
+        ends, starts = np.stack([1.0 - x, x], axis=1), np.arange(0, 2 * len(t) + 1, 2)
+        between = sp.csr_array(
+            (ends.ravel(), pairs.ravel(), starts), shape=(len(t), len(self.nodes))
+        )
+        return between, weights
 
-    def _lagrange_weights(self, t: Array, node: Array, degree: int) -> sp.csr_array:
+    def _degree(self, degree: int) -> int:
+        """Return the degree of polynomials: that of the stages, or at most `degree` without."""
+        return min(degree if self.nodes_per_step == 1 else self.nodes_per_step, len(self.nodes) - 1)
+
+    def _lagrange_weights(
+        self, t: Array, node: Array, degree: int, derivative: bool = False
+    ) -> sp.csr_array:
         """Return the Lagrange weights (len(t), k) of the nodes at the times `t`.
 
         `node` contains, for each time, the index of an earlier node: the start of the step or one
-        of its stages.
+        of its stages. If `derivative` is True, the weights are differentiated with respect to t.
         """
-        last = len(self.nodes) - 1
-        degree = min(degree if self.nodes_per_step == 1 else self.nodes_per_step, last)
+        last, degree = len(self.nodes) - 1, self._degree(degree)
         end = (node // self.nodes_per_step + 1) * self.nodes_per_step
         least = np.minimum(node, 1)
         first = np.minimum(np.maximum(end - degree, least), last - degree)
         through = first + np.arange(degree + 1)[:, None]
         x = self.nodes[through]
-        weights = np.ones_like(x)
+        weights, slopes = np.ones_like(x), np.zeros_like(x)
         for k, j in np.ndindex(degree + 1, degree + 1):
             if j != k:
+                if derivative:  # Product rule, before the product contains this factor.
+                    slopes[k] = (slopes[k] * (t - x[j]) + weights[k]) / (x[k] - x[j])
                 weights[k] *= (t - x[j]) / (x[k] - x[j])
+        if derivative:
+            weights = slopes
         ends = np.arange(len(t) + 1) * (degree + 1)
         shape = (len(t), len(self.nodes))
         return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
@@ -220,7 +354,31 @@ class Trajectory:
     @property
     def steps(self) -> int:
         """Number of accepted steps."""
-        return sum(len(interval.t) - 1 for interval in self.intervals)
+        return sum(len(interval.grid.t) - 1 for interval in self.intervals)
+
+    def require_all_steps(self, caller: str) -> None:
+        """Raise BeamdaeError if the run stores only some of its steps."""
+        if any(interval.record is not None for interval in self.intervals):
+            rows = sum(len(interval.nodes) for interval in self.intervals)
+            raise BeamdaeError(
+                f"{caller}: all steps are needed, but this long run stores {rows} rows of its "
+                f"{self.steps} steps; run it with simulate(..., keep_steps=True)."
+            )
+
+    def warn_between_rows(self, caller: str, times: Array) -> None:
+        """Warn if the run stores only some of its steps, and times lie between its rows."""
+        index = self.interval_index(times)
+        for k, interval in enumerate(self.intervals):
+            if interval.record is None or np.isin(times[index == k], interval.nodes).all():
+                continue
+            warnings.warn(
+                f"{caller}: this long run stores only some of its steps, and states between its "
+                "rows are interpolated, without the vibrations between them; choose output times, "
+                "or simulate(..., keep_steps=True).",
+                BeamdaeWarning,
+                stacklevel=4,
+            )
+            return
 
     def interval_index(self, times: Array) -> Array:
         """Return the index of the interval of each time; at a boundary, of the earlier interval."""
@@ -232,8 +390,29 @@ class Trajectory:
         index = self.interval_index(times)
         branches = np.array([interval.branch for interval in self.intervals])[index]
         parts = [x.at(times[index == k]) for k, x in enumerate(self.intervals)]
-        state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+        state = parts[0]
+        if len(parts) > 1:
+            state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
         return _with_branch(times, branches), state
+
+    def derivative_at(self, times: Array) -> State:
+        """Return the time derivatives of the states of `at`, see `Interval.derivative_at`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the run stores only some of its steps.
+        """
+        self.require_all_steps("time derivatives of a run")
+        index = self.interval_index(times)
+        parts = [x.derivative_at(times[index == k]) for k, x in enumerate(self.intervals)]
+        return State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    def positions_at(self, times: Array) -> Array:
+        """Return the coordinates q (k, n) at ascending times (k,) [s]."""
+        index = self.interval_index(times)
+        parts = [x.positions_at(times[index == k]) for k, x in enumerate(self.intervals)]
+        return np.concatenate(parts)
 
 
 class Instant(NamedTuple):
@@ -275,6 +454,7 @@ class Instant(NamedTuple):
                 f"{trajectory.end:g} s, got {t:g} s."
             )
         times = np.array([t])
+        trajectory.warn_between_rows("Solution.at", times)
         rows, state = trajectory.at(times)
         interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
         state = read_only(State(*(x[0] for x in state)))

@@ -17,7 +17,7 @@ from beamdae.studies.run_values import (
     describe_event_mismatch,
     is_event_count,
 )
-from beamdae.studies.tasks import Outcome
+from beamdae.studies.tasks import Outcome, shared_table
 
 ERROR_COLUMN = "error [-]"
 # Integrator settings that control the accuracy.
@@ -63,7 +63,7 @@ def _error_columns(outcome: Outcome, reference: Reference) -> dict[str, Any]:
     columns["below resolution"] = False
     columns["reference uncertainty [-]"] = reference.uncertainty
     # Without a step, the run contains only the initial state, which has no error.
-    table = outcome.table
+    table = shared_table(outcome)
     if reference.table is None or table is None or not outcome.values.get("steps"):
         return columns
     error = compute_deviations(table, reference.table, reference.columns)

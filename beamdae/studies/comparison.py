@@ -14,6 +14,7 @@ from beamdae.errors import (
     require_choice,
     require_iterable,
     require_positive,
+    require_progress,
     short_repr,
 )
 from beamdae.interrupts import (
@@ -120,8 +121,7 @@ def compare(
     for name, value in (("t_end", t_end), ("output_step", output_step)):
         if value is not None:
             require_positive("compare", name, value)
-    if progress is not None and not callable(progress):
-        raise BeamdaeError(f"compare: progress must be a function, got {short_repr(progress)}.")
+    require_progress("compare", progress)
     if isinstance(reference, Case):
         reference = _solve_reference(reference, t_end, output_step, progress)
     rows, interrupted = [], False

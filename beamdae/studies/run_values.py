@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
@@ -189,6 +190,6 @@ def _format_counts(values: Mapping[str, Any]) -> str:
 
 def tabulate_trajectory(solution: Solution) -> pd.DataFrame:
     """Return observed columns, energies and drift, indexed by output time [s]."""
-    parts = (solution.observed, solution.ledger, solution.drift)
-    headers = pd.Index([header for part in parts for header in part])
-    return pd.DataFrame(np.hstack(parts), pd.Index(solution.t, name="t [s]"), headers)
+    columns = solution.all_columns() | solution.drift_columns
+    times = pd.Index(columns.pop(TIME), name=TIME)
+    return pd.DataFrame(np.column_stack(list(columns.values())), times, pd.Index(columns))

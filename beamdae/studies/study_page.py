@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from beamdae.studies.run_values import (
     MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
+from beamdae.studies.tasks import shared_table
 from beamdae.studies.unique_names import number_duplicates
 
 _MAX_CURVES = 200  # cases with curves; pages with more take long to open
@@ -174,7 +176,7 @@ def _create_cases(
 ) -> list[dict[str, Any]]:
     study, ranks, max_rows = results.study, _rank_cases(results.study), _max_rows_per_case(results)
     cases = []
-    for k, (case, (_, row)) in enumerate(zip(study.cases, table.iterrows(), strict=True)):
+    for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
         group = str(row["group"])
         has_reference = group in results.references
         status = str(row["reason"]) or "ok"
@@ -225,9 +227,9 @@ def _as_json_value(value: Any) -> Any:
 
 
 def _create_curves(
-    results: StudyResults, case: Case, row: pd.Series, max_rows: int
+    results: StudyResults, case: Case, row: Mapping[Any, Any], max_rows: int
 ) -> dict[str, Any] | None:
-    table = results.outcome(case).table
+    table = shared_table(results.outcome(case))
     if table is None:
         return None
     reference = results.references.get(str(row["group"]))
@@ -251,6 +253,6 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
 
 
 def _max_rows_per_case(results: StudyResults) -> int:
-    tables = [results.outcome(case).table for case in results.study.cases[:_MAX_CURVES]]
+    tables = [shared_table(results.outcome(case)) for case in results.study.cases[:_MAX_CURVES]]
     # Each column may be accompanied by its difference from the reference, hence the factor 2.
     return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

@@ -282,7 +282,10 @@ def _format_log_axes(
 def _set_plain_ticks(axis: Axis, low: float, high: float) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+    from beamdae.report.pictures.tick_labels import format_ticks
+
     decades = math.log10(high / low)
+    format_ticks(axis)
     axis.set_minor_formatter(NullFormatter())
     if decades < _MAX_PLAIN_DECADES:
         ticks = _DENSE_TICKS if decades < _MAX_DENSE_DECADES else _PLAIN_TICKS

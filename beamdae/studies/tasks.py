@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import cloudpickle
 import numpy as np
@@ -20,6 +20,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
+from beamdae.studies.column_measures import measure_table
 
 
 @dataclass(frozen=True)
@@ -121,11 +122,14 @@ class Outcome:
     values
         Settings, cost, quality, events and outputs by column of the case table; may be empty if the
         run was not completed.
-    rows
-        Trajectory table; None if none was recorded, for example without a consistent start. `table`
-        returns a copy.
+    _rows
+        Trajectory table, or a function that reads it; None if none was recorded, for example
+        without a consistent start. `table` returns a copy.
     frames
         Shapes of the bodies over time for an animation; None unless requested.
+    _measures
+        Measures of the observed columns of the trajectory, see `measure_table`; None until they are
+        needed, see `shared_measures`.
     read
         Hashes of the files that were read, by name; see
         `beamdae.studies.store.file_reads.digest_reads`.
@@ -139,22 +143,41 @@ class Outcome:
 
     status: Status = REACHED_END
     values: dict[str, Any] = field(default_factory=dict)
-    rows: pd.DataFrame | None = field(default=None, repr=False)
+    _rows: pd.DataFrame | Callable[[], pd.DataFrame] | None = field(default=None, repr=False)
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
     file: str = ""
     text: bytes = field(default=b"", repr=False)
     kernel_warnings: tuple[str, ...] = ()
+    _measures: dict[str, list[float]] | None = field(default=None, repr=False)
 
     @property
     def table(self) -> pd.DataFrame | None:
-        """Copy of `rows`: observed columns, energies and drift by time; None if `rows` is None."""
-        return None if self.rows is None else self.rows.copy()
+        """Observed columns, energies and drift by time as a new table, or None."""
+        table = shared_table(self)
+        return None if table is None else table.copy()
 
     @classmethod
     def failed(cls, sentence: str) -> Outcome:
         """Return a failed outcome without values."""
         return cls(Status("failed", sentence))
+
+
+def shared_table(outcome: Outcome) -> pd.DataFrame | None:
+    """Return `outcome.table` without a copy, for functions that only read it."""
+    rows = vars(outcome)["_rows"]
+    if callable(rows):
+        rows = vars(outcome)["_rows"] = rows()
+    return cast("pd.DataFrame | None", rows)
+
+
+def shared_measures(outcome: Outcome) -> dict[str, list[float]]:
+    """Return the measures of the observed columns of an outcome; empty without a trajectory."""
+    measures = vars(outcome)["_measures"]
+    if measures is None:
+        table = shared_table(outcome)
+        measures = vars(outcome)["_measures"] = {} if table is None else measure_table(table)
+    return cast("dict[str, list[float]]", measures)
 
 
 NOT_RUN = Outcome(Status("interrupted", "not run because the study was interrupted"))

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder
-from importlib.metadata import PackageNotFoundError, files
 from pathlib import PurePath
 from types import SimpleNamespace
 from typing import Any
@@ -99,6 +98,8 @@ def _find_extension_module() -> str:
 
 def _windows_dll_names() -> set[str]:
     """Return the names of SUNDIALS libraries on Windows, in scikit-sundae's wheel and in conda."""
+    from importlib.metadata import PackageNotFoundError, files
+
     parts = ("core", "ida", "nvecserial", "sunmatrixband", "sunlinsolband")
     try:
         wheel = {PurePath(file).name for file in files("scikit-sundae") or ()}

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
+from beamdae.symbolic.row_programs import RowProgram, can_vectorize
+
 Array = np.ndarray
+_Mapped = TypeVar("_Mapped")
 
 _MAX_MAPPED_ROWS = 128
+# From this number of rows on, NumPy operations on columns are faster than the virtual machine.
+_MIN_PROGRAM_ROWS = 200
+# Number of rows of a program, whose columns then stay in the processor cache.
+_MAX_PROGRAM_ROWS = 1024
 # Number of mapped functions that are cached per function: runs differ in their last, shorter block.
 MAX_MAPPED_FUNCTIONS = 16
 
 
-def keep_latest(functions: dict[Any, ca.Function], key: Any, mapped: ca.Function) -> None:
+def keep_latest(functions: dict[Any, _Mapped], key: Any, mapped: _Mapped) -> None:
     """Add a mapped function to a cache, and remove the oldest one if there are too many."""
     functions[key] = mapped
     if len(functions) > MAX_MAPPED_FUNCTIONS:
@@ -64,13 +73,53 @@ class Compiled:
         return self.outputs
 
 
+class _MappedEvaluator:
+    """Evaluator of `count` rows by CasADi's virtual machine."""
+
+    def __init__(self, mapped: ca.Function, count: int) -> None:
+        self._compiled, self._count = Compiled(mapped), count
+
+    def evaluate(self, arguments: Sequence[Array]) -> Array:
+        """Return the results (count, size); the next call overwrites them."""
+        return self._compiled(*map(np.ravel, arguments))[0].reshape(self._count, -1)
+
+
+class _EvaluatorPool:
+    """Evaluators of one function, which are reused because creating one takes as long as a call.
+
+    Each evaluator is used by one thread at a time.
+    """
+
+    def __init__(self, create: type[Any], function: ca.Function, count: int) -> None:
+        self._recipe = create, function, count
+        self._idle: list[Any] = []
+
+    def __reduce__(self) -> Any:
+        return _EvaluatorPool, self._recipe
+
+    def acquire(self) -> Any:
+        """Return an evaluator, which belongs to the caller until `release`."""
+        try:
+            # Not a test of the length, because a concurrent thread may take the last one.
+            return self._idle.pop()
+        except IndexError:
+            create, function, count = self._recipe
+            return create(function, count)
+
+    def release(self, evaluator: Any) -> None:
+        """Let other callers use the evaluator."""
+        self._idle.append(evaluator)
+
+
 class RowFunction:
     """A CasADi function with one dense output, evaluated for each row of its arguments."""
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._mapped_functions: dict[tuple[int, ...], ca.Function] = {}
+        self._mapped_functions: dict[tuple[int, ...], _EvaluatorPool] = {}
+        self._programs: dict[int, _EvaluatorPool] = {}
         self._derivatives: dict[int, RowFunction] = {}
+        self._weighted_gradient: RowFunction | None = None
 
     def __call__(self, *arguments: Array) -> Array:
         """Return one row of output entries for each row of the arguments, shape (rows, size).
@@ -83,14 +132,25 @@ class RowFunction:
         result = np.empty((rows, self._function.nnz_out(0)))
         if not rows:
             return result
-        count = min(rows, _MAX_MAPPED_ROWS)
-        compiled = Compiled(self._map(count, shared))
+        is_program = rows >= _MIN_PROGRAM_ROWS and self._can_vectorize
+        count = min(rows, _MAX_PROGRAM_ROWS if is_program else _MAX_MAPPED_ROWS)
+        pool = self._program(count) if is_program else self._map(count, shared)
+        evaluator = pool.acquire()
         # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
             chunk = slice(first, first + count)
-            values = (a if np.ndim(a) == 1 else np.ravel(a[chunk]) for a in arguments)
-            result[chunk] = compiled(*values)[0].reshape(count, -1)
+            values = [a if np.ndim(a) == 1 else a[chunk] for a in arguments]
+            result[chunk] = evaluator.evaluate(values)
+        pool.release(evaluator)
         return result
+
+    @cached_property
+    def _can_vectorize(self) -> bool:
+        return can_vectorize(self._function)
+
+    def express(self, *symbols: ca.SX) -> ca.SX:
+        """Return the outputs as an expression in symbols, one column per argument."""
+        return ca.densify(ca.vec(self._function(*symbols)))
 
     def derivative(self, argument: int) -> RowFunction:
         """Return a row function for the Jacobian with respect to argument number `argument`.
@@ -105,16 +165,43 @@ class RowFunction:
             self._derivatives[argument] = RowFunction(function)
         return self._derivatives[argument]
 
-    def _map(self, count: int, shared: list[int]) -> ca.Function:
-        """Return the function over `count` rows; cached, as mapping costs as much as a call."""
+    def weighted_gradient(self) -> RowFunction:
+        """Return a row function of the arguments and of weights, one per output entry.
+
+        Each row of its values contains the derivatives of weights . outputs with respect to all
+        entries of all arguments but the first, which is the time.
+        """
+        if self._weighted_gradient is None:
+            inputs, function = self._function.sx_in(), self._function
+            (value,) = function.call(inputs)
+            weights = ca.SX.sym("weights", function.numel_out(0))
+            arguments = ca.vertcat(*map(ca.vec, inputs[1:]))
+            by_arguments = ca.gradient(ca.dot(weights, ca.densify(ca.vec(value))), arguments)
+            inputs = [*inputs, weights]
+            entries = [ca.densify(by_arguments)]
+            gradient = ca.Function(f"{function.name()}_gradient", inputs, entries)
+            self._weighted_gradient = RowFunction(gradient)
+        return self._weighted_gradient
+
+    def _map(self, count: int, shared: list[int]) -> _EvaluatorPool:
+        """Return evaluators over `count` rows; cached, as mapping costs as much as a call."""
         function, key = self._function, (count, *shared)
         # A concurrent thread may remove the entry between a test and an access.
         mapped = self._mapped_functions.get(key)
         if mapped is None:
             name = function.name()
-            mapped = function.map(name, "serial", count, shared, []) if count > 1 else function
+            function = function.map(name, "serial", count, shared, []) if count > 1 else function
+            mapped = _EvaluatorPool(_MappedEvaluator, function, count)
             keep_latest(self._mapped_functions, key, mapped)
         return mapped
+
+    def _program(self, count: int) -> _EvaluatorPool:
+        """Return programs over `count` rows; cached, because building one takes milliseconds."""
+        programs = self._programs.get(count)
+        if programs is None:
+            programs = _EvaluatorPool(RowProgram, self._function, count)
+            keep_latest(self._programs, count, programs)
+        return programs
 
     def jacobians(self, *arguments: Array) -> list[Array]:
         """Return the dense Jacobians at one point: an array (size, k) per argument (k,)."""

@@ -9,6 +9,8 @@ import casadi as ca
 
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
+from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
+from beamdae.symbolic.table_calls import TableCall
 
 # Indices of dF/dq, dF/dv and dF/da in `Tangents`.
 STIFFNESS = 0
@@ -40,6 +42,8 @@ class ForceKernel:
         (power of the loads, dissipated power) [W].
     reused
         True if statements share the kernel unchanged; see `kernel_groups` for other kernels.
+    table_calls
+        Tables in the expressions.
     """
 
     local: Local
@@ -47,6 +51,7 @@ class ForceKernel:
     energies: SX = field(default_factory=lambda: SX.zeros(_N_ENERGIES))
     powers: SX = field(default_factory=lambda: SX.zeros(_N_POWERS))
     reused: bool = False
+    table_calls: tuple[TableCall, ...] = ()
     _tangents: dict[Tangents, Kernel] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -76,6 +81,18 @@ class ForceKernel:
             or describe_column_error("energies", self.energies, _N_ENERGIES, *motion)
             or describe_column_error("powers", self.powers, _N_POWERS, *motion)
         )
+
+    @cached_property
+    def signal_binding(self) -> tuple[SignalBinding, ForceKernel] | None:
+        """Outputs without symbols of signals, and the kernel of them; None without signals."""
+        signals = find_signals(*self.outputs)
+        if not signals:
+            return None
+        binding = bind_signals(self.local, self.outputs, signals)
+        force, energies, powers = binding.outputs
+        # Measured coordinates are not loaded.
+        force = ca.vertcat(force, SX.zeros(binding.local.size - self.local.size))
+        return binding, ForceKernel(binding.local, force, energies, powers, self.reused)
 
     @cached_property
     def has_branches(self) -> bool:

@@ -8,19 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.local_symbols import Local
+from beamdae.symbolic.table_calls import record_calls
 
 Array = np.ndarray
 
 # Number of shared kernels cached for later models, per cache.
 MAX_SHARED_KERNELS = 512
+# Unlike `functools.lru_cache`, it returns the same kernel to concurrent threads: structures that
+# compare kernels by identity would otherwise differ.
+cache_kernels = bounded_cache(MAX_SHARED_KERNELS, lambda kernel: 1.0)
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,11 @@ class FormulaExpression:
             else:
                 functions.append(Formula(function, local.data[first : first + count]))
                 first += count
-        return self.build(local, *functions)
+        with record_calls(has_numbers_as_symbols=True) as calls:
+            value = self.build(local, *functions)
+        if calls and isinstance(value, ForceKernel):
+            return replace(value, table_calls=tuple(calls))
+        return value
 
 
 def build_formula_kernel(
@@ -133,7 +141,7 @@ def build_formula_kernel(
     return kernel, numbers[:, None]
 
 
-@lru_cache(maxsize=MAX_SHARED_KERNELS)
+@cache_kernels
 def _build_shared_kernel(
     expression: FormulaExpression, size: int, n_data: int, n_multipliers: int
 ) -> ForceKernel | ConstraintKernel:

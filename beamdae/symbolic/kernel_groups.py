@@ -9,13 +9,12 @@ Kernels made only of `Formula`s already take their numbers as data; they are sha
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.formula import MAX_SHARED_KERNELS
+from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -131,7 +130,7 @@ def _extract_constants(kernel: AnyKernel) -> Array:
     )
 
 
-@lru_cache(maxsize=MAX_SHARED_KERNELS)
+@cache_kernels
 def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     """Return the kernel of a recipe, with its numbers as additional data.
 

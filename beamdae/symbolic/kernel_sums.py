@@ -10,39 +10,48 @@ component, with the copies of a batch side by side.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from beamdae.linear.lane_operations import aligned_zeros
+from beamdae.native.lane_code import LANE_WIDTH
 from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel
 from beamdae.native.loop_functions import (
     add,
+    add_tiles,
     add_weighted,
     call_kernel,
     combine,
     fill,
     gather,
     pick,
+    pick_tiles,
 )
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, keep_latest
+from beamdae.symbolic.lane_tiles import BatchRows, Tiles, find_tiles
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
+from beamdae.symbolic.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX
 
 # Columns of `Sum.batches`: start of the inputs of a batch in `local`, its number of lanes, and the
-# ends of its entries in `pick_targets`, `gather_targets`, `add_targets` and `weighted_targets`.
+# ends of its entries in `pick_targets`, `gather_targets`, `add_targets`, `weighted_targets`,
+# `pick_tiles` and `add_tiles`.
 _START = 0
 _LANES = 1
 _PICK_END = 2
 _GATHER_END = 3
 _ADD_END = 4
 _WEIGHTED_END = 5
+_PICK_TILE_END = 6
+_ADD_TILE_END = 7
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ class Kernel:
     outputs
         Patterns of the columns and matrices that `function` returns.
     rotated_kernels
-        Cache of `rotations.rotate_kernel`.
+        Cache of kernels derived from this one, by `rotations` and `directional_sums`.
     """
 
     function: ca.Function
@@ -85,6 +94,12 @@ class Kernel:
             keep_latest(self._mapped_functions, count, mapped)
         return mapped
 
+    @cached_property
+    def with_vector_sines(self) -> Kernel:
+        """The same kernel, with sines and cosines as polynomials if it has several."""
+        function = expand_sines(self.function)
+        return self if function is None else Kernel(function, self.outputs)
+
     @property
     def native(self) -> LaneKernel | None:
         """Machine code of the kernel; None if machine code is switched off or cannot be built."""
@@ -107,10 +122,22 @@ class Kernel:
         return build_lane_kernel(self.function, compiles=False)
 
     @classmethod
-    def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
-        """Return the kernel of `outputs`, expressions in `shared` and `local`."""
-        entries = ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs))
-        (entries,) = ca.cse([ca.densify(entries)])
+    def of(
+        cls,
+        name: str,
+        shared: SX,
+        local: SX,
+        outputs: Sequence[SX],
+        *,
+        has_repetitions: bool = True,
+    ) -> Kernel:
+        """Return the kernel of `outputs`, expressions in `shared` and `local`.
+
+        If `has_repetitions` is False, repeated subexpressions are not searched for.
+        """
+        entries = ca.densify(ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs)))
+        if has_repetitions:
+            (entries,) = ca.cse([entries])
         return cls(ca.Function(name, [shared, local], [entries]), tuple(map(SX.sparsity, outputs)))
 
 
@@ -130,7 +157,7 @@ class Sum:
     kernels
         One per batch: addresses of machine code, or Python functions of (shared, local, out).
     batches
-        One row per batch, with the columns `_START` to `_WEIGHTED_END`. Entries of `add_targets`
+        One row per batch, with the columns `_START` to `_ADD_TILE_END`. Entries of `add_targets`
         and `weighted_targets` beyond the last batch read `shared` and the 1.
     pick_targets, pick_sources
         local[pick_targets] = x[pick_sources].
@@ -141,6 +168,9 @@ class Sum:
         result[add_targets] += out[add_sources].
     weighted_targets, weighted_sources, weights
         result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
+    pick_tiles, add_tiles
+        Entries that machine code moves by vectors, see `lane_tiles`, in place of the same entries
+        of `pick_targets` and `add_targets`. Tiles are added before the other entries.
     code_owners
         Objects that keep the machine code at the addresses of `kernels` in memory.
     """
@@ -160,6 +190,8 @@ class Sum:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
+    pick_tiles: Array
+    add_tiles: Array
     code_owners: tuple[Any, ...]
 
 
@@ -176,7 +208,8 @@ class Batch(NamedTuple):
 class SumPlan:
     """A sum without buffers and model data; all its `Sum`s share the constant arrays.
 
-    The data p of a model are copied by local[data_targets] = p[data_sources].
+    The data p of a model are copied by local[data_targets] = p[data_sources]. `weights` are the
+    products of the two arrays in `weight_factors`, which only `with_weights` needs.
     """
 
     n_shared: int
@@ -196,6 +229,27 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
+    weight_factors: tuple[Array, Array] | None = None
+    # Arrays that do not depend on weights; plans that differ in weights only share them.
+    _layouts: dict[str, dict[str, Array]] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+
+    def with_weights(self, decode: Callable[[Array], Array]) -> SumPlan:
+        """Return the plan for other weights of operators.
+
+        `decode` returns the weights of operators in place of those of this plan.
+        """
+        assert self.weight_factors is not None
+        left, right = map(decode, self.weight_factors)
+        plan = replace(
+            self,
+            gather_weights=decode(self.gather_weights),
+            weights=left * right,
+            weight_factors=None,
+        )
+        object.__setattr__(plan, "_layouts", self._layouts)
+        return plan
 
     @property
     def is_native(self) -> bool:
@@ -216,10 +270,11 @@ class SumPlan:
         p
             Numbers of the model; `data_sources` selects the data of the copies.
         """
-        local = np.zeros(self.n_local)
+        local = aligned_zeros(self.n_local)
         local[self.data_targets] = p[self.data_sources]
         kernels: Any
         code_owners: tuple[Any, ...] = ()
+        entries = self._layout(self._tiled_entries if native else self._untiled_entries)
         if native:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
             kernels = np.array([kernel.address for kernel in code_owners], np.int64)
@@ -228,21 +283,91 @@ class SumPlan:
         return Sum(
             shared=np.zeros(self.n_shared),
             local=local,
-            out=np.zeros(self.n_out),
+            out=aligned_zeros(self.n_out),
             kernels=kernels,
-            batches=self.batch_table,
-            pick_targets=self.pick_targets,
-            pick_sources=self.pick_sources,
             gather_targets=self.gather_targets,
             gather_sources=self.gather_sources,
             gather_weights=self.gather_weights,
-            add_targets=self.add_targets,
-            add_sources=self.add_sources,
             weighted_targets=self.weighted_targets,
             weighted_sources=self.weighted_sources,
             weights=self.weights,
             code_owners=code_owners,
+            **entries,
         )
+
+    def _layout(self, build: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+        key = build.__name__
+        if key not in self._layouts:
+            self._layouts[key] = build()
+        return self._layouts[key]
+
+    def _tiled_entries(self) -> dict[str, Array]:
+        """Fields of `Sum` that depend on tiles, for machine code."""
+        picks, adds = self._tiles
+        table, count = self.batch_table, len(self.batches)
+        n_add = int(table[-1, _ADD_END]) if count else 0
+        is_added = np.ones(len(self.add_targets), bool)
+        is_added[:n_add] = ~adds.covered
+        remaining = [
+            np.concatenate([[0], np.cumsum(~covered)])[table[:, column]]
+            for covered, column in ((picks.covered, _PICK_END), (adds.covered, _ADD_END))
+        ]
+        batches = np.column_stack([table, picks.ends, adds.ends])
+        batches[:, _PICK_END], batches[:, _ADD_END] = remaining
+        return {
+            "batches": np.ascontiguousarray(batches, np.int64),
+            "pick_targets": self.pick_targets[~picks.covered],
+            "pick_sources": self.pick_sources[~picks.covered],
+            "add_targets": self.add_targets[is_added],
+            "add_sources": self.add_sources[is_added],
+            "pick_tiles": np.ascontiguousarray(picks.table, np.uint32),
+            "add_tiles": np.ascontiguousarray(adds.table, np.uint32),
+        }
+
+    def _untiled_entries(self) -> dict[str, Array]:
+        """Fields of `Sum` without tiles; numbers are added in the order of `_tiled_entries`."""
+        _, adds = self._tiles
+        n_add = len(adds.covered)
+        batch = _entry_batches(self.batch_table[:, _ADD_END], n_add)
+        rest = np.flatnonzero(~adds.covered)
+        entries = np.concatenate([adds.order, rest])
+        order = entries[np.argsort(batch[entries], kind="stable")]
+        order = np.concatenate([order, np.arange(n_add, len(self.add_targets))])
+        ends = np.zeros((len(self.batches), 2), np.int64)
+        none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)
+        return {
+            "batches": np.column_stack([self.batch_table, ends]),
+            "pick_targets": self.pick_targets,
+            "pick_sources": self.pick_sources,
+            "add_targets": self.add_targets[order],
+            "add_sources": self.add_sources[order],
+            "pick_tiles": none,
+            "add_tiles": none,
+        }
+
+    @cached_property
+    def _tiles(self) -> tuple[Tiles, Tiles]:
+        """Tiles of the inputs and of the outputs; their positions begin at 0 in each batch."""
+        inputs = [BatchRows(x.kernel.n_local, x.lanes, x.copies) for x in self.batches]
+        outputs = [BatchRows(x.kernel.n_out, x.lanes, x.copies) for x in self.batches]
+        targets, sources = (x.astype(np.int64) for x in (self.pick_targets, self.pick_sources))
+        picks = find_tiles(inputs, targets, sources, fills_padding=True)
+        n_add = int(self.batch_table[-1, _ADD_END]) if len(self.batches) else 0
+        batch = _entry_batches(self.batch_table[:, _ADD_END], n_add)
+        sizes = np.array([x.height * x.lanes for x in outputs], np.int64)
+        starts = np.cumsum(sizes) - sizes
+        positions = starts[batch] + self.add_sources[:n_add].astype(np.int64)
+        rows = self.add_targets[:n_add].astype(np.int64)
+        adds = find_tiles(outputs, positions, rows, fills_padding=False)
+        for tiles, first in ((picks, self.batch_table[:, _START]), (adds, starts)):
+            counts = np.diff(tiles.ends, prepend=0)
+            tiles.table[:, 0] -= np.repeat(first, counts)
+        return picks, adds
+
+
+def _entry_batches(ends: Array, count: int) -> Array:
+    """Return the batch of each of the first `count` entries, from the ends of all batches."""
+    return np.searchsorted(ends, np.arange(count), "right")
 
 
 class _InterpretedKernel:
@@ -252,16 +377,20 @@ class _InterpretedKernel:
         kernel, start, lanes, self._count = batch
         n_inputs, n_outputs = kernel.n_local, kernel.n_out
         self._compiled = Compiled(kernel.map_copies(self._count))
+        # Views of the buffers. Further copies would take as long as a small kernel.
+        self._shared, copies = self._compiled.inputs
+        self._inputs = copies.reshape(self._count, n_inputs).T
+        self._outputs = self._compiled.outputs[0].reshape(self._count, n_outputs).T
         self._input_shape, self._output_shape = (n_inputs, lanes), (n_outputs, lanes)
         self._input_range = slice(start, start + n_inputs * lanes)
         self._output_range = slice(n_outputs * lanes)
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
         count = self._count
-        inputs = local[self._input_range].reshape(self._input_shape)[:, :count]
-        (values,) = self._compiled(shared, inputs.T.ravel())
-        outputs = out[self._output_range].reshape(self._output_shape)
-        outputs[:, :count] = values.reshape(count, -1).T
+        self._shared[:] = shared
+        self._inputs[:] = local[self._input_range].reshape(self._input_shape)[:, :count]
+        self._compiled()
+        out[self._output_range].reshape(self._output_shape)[:, :count] = self._outputs
 
 
 def set_time(total: Sum, t: float, branch: float) -> None:
@@ -287,18 +416,24 @@ def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     local, out, batches, n_shared = total.local, total.out, total.batches, total.shared.size
     fill(result, 0.0)
     pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
+    pick_tile_begin, add_tile_begin = 0, 0
     for k in range(batches.shape[0]):
         start, lanes = batches[k, _START], batches[k, _LANES]
         pick_end, gather_end = batches[k, _PICK_END], batches[k, _GATHER_END]
         add_end, weighted_end = batches[k, _ADD_END], batches[k, _WEIGHTED_END]
+        pick_tile_end, add_tile_end = batches[k, _PICK_TILE_END], batches[k, _ADD_TILE_END]
+        tiles = total.pick_tiles
+        pick_tiles(local, start, lanes, x, tiles, pick_tile_begin, pick_tile_end)
         pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)
         targets, weights, sources = total.gather_targets, total.gather_weights, total.gather_sources
         gather(local, targets, weights, x, sources, gather_begin, gather_end)
         call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
+        add_tiles(result, out, lanes, total.add_tiles, add_tile_begin, add_tile_end)
         add(result, total.add_targets, out, total.add_sources, add_begin, add_end)
         targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
         add_weighted(result, targets, weights, out, sources, weighted_begin, weighted_end)
         pick_begin, gather_begin = pick_end, gather_end
+        pick_tile_begin, add_tile_begin = pick_tile_end, add_tile_end
         add_begin, weighted_begin = add_end, weighted_end
     combine(out[:n_shared], (1.0,), (total.shared,))
     out[n_shared] = 1.0

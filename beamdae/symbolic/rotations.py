@@ -14,10 +14,14 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.kernel_sums import Kernel
 
 Array = np.ndarray
 SX = ca.SX
+
+# Entries of the cached results of `factor_operator`, about 50 bytes each.
+_MAX_CACHED_ENTRIES = 100_000
 
 
 @dataclass(frozen=True)
@@ -79,14 +83,26 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     """Factor the operator of `count` copies into a selection and a rotation.
 
     The columns of a copy are arranged by the rows of their largest entries, so that copies which
-    lack some columns still share the pattern.
+    lack some columns still share the pattern. Results are cached, because models are often built
+    again with other numbers but the same operators.
     """
-    rows, data, lengths = operator.shape[0] // count, operator.data, np.diff(operator.indptr)
-    if np.all(data == 1.0) and np.all(lengths <= 1):
+    if np.all(operator.data == 1.0) and np.all(np.diff(operator.indptr) <= 1):
         return RotatedOperator(operator, None, np.zeros((0, count)))
-    copy, row = np.divmod(np.repeat(np.arange(operator.shape[0]), lengths), rows)
-    keys, column = np.unique(copy * operator.shape[1] + operator.indices, return_inverse=True)
-    column_copy, global_column = np.divmod(keys, operator.shape[1])
+    arrays = (operator.indptr, operator.indices, operator.data)
+    contents = tuple((x.dtype.char, x.tobytes()) for x in arrays)
+    return _factor_arrays(operator.shape, contents, count)
+
+
+@bounded_cache(_MAX_CACHED_ENTRIES, lambda result: result.selection.nnz + result.data.size)
+def _factor_arrays(
+    shape: tuple[int, int], contents: tuple[tuple[str, bytes], ...], count: int
+) -> RotatedOperator:
+    """Return `factor_operator` of a CSR matrix with these index pointers, indices and data."""
+    indptr, indices, data = (np.frombuffer(text, kind) for kind, text in contents)
+    rows, lengths = shape[0] // count, np.diff(indptr)
+    copy, row = np.divmod(np.repeat(np.arange(shape[0]), lengths), rows)
+    keys, column = np.unique(copy * shape[1] + indices, return_inverse=True)
+    column_copy, global_column = np.divmod(keys, shape[1])
     by_size = np.lexsort((row, -np.abs(data), column))
     main_row = row[by_size[np.unique(column[by_size], return_index=True)[1]]]
     # Columns of one copy with the same main row are numbered to keep them apart.
@@ -113,7 +129,7 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     by_row = np.argsort(selected_row)
     starts = np.searchsorted(selected_row[by_row], np.arange(count * len(kinds) + 1))
     parts = (np.ones(len(keys)), global_column[by_row], starts)
-    selection = sp.csr_array(parts, shape=(count * len(kinds), operator.shape[1]))
+    selection = sp.csr_array(parts, shape=(count * len(kinds), shape[1]))
     rotation = LocalRotation((rows, len(kinds)), tuple(ones), tuple(others))
     return RotatedOperator(selection, rotation, values[~is_one])
 
@@ -155,4 +171,5 @@ def _build_rotated_kernel(
     ]
     outputs += values[n_rotated:]
     local = ca.vertcat(*selected_vectors, data, numbers)
-    return Kernel.of(function.name(), shared, local, outputs)
+    # The function has none, and the rotation adds none; a search takes a tenth of the set-up.
+    return Kernel.of(function.name(), shared, local, outputs, has_repetitions=False)

@@ -23,6 +23,11 @@ def column_indices(pattern: sp.csc_array) -> np.ndarray:
     return np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
 
 
+def row_indices(operator: sp.csr_array) -> np.ndarray:
+    """Return the row of each entry of a CSR matrix; `operator.indices` are the columns."""
+    return np.repeat(np.arange(operator.shape[0]), np.diff(operator.indptr))
+
+
 def build_selection(indices: Sequence[int] | np.ndarray, size: int) -> sp.csr_array:
     """Return the operator that selects the entries `indices` of a vector with `size` entries."""
     parts = (np.ones(len(indices)), np.asarray(indices, int), np.arange(len(indices) + 1))
@@ -39,6 +44,25 @@ def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
     return sp.csr_array(parts, shape=(len(rows), operator.shape[1]))
 
 
+def pair_entries(
+    left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return all pairs of non-zeros in rows row[k] of `left` and column[k] of `right`, for all k.
+
+    Returns
+    -------
+    left_entry, right_entry, k
+        Numbers of the non-zeros of `left` and `right`, and k, shape (n_pairs,).
+    """
+    left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
+    pair_counts = left_counts * right_counts
+    k = np.repeat(np.arange(len(row)), pair_counts)
+    number = np.arange(len(k)) - np.repeat(np.cumsum(pair_counts) - pair_counts, pair_counts)
+    left_entry = left.indptr[row[k]] + number // right_counts[k]
+    right_entry = right.indptr[column[k]] + number % right_counts[k]
+    return left_entry, right_entry, k
+
+
 def multiply_entries(
     left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -49,13 +73,17 @@ def multiply_entries(
     i, j, k, product
         Indices and values of the products, shape (n_products,).
     """
-    left_counts, right_counts = np.diff(left.indptr)[row], np.diff(right.indptr)[column]
-    product_counts = left_counts * right_counts
-    k = np.repeat(np.arange(len(row)), product_counts)
-    number = np.arange(len(k)) - np.repeat(
-        np.cumsum(product_counts) - product_counts, product_counts
-    )
-    left_entry = left.indptr[row[k]] + number // right_counts[k]
-    right_entry = right.indptr[column[k]] + number % right_counts[k]
+    left_entry, right_entry, k = pair_entries(left, row, right, column)
     product = left.data[left_entry] * right.data[right_entry]
     return left.indices[left_entry], right.indices[right_entry], k, product
+
+
+def transpose_pattern(pattern: sp.csc_array) -> tuple[sp.csc_array, np.ndarray]:
+    """Return the CSC pattern of the transpose, and the new positions of the non-zeros."""
+    numbers = (np.arange(pattern.nnz), pattern.indices, pattern.indptr)
+    transposed = sp.csc_array(sp.csc_array(numbers, shape=pattern.shape).T)
+    transposed.sort_indices()
+    positions = np.empty(pattern.nnz, np.uint32)
+    positions[transposed.data] = np.arange(pattern.nnz)
+    entries = (np.ones(pattern.nnz), transposed.indices, transposed.indptr)
+    return sp.csc_array(entries, shape=transposed.shape), positions

@@ -7,7 +7,7 @@ the force and constraint statements of its parts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
@@ -16,11 +16,20 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
+from beamdae.symbolic.signals import (
+    SignalBinding,
+    SignalNumbers,
+    bind_laws,
+    bind_signals,
+    find_signals,
+)
+from beamdae.symbolic.table_calls import TableCall
 
 __all__ = [
     "SX",
@@ -68,13 +77,35 @@ class Piece(NamedTuple):
     s: float | None = None
 
 
+class TableArgument(NamedTuple):
+    """Table in the force formula of a part.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    call
+        The table and its arguments, in terms of `local` and of signals.
+    local, pieces, data
+        Local coordinates and data, as in a `ForceStatement` with one copy.
+    """
+
+    part: str
+    call: TableCall
+    local: Local
+    pieces: tuple[Piece, ...]
+    data: np.ndarray
+
+
 @dataclass(frozen=True)
 class ForceStatement:
     """Forces of one part: copies of one kernel, with one column of `data` per copy.
 
     The operator of each piece stacks the rows of all copies; each copy has the same number of rows.
     The local coordinates of a copy are its rows of all pieces in sequence. `joint` is the name of
-    the part whose multipliers are `local.lam`; None if the kernel has no multipliers.
+    the part whose multipliers are `local.lam`; None if the kernel has no multipliers. If the kernel
+    contains signals, they become further coordinates and data; `signals` are the rows of these
+    data. `tables` are the tables in the kernel.
     """
 
     part: str
@@ -82,6 +113,20 @@ class ForceStatement:
     pieces: tuple[Piece, ...]
     data: np.ndarray
     joint: str | None = None
+    signals: tuple[SignalNumbers, ...] = ()
+    tables: tuple[TableArgument, ...] = ()
+
+    def __post_init__(self) -> None:
+        if calls := self.kernel.table_calls:
+            local, pieces, data = self.kernel.local, self.pieces, self.data
+            tables = (TableArgument(self.part, call, local, pieces, data) for call in calls)
+            set_fields(self, tables=tuple(tables))
+        if (binding := self.kernel.signal_binding) is not None:
+            _set_binding(self, *binding)
+
+    def with_laws(self, laws: Mapping[str, Callable[[SX], SX]]) -> ForceStatement:
+        """Return the statement with these laws of inputs, by name of the input."""
+        return _with_laws(self, laws)
 
     @property
     def count(self) -> int:
@@ -91,13 +136,79 @@ class ForceStatement:
 
 @dataclass(frozen=True)
 class ConstraintStatement:
-    """Constraints of one part; `multipliers` has the name and unit of each multiplier."""
+    """Constraints of one part; `multipliers` has the name and unit of each multiplier.
+
+    See `ForceStatement` for `signals`.
+    """
 
     part: str
     kernel: ConstraintKernel
     pieces: tuple[Piece, ...]
     multipliers: tuple[Variable, ...]
     data: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    signals: tuple[SignalNumbers, ...] = ()
+
+    def __post_init__(self) -> None:
+        signals = find_signals(*self.kernel.outputs)
+        if not signals:
+            return
+        moving = [signal.name for signal in signals if signal.rows]
+        if moving:
+            raise BeamdaeError(
+                f"{self.part}: a constraint must not depend on the state or sensor {moving[0]!r}, "
+                "because its reaction would act on the measured coordinates; control a force or "
+                "a moment instead."
+            )
+        binding = bind_signals(self.kernel.local, self.kernel.outputs, signals)
+        kernel = type(self.kernel).from_outputs(binding.local, binding.outputs)
+        _set_binding(self, binding, kernel)
+
+    def with_laws(self, laws: Mapping[str, Callable[[SX], SX]]) -> ConstraintStatement:
+        """Return the statement with these laws of inputs, by name of the input."""
+        return _with_laws(self, laws)
+
+
+_Statement = TypeVar("_Statement", ForceStatement, ConstraintStatement)
+
+
+def _set_binding(
+    statement: ForceStatement | ConstraintStatement,
+    binding: SignalBinding,
+    kernel: ForceKernel | ConstraintKernel,
+) -> None:
+    count = statement.data.shape[1]
+    pieces: list[Piece] = list(statement.pieces)
+    if binding.pieces:
+        # The rows of each copy are followed by those of the signals, which all copies read.
+        pieces = []
+        for k in range(count):
+            pieces += [*_select_copy(statement.pieces, k, count), *binding.pieces]
+    set_fields(
+        statement,
+        kernel=kernel,
+        pieces=tuple(pieces),
+        data=np.concatenate([statement.data, np.repeat(binding.data[:, None], count, axis=1)]),
+        signals=binding.numbers,
+    )
+
+
+def _select_copy(pieces: Sequence[Piece], k: int, count: int) -> list[Piece]:
+    """Return the rows of copy number `k` in the pieces of `count` copies."""
+    if count == 1:
+        return list(pieces)
+    rows = (piece.operator.shape[0] // count for piece in pieces)
+    return [
+        piece._replace(operator=sp.csr_array(piece.operator)[k * size : (k + 1) * size])
+        for piece, size in zip(pieces, rows, strict=True)
+    ]
+
+
+def _with_laws(statement: _Statement, laws: Mapping[str, Callable[[SX], SX]]) -> _Statement:
+    kernel = statement.kernel
+    if not any(one.signal.name in laws for one in statement.signals):
+        return statement
+    outputs = bind_laws(kernel.local, kernel.outputs, statement.signals, laws)
+    return replace(statement, kernel=type(kernel).from_outputs(kernel.local, outputs))
 
 
 _N_RANGE_VALUES = 3
@@ -257,7 +368,10 @@ class Quantity:
         if self.recipe is None or not self.can_be_rebuilt:
             return self
         build, arguments, options, _ = self.recipe
-        return replace(build(*arguments, **options), columns=self.columns)
+        rebuilt = build(*arguments, **options)
+        if rebuilt.columns == self.columns:
+            return rebuilt
+        return replace(rebuilt, columns=self.columns)
 
 
 class _Recipe(NamedTuple):
@@ -284,7 +398,11 @@ def rebuilt_for_mesh(build: _Build) -> _Build:
         quantity = build(*arguments, **options)
         results = (quantity.pieces, quantity.expression, quantity.data)
         recipe = _Recipe(build_and_remember, arguments, options, results)
-        return replace(quantity, recipe=recipe)
+        if quantity.recipe is not None:
+            return replace(quantity, recipe=recipe)
+        # The quantity is new; a copy would convert its fields to read-only data again.
+        set_fields(quantity, recipe=recipe)
+        return quantity
 
     return cast("_Build", build_and_remember)
 

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from beamdae.native.lane_kernels import pad_copies
 from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
-from beamdae.symbolic.sparse_operators import multiply_entries
+from beamdae.symbolic.sparse_operators import pair_entries, row_indices
 
 Array = np.ndarray
 
@@ -73,7 +73,7 @@ class SumBuilder:
     _batches: list[Batch] = field(default_factory=list)
     _batch_starts: list[int] = field(default_factory=list)
     _inputs: list[tuple[Array, Array, Array]] = field(default_factory=list)
-    _entries: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
+    _entries: list[tuple[Array, Array, Array, Array, Array]] = field(default_factory=list)
 
     def add(
         self, kernel: Kernel, inputs: Sequence[LocalInput], data: slice, count: int
@@ -100,12 +100,13 @@ class SumBuilder:
         copies, n_inputs, row = KernelCopies(kernel, count, self._n_out), kernel.n_local, 0
         if kernel.n_out == 0:
             return copies
+        kernel = kernel.with_vector_sines
         for local_input in inputs:
-            operator = sp.coo_array(local_input.operator)
+            operator = local_input.operator
             height = operator.shape[0] // count
-            copy, component = np.divmod(operator.coords[0], max(height, 1))
+            copy, component = np.divmod(row_indices(operator), max(height, 1))
             target = _locate_components(count, n_inputs, row + component, copy)
-            source = operator.coords[1] + local_input.first
+            source = operator.indices + local_input.first
             self._inputs.append((self._n_local + target, source, operator.data))
             row += height
         n_data = (data.stop - data.start) // count
@@ -128,11 +129,11 @@ class SumBuilder:
         self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
     ) -> None:
         """Add operator^T @ (the dense column `output` of all copies), starting at row `row`."""
-        entries = sp.coo_array(operator)
-        copy, component = np.divmod(entries.coords[0], entries.shape[0] // copies.count)
+        copy, component = np.divmod(row_indices(operator), operator.shape[0] // copies.count)
         source = copies.sources(output, component, copy)
-        target = entries.coords[1] + row
-        self._entries.append((target, np.zeros_like(target), source, entries.data))
+        target = operator.indices + row
+        ones = np.ones(len(target))
+        self._entries.append((target, np.zeros_like(target), source, operator.data, ones))
 
     def add_matrix(
         self,
@@ -154,15 +155,17 @@ class SumBuilder:
         copy = np.repeat(np.arange(count), len(pattern_row))
         entry = np.tile(np.arange(len(pattern_row)), count)
         source = copies.sources(output, entry, copy)
-        i, j, which, weight = multiply_entries(
-            sp.csr_array(rows),
+        left, right, which = pair_entries(
+            rows,
             copy * r + pattern_row[entry],
-            sp.csr_array(columns),
+            columns,
             copy * c + pattern_column[entry],
         )
+        i, j = rows.indices[left], columns.indices[right]
         if transposed:
             i, j = j, i
-        self._entries.append((i + offset[0], j + offset[1], source[which], weight))
+        factors = rows.data[left], columns.data[right]
+        self._entries.append((i + offset[0], j + offset[1], source[which], *factors))
 
     def add_diagonal(
         self, size: int, offset: tuple[int, int], shared: int | None, value: float
@@ -171,12 +174,13 @@ class SumBuilder:
         index = np.arange(size)
         source = _SOURCE_OF_ONE if shared is None else shared - self.n_shared + _SOURCE_OF_ONE
         sources, values = np.full(size, source), np.full(size, value)
-        self._entries.append((index + offset[0], index + offset[1], sources, values))
+        rows, columns = index + offset[0], index + offset[1]
+        self._entries.append((rows, columns, sources, values, np.ones(size)))
 
     def vector(self) -> SumPlan:
         """Return the plan of the sum as a column."""
-        rows, _, source, weight = self._collect_entries()
-        return self._plan(rows, source, weight)
+        rows, _, source, *factors = self._collect_entries()
+        return self._plan(rows, source, *factors)
 
     def matrix(self, shape: tuple[int, int], count: int = 1) -> tuple[sp.csc_array, SumPlan]:
         """Return the pattern of the sum as a matrix of ones, and the plan of its CSC non-zeros.
@@ -184,7 +188,7 @@ class SumBuilder:
         If the sum stacks `count` matrices below each other, the pattern is the union of their
         patterns, and the sum has the non-zeros of each matrix in turn.
         """
-        stacked_row, j, source, weight = self._collect_entries()
+        stacked_row, j, source, *factors = self._collect_entries()
         which, i = np.divmod(stacked_row, shape[0])
         assert np.all(which < count)
         pattern = sp.csc_array(sp.coo_array((np.ones(len(i)), (i, j)), shape=shape))
@@ -192,13 +196,17 @@ class SumBuilder:
         pattern.data[:] = 1.0
         column_start = np.repeat(np.arange(shape[1]), np.diff(pattern.indptr)) * shape[0]
         target = np.searchsorted(column_start + pattern.indices, j.astype(np.int64) * shape[0] + i)
-        return pattern, self._plan(target + which * pattern.nnz, source, weight)
+        return pattern, self._plan(target + which * pattern.nnz, source, *factors)
 
     def _collect_entries(self) -> tuple[Array, ...]:
-        return _concatenate_columns(self._entries, "llld")
+        return _concatenate_columns(self._entries, "llldd")
 
-    def _plan(self, rows: Array, source: Array, weight: Array) -> SumPlan:
-        """Return the plan, with inputs and entries sorted by batch and grouped as in `Sum`."""
+    def _plan(self, rows: Array, source: Array, left: Array, right: Array) -> SumPlan:
+        """Return the plan, with inputs and entries sorted by batch and grouped as in `Sum`.
+
+        The weight of an entry is the product of `left` and `right`.
+        """
+        weight = left * right
         n_batches = len(self._batches)
         ends = np.array([*self._batch_starts, self._n_out])
         # Shared numbers and the 1 have negative sources and follow the last batch.
@@ -240,6 +248,7 @@ class SumBuilder:
             weighted_targets=_to_unsigned(rows[weighted]),
             weighted_sources=_to_unsigned(column[weighted]),
             weights=weight[weighted],
+            weight_factors=(left[weighted], right[weighted]),
         )
 
 

@@ -112,6 +112,7 @@ def chain(beams, damping, formulation="floating frame", joint=bd.Revolute):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize(
     "beams", [32, pytest.param(192, marks=pytest.mark.slow(reason="192 beams"))]
 )

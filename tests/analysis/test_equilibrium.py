@@ -1,5 +1,7 @@
 """Equilibria against closed-form solutions, load stages, and rejected arguments."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -251,3 +253,18 @@ def test_modes_about_the_end_of_a_path():
         bd.modes(pulled_mass(2.5), about="equilibrium"),
     )
     assert_allclose(on_path.eigenvalues, at_rest.eigenvalues, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_free_coordinates_belong_to_rows():
+    # The load at the hinge does not resist the rotation.
+    mech = pendulum(gravity=(0.0, 0.0))
+    mech.add(bd.Force("pull", mech.parts["bob"].at(0.0, 0.0), (0.0, -1.0)))
+    path = bd.equilibrium(mech, to=[0.5, 1.0])
+    assert path.free_coordinates == ("bob.angle",) * len(path.q)
+    held = replace(path, free_coordinates=("",) * (len(path.q) - 1) + ("bob.angle",))
+    assert held.free == "bob.angle"
+    assert not held.stable
+    assert held.at(1).free == ""
+    assert held.at(1).stable
+    assert held.at(1).warnings == ()

@@ -5,7 +5,11 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.analysis.periodic.monodromy import VariationalEquations, assemble_monodromy
+from beamdae.analysis.periodic.monodromy import (
+    VariationalEquations,
+    assemble_monodromy,
+    dominant_range,
+)
 from beamdae.analysis.periodic.shooting import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
 
@@ -42,12 +46,12 @@ def test_monodromy_matrix_of_full_rank(size):
     np.testing.assert_allclose(assembled, matrix, atol=1e-12)
 
 
-def pendulum():
-    """Return a damped rigid pendulum whose pivot angle is driven by a spring."""
+def pendulum(rate=0.8):
+    """Return a rigid pendulum under a moment that oscillates at `rate` [Hz]."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(0.0, -0.5)))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
-    mech.add(bd.Moment("motor", rod.at(0.0, -0.5), bd.sine(1.0, 0.8)))
+    mech.add(bd.Moment("motor", rod.at(0.0, -0.5), bd.sine(1.0, rate)))
     return mech
 
 
@@ -66,7 +70,7 @@ def test_monodromy_matrix_is_the_derivative_of_the_period_map():
         for sign in (1.0, -1.0):
             change = np.zeros(len(run.deviation))
             change[k] = sign * 1e-4
-            q, v = run.period_map.make_consistent(*run.shift_start(change))
+            q, v = run.period_map.make_consistent(*np.split(run.state + run.basis @ change, 2))
             solution = run.period_map.run(q, v)
             last = solution.trajectory.intervals[-1].state
             ends.append(run.projection @ np.concatenate([last.q[-1], last.v[-1]]))
@@ -117,3 +121,61 @@ def test_undamped_beam_converges_quadratically():
     amplified = deflection / (1.0 - (2.0 * np.pi / first) ** 2)
     half = motion.amplitudes().loc["tip.transverse [m]", "half range"]
     assert half == pytest.approx(amplified, rel=0.01)
+
+
+def test_expected_range_spares_a_second_pass():
+    random = np.random.default_rng(3)
+    size, rank = 60, 4
+    matrix = random.standard_normal((size, rank)) @ random.standard_normal((rank, size))
+    matrix /= np.linalg.norm(matrix, 2)
+    right = random.standard_normal((size, 1))
+    blocks = []
+
+    def propagate(block):
+        blocks.append(block.shape[1])
+        return matrix @ block
+
+    assembled = assemble_monodromy(propagate, size, right, expected_range=dominant_range(matrix))
+    # The range, the direction and two random disturbances.
+    assert blocks == [rank + 3]
+    for actual in (assembled, assemble_monodromy(propagate, size, right)):
+        eigenvalues = [np.sort(np.abs(np.linalg.eigvals(x)))[::-1][:rank] for x in (actual, matrix)]
+        np.testing.assert_allclose(*eigenvalues, atol=1e-10)
+    # A wrong expectation costs a second pass, but no accuracy.
+    wrong = random.standard_normal((size, 2))
+    assembled = assemble_monodromy(propagate, size, right, expected_range=wrong)
+    expected = np.linalg.solve(matrix - np.eye(size), right)
+    np.testing.assert_allclose(
+        np.linalg.solve(assembled - np.eye(size), right), expected, atol=1e-9
+    )
+
+
+def count_calls(monkeypatch, owner, name):
+    """Count calls of a method; returns the list that grows by one entry per call."""
+    calls, method = [], getattr(owner, name)
+
+    def counted(*arguments, **keywords):
+        calls.append(name)
+        return method(*arguments, **keywords)
+
+    monkeypatch.setattr(owner, name, counted)
+    return calls
+
+
+@pytest.mark.slow(reason="half a second")
+def test_response_integrates_few_periods_per_point(monkeypatch):
+    runs = count_calls(monkeypatch, PeriodMap, "run")
+    passes = count_calls(monkeypatch, VariationalEquations, "propagate")
+
+    @bd.model(t_end=1.0)
+    def swing(rate=0.8):
+        return pendulum(rate)
+
+    response = bd.frequency_response(
+        swing, "rate", (0.8, 0.9), integrator=bd.Radau(1e-6), step=0.1, longest_step=0.3
+    )
+    assert response.status.success
+    count = len(response.points)
+    # The first point takes Newton's method; the others one pass and at most five runs.
+    assert len(passes) <= count + 6
+    assert len(runs) <= 5 * count + 8

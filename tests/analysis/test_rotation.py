@@ -159,6 +159,42 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     assert_allclose(moment, expected, rtol=0.0, atol=1e-3 * np.max(np.abs(expected)))
 
 
+def rotor_on_a_bearing():
+    """In the rotating frame, the whirl frequency splits into 10 - speed and 10 + speed [rad/s]."""
+    mech = bd.Mechanism()
+    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
+    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    return mech
+
+
+def test_free_rotation_has_no_resonance_at_rest():
+    table = bd.campbell(rotor_on_a_bearing(), [-1.0, 0.0, 1.0, 3.0], n=3).resonances()
+    assert sorted(table["multiple"]) == [3, 4]
+    assert (table["frequency [Hz]"] > 0.0).all()
+
+
+def test_resonances_of_a_campbell_diagram():
+    mech = rotor_on_a_bearing()
+    diagram = bd.campbell(mech, [1.0, 7.0, 3.0], n=3)
+    table = diagram.resonances()
+    # 10 - speed = k speed, and 10 + speed = k speed.
+    expected = sorted(
+        [(10.0 / (k + 1), k) for k in (1, 2, 3, 4)] + [(10.0 / (k - 1), k) for k in (3, 4)]
+    )
+    # Speeds that are equal up to rounding are ordered by the multiple.
+    actual = sorted(zip(table["speed [rad/s]"].round(9), table["multiple"], strict=True))
+    np.testing.assert_allclose(actual, expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        table["frequency [Hz]"], table["multiple"] * table["speed [rad/s]"] / (2.0 * np.pi)
+    )
+    with pytest.raises(bd.BeamdaeError, match="multiples must"):
+        diagram.resonances([0])
+    axis = bd.draw_campbell(diagram).figure.axes[0]
+    assert len(axis.lines[-1].get_xdata()) == len(table)
+    assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
+
+
 def test_campbell_diagram_follows_modes_through_crossings():
     mech = with_driver(*particle_in_rotor())
     diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)

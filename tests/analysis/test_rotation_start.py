@@ -34,7 +34,6 @@ def test_turning_beam_stays_in_steady_rotation(settings):
 
 
 def test_periodic_motion_of_a_turning_beam():
-    # As drawn, only the root turns, and the beam whips.
     period = 2.0 * np.pi / SPEED
     mechanism = driven_beam(strain="exact")
     motion = bd.periodic(mechanism, period, start=bd.rotation(SPEED), settle=0)
@@ -44,6 +43,83 @@ def test_periodic_motion_of_a_turning_beam():
     modes = bd.modes(mechanism, bd.rotation(SPEED), 1)
     growth = -2.0 * np.pi * modes.frequencies[0] * modes.damping_ratios[0]
     assert np.abs(motion.multipliers[0]) == pytest.approx(np.exp(growth * period), rel=1e-4)
+
+
+@pytest.mark.parametrize("settings", [{}, {"strain": "exact"}, {"formulation": "exact"}])
+def test_driver_sets_a_whole_beam_in_motion(settings):
+    # If only the root turned, the tip would lag behind by 2.2 rad.
+    solution = bd.simulate(driven_beam(**settings), bd.Radau(1e-5), t_end=0.1)
+    angle = np.arctan2(solution["tip.y"], solution["tip.x"])
+    np.testing.assert_allclose(angle, SPEED * solution.t, rtol=0.0, atol=1e-6)
+    # The beam is drawn without stretch, which oscillates up to twice its steady value.
+    radius = np.hypot(solution["tip.x"], solution["tip.y"])
+    assert np.max(np.abs(radius - 1.0)) < 2.1 * STEEL.rho * SPEED**2 / (3.0 * STEEL.E)
+
+
+def test_periodic_motion_of_a_driven_beam_as_drawn():
+    motion = bd.periodic(driven_beam(strain="exact"), 2.0 * np.pi / SPEED)
+    assert motion.status.success
+    assert motion.stable
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_driver_sets_a_flexible_slider_crank_in_motion(unit):
+    crank_length, rod_length, speed = 0.1 * unit, 0.4 * unit, 30.0
+    section = bd.Section.rectangle(STEEL, width=0.02 * unit, height=0.004 * unit)
+    mech = bd.Mechanism()
+    axle = mech.ground.at(0.0, 0.0)
+    crank = mech.add(bd.Beam("crank", bd.Line((0.0, 0.0), (0.0, crank_length)), section))
+    pin = (0.0, crank_length)
+    end = (np.sqrt(rod_length**2 - crank_length**2), 0.0)
+    rod = mech.add(bd.Beam("rod", bd.Line(pin, end), section, formulation="exact"))
+    mech.add(bd.Revolute("axle", axle, crank.start))
+    mech.add(bd.Driver("motor", axle, crank.start, lambda t: speed * t))
+    mech.add(bd.Revolute("crank pin", crank.end, rod.start))
+    mech.add(bd.PointOnLine("guide", axle, rod.end, (1.0, 0.0)))
+    mech.observe("middle", rod.at(0.5 * rod_length))
+    mech.observe("slider", rod.end)
+    solution = bd.simulate(mech, t_end=1e-6, output_step=1e-6)
+    # Velocities of a rigid slider-crank: the rod, its upper end above the axle, translates.
+    for name in ("middle", "slider"):
+        velocity = [solution[f"{name}.{x}"].iloc[0] for x in ("x_dot", "y_dot")]
+        np.testing.assert_allclose(velocity, [-speed * crank_length, 0.0], atol=1e-9 * unit)
+
+
+def test_given_velocities_are_stopped_by_joints():
+    # A moving rod that a wall stops at one end: only this end stops at once.
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("rod", line, section, elements=4, velocity=(-1.0, 0.0)))
+    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("end", beam.end)
+    solution = bd.simulate(mech, t_end=1e-6, output_step=1e-6)
+    assert solution["end.x_dot"].iloc[0] == pytest.approx(-1.0, abs=0.2)
+
+
+def test_regression_bodies_apart_do_not_change_how_a_driven_beam_starts():
+    """A velocity of 1e-9 m/s of another body let the beam whip."""
+    mech = driven_beam(strain="exact")
+    mech.add(bd.PointMass("apart", 1.0, at=(5.0, 0.0), velocity=(1e-9, 0.0)))
+    alone, together = (bd.simulate(x, t_end=0.1) for x in (driven_beam(strain="exact"), mech))
+    np.testing.assert_allclose(together["tip.y"], alone["tip.y"], atol=1e-4)
+    assert together["apart.x"].iloc[-1] == pytest.approx(5.0 + 1e-10, abs=1e-13)
+
+
+def test_drivers_that_bend_a_beam():
+    # Both ends turn in opposite directions: the beam has no rigid motion.
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2, formulation="exact"))
+    for name, point, x, rate in (("left", beam.start, 0.0, 0.5), ("right", beam.end, 1.0, -0.5)):
+        support = mech.ground.at(x, 0.0)
+        mech.add(bd.PointOnLine(f"{name} guide", support, point, (1.0, 0.0)))
+        mech.add(bd.Driver(name, support, point, lambda t, rate=rate: rate * t))
+    mech.observe("left", beam.start)
+    solution = bd.simulate(mech, t_end=1e-6, output_step=1e-6)
+    assert solution.status.success
 
 
 def test_weight_acts_as_at_the_start():
@@ -64,7 +140,9 @@ def test_mechanism_with_a_start_in_rotation():
     assert solution["end.y"].iloc[-1] == pytest.approx(0.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("start", [bd.rotation(4.0), bd.rotation(SPEED, (0.1, 0.0))])
+@pytest.mark.parametrize(
+    "start", [bd.rotation(4.0), bd.rotation(SPEED, (0.1, 0.0)), bd.rotation(SPEED, (-5.0, 3.0))]
+)
 def test_rotation_that_contradicts_a_joint_is_rejected(start):
     with pytest.raises(bd.BeamdaeError, match=r"does not allow a rotation at .* use the speed of"):
         bd.simulate(driven_beam(strain="exact"), t_end=0.1, start=start)

@@ -100,6 +100,7 @@ def test_double_divergence_of_a_ring_is_no_flutter():
     assert path.unstable[-1] == 2
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("damping", [1e-3, 1.0])
 def test_ziegler_column_with_dampers_flutters_at_a_lower_load(damping):
     # Equal dampers c: P l / k = 41/28 + c^2 / (2 m l^2 k), below 7/2 - sqrt(2) = 2.086 without

@@ -31,6 +31,7 @@ def arm(elements, formulation="floating frame"):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @formulations
 def test_regression_an_arm_with_its_pivot_inside_an_element(formulation):
     """With 4 elements of equal length, the motion was off by 0.2 %, now by 2e-6."""

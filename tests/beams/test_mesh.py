@@ -348,3 +348,45 @@ def test_default_frame_is_the_chord_unless_the_ends_nearly_meet(turn, frame):
     beam = bd.Beam("hoop", bd.Arc(radius=1.0, length=turn), SECTION)
     assert beam.kinematics.frame == frame
     assert beam.kinematics.strain == "green"
+
+
+def build_strip(density=7850.0, start=(0.0, 0.0), **settings):
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=density)
+    section = bd.Section.rectangle(steel, width=0.02, height=0.004)
+    arc = bd.Arc(radius=0.8, length=0.6, start=start)
+    return bd.Beam("strip", arc, section, elements=3, **settings)
+
+
+def test_beams_that_differ_in_their_sections_share_their_geometry():
+    one, other = build_strip(), build_strip(density=2700.0)
+    assert one.mesh is other.mesh
+    assert one.kinematics.operator is other.kinematics.operator
+    assert one.end.operator is other.end.operator
+    assert not np.array_equal(*(x.kinematics.data(np.zeros(2)) for x in (one, other)))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"start": (0.1, 0.0)}, {"frame": "tangent"}, {"formulation": "exact"}, {"nodes": 3}],
+    ids=str,
+)
+def test_other_curves_frames_and_elements_have_other_geometries(change):
+    one, other = build_strip(), build_strip(**change)
+    assert one.kinematics.operator is not other.kinematics.operator
+    assert one.end.operator is not other.end.operator
+
+
+def test_curves_given_by_functions_have_geometries_of_their_own():
+    """The function may depend on variables, which are not compared."""
+    variables = {"rise": 0.1}
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+
+    def height(x):
+        return variables["rise"] * x**2
+
+    ends = []
+    for rise in (0.1, 0.3):
+        variables["rise"] = rise
+        beam = bd.Beam("strip", bd.Curve(height, x=(0.0, 1.0)), section, elements=3)
+        ends.append(beam.end.point[1])
+    assert ends == pytest.approx([0.1, 0.3], rel=1e-9)

@@ -296,3 +296,17 @@ def test_models_with_different_tapers_share_their_structure():
 def test_invalid_varying_sections_and_free_curves_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
+
+
+def test_the_section_at_each_point_is_evaluated_once():
+    arguments = []
+
+    def section(s):
+        arguments.append(s)
+        return bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004 + 0.001 * s)
+
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Arc(radius=1.0, length=1.0), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    bd.equations_of_motion(mech)
+    assert len(arguments) == len(set(arguments))

@@ -33,6 +33,7 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["run", "model.py", *arguments])
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("accuracy", ["1%", "0.01", " 1 %"])
 def test_the_budget_is_in_json_and_in_the_document(accuracy):
     result = invoke("--accuracy", accuracy, "--json", "--no-page")

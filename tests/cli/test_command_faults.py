@@ -120,10 +120,10 @@ def interrupt(*arguments):
 files._write_columns = interrupt
 """
 WHILE_DRAWING = """
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 def interrupt(self, *arguments, **settings):
     send_signal()
-Figure.savefig = interrupt
+FigureCanvasAgg.print_png = interrupt
 """
 # A run that took steps can be resumed.
 RESUMABLE_FILES = ALL_FILES | {"arm_end.json"}

@@ -77,6 +77,7 @@ def test_three_parts_make_the_table_of_one_run(run):
     assert metadata["result"]["last_time"] == 2.0
 
 
+@pytest.mark.slow(reason="a third of a second")
 def test_runs_ended_by_a_limit_resume_repeatedly(run):
     settings = ("--integrator", "generalized-alpha", "--step", "0.001")
     result = run(*settings, "--time-limit", "1e-9")
@@ -98,6 +99,7 @@ def test_runs_ended_by_a_limit_resume_repeatedly(run):
     assert table["t [s]"].iloc[[0, -1]].tolist() == [0.0, 2.0]
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_checkpoint_can_be_resumed_twice(run):
     run("--t-end", "0.3", "--checkpoint", "end.json")
     run("--t-end", "0.5", "--continue", "end.json")
@@ -120,6 +122,7 @@ def test_a_run_resumed_from_a_failure_has_failed(run):
     assert metadata["reason"].endswith("but the run resumed from a failed run: met something")
 
 
+@pytest.mark.slow(reason="half a second")
 def test_tables_of_other_runs_are_not_overwritten(run):
     run("--t-end", "0.3", "--checkpoint", "end.json")
     run("--t-end", "0.4")

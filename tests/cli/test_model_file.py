@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import beamdae as bd
@@ -115,7 +116,9 @@ def test_unreadable_paths_are_refused(file, tmp_path):
     assert refusal("folder.py").startswith("folder.py: the path is not a regular file")
     assert refusal("missing.py") == "missing.py: there is no such file."
     assert refusal("a" * 300 + ".py").endswith("the file cannot be read: File name too long.")
-    assert refusal("a\0.py") == r"path: 'a\x00.py' is not a valid file name."
+    assert refusal("a\0.py") == (
+        r"path: 'a\x00.py' is not a valid file name; use at most 4096 printable characters."
+    )
     assert refusal(3) == "load_model: path must be a model file, got 3."
     assert "no model ['swing'] (did you mean 'swing'?); available models: swing." in refusal(
         file(HEAD + MODEL), ["swing"]
@@ -284,3 +287,12 @@ def test_parameter_values_of_another_type_are_refused(file, default, value, mess
 )
 def test_functions_that_cannot_be_models_are_refused(file, line, message):
     assert message in refusal(file(f"{HEAD}{line}\n"))
+
+
+@pytest.mark.parametrize("value", [[1, 2.0], (1.0, 2.0), np.array([1.0, 2.0]), "[1.0, 2.0]"])
+def test_regression_sequences_of_numbers_become_those_of_the_default(file, value):
+    for default, kind in (("(3.0, 4.0)", tuple), ("[3.0, 4]", list)):
+        model = bd.load_model(file(HEAD + MODEL.replace("mass=2.0", f"mass={default}")))
+        assert model.complete({"mass": value}) == {**model.parameters, "mass": kind((1.0, 2.0))}
+        with pytest.raises(bd.BeamdaeError, match="an entry of mass must be finite"):
+            model.complete({"mass": np.array([1.0, np.nan])})

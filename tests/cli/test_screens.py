@@ -39,6 +39,7 @@ def here(tmp_path, monkeypatch):
     """Working folder with a model and a study."""
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL + STUDY, encoding="utf-8")
+    Path("data.csv").write_text("t [s],tip :smile:.y\n0.1,-0.04\n0.2,-0.18\n", encoding="utf-8")
     return tmp_path
 
 
@@ -79,6 +80,7 @@ COMMANDS = {
     "draw": (["model.py"], ["hinge :smile:", "Revolute"]),
     "static": (["model.py"], ["reached the end", "tip :smile:.x [m]"]),
     "modes": (["model.py", "-n", "1"], ["frequency", "kind", "moves"]),
+    "fit": (["model.py", "data.csv", "--by", "mass", "--sigma", "0.01"], ["mass", "converged"]),
     "sweep": (["model.py", "--over", "mass=1,2", "--of", "tip :smile:.y"], ["2 cases, 2 reached"]),
     "examples": ([], ["leaf_spring_vehicle"]),
     "new": (["mine.py"], ["beamdae run mine.py."]),
@@ -100,6 +102,7 @@ def test_every_command_fits_the_terminal(here, command):
             assert word in text
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     "width",
     [

@@ -82,7 +82,7 @@ def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
     guide_keys = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
-    others = {"buckling", "compare", "periodic", "response", "sweep"}
+    others = {"buckling", "compare", "export", "fit", "optimize", "periodic", "response", "sweep"}
     assert set(guide_keys) == (KEYS.keys() | others) - {"new"}
     for command in ("check", "static", "draw"):
         document = parse(invoke(command, *KEYS[command][0], "--json").stdout)
@@ -109,6 +109,7 @@ def test_json_document_of_a_run(here):
     assert [Path(file).suffix for file in document["files"]][:2] == [".csv", ".json"]
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("option", ["--json", "--quiet"])
 def test_failures_and_usage_errors_keep_their_code_and_message(here, option):
     Path("failing.py").write_text(MODEL.replace("# more", FAILING), encoding="utf-8")

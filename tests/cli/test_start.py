@@ -11,10 +11,11 @@ from beamdae.native.object_code import is_native_enabled
 
 MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
-import sys
+import gc, sys
 from beamdae.cli import run_outputs
 # Called when the table is written and the picture is not yet drawn.
 def draw_run(run, solution):
+    assert gc.isenabled(), "the garbage collector is disabled only while modules are imported"
     print("imported:", *sys.modules)
     run.files.failed = True
 run_outputs.draw_run = draw_run
@@ -25,6 +26,12 @@ main()
 # Modules of tables, pictures, studies, fits, and of the compiler of loops.
 NEVER = {"pandas", "pyarrow", "matplotlib", "numba", "distributed", "multiprocessing", "sksundae"}
 NEVER |= {"scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.special", "scipy.stats"}
+# SciPy imports the modules numpy.f2py and numpy.testing, which import these.
+NEVER |= {"numpy.f2py.f2py2e", "numpy.testing._private.utils", "unittest", "charset_normalizer"}
+NEVER |= {"asyncio", "hypothesis", "IPython", "rich.traceback"}
+# Other commands and integrators, and the conversion of options by Typer.
+NEVER |= {"beamdae.cli.commands.sweep", "beamdae.integrators.ida.ida", "pydantic"}
+NEVER |= {"beamdae.integrators.alpha.generalized_alpha"}
 
 
 @pytest.mark.slow(reason="starts a process")
@@ -70,3 +77,16 @@ print(*{{name.partition(".")[0] for name in set(sys.modules) - imported}})
         [sys.executable, "-c", code], check=True, capture_output=True, text=True
     )
     assert not {"casadi", "numpy", "pandas", "scipy"} & set(result.stdout.split()), result.stdout
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_regression_the_library_leaves_modules_of_numpy_alone():
+    """The first use of a public name replaced `numpy.testing` by a module that loads on access."""
+    code = """
+import sys
+import beamdae
+beamdae.Mechanism()
+for name in ("numpy.f2py", "numpy.testing"):
+    assert type(sys.modules.get(name, sys)) is type(sys), name
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

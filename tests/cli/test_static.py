@@ -44,6 +44,25 @@ def static(tmp_path, monkeypatch):
     return run
 
 
+def test_an_interrupted_path_is_written(static, monkeypatch):
+    from beamdae.analysis.statics import path_tracing
+
+    follow = path_tracing._follow_stage
+
+    def interrupt(*arguments):
+        follow(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(path_tracing, "_follow_stage", interrupt)
+    result = static("--to", "crown.y=0")
+    assert result.exit_code == 130
+    assert len(pd.read_csv("results/truss_static.csv")) > 1
+    assert read_metadata()["status"] == "interrupted"
+    assert "interrupted" in result.stderr
+    assert "the results so far are in results/truss_static.csv" in result.stderr
+    assert not Path("results/truss_static.png").exists()
+
+
 def read_metadata(name="truss"):
     return json.loads(Path(f"results/{name}_static.json").read_text())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from support import ARC, REPRESENTATIVE_VARIANTS, VARIANTS, NumericEquations
 
 import beamdae as bd
@@ -48,6 +48,34 @@ def assert_consistent(numeric, state):
 
 
 # Consistency -----------------------------------------------------------------------------------
+
+
+def test_repeated_solutions_at_a_state_reuse_its_factors():
+    e = NumericEquations(crank_and_rod(VARIANTS[0])).equations
+    time, solver = np.zeros(2), ConsistencySolver(e)
+    state = solver.state(time, e.q0, e.v0)
+    factorizations = solver._solver.factorizations
+    moved = state.q + 1e-3
+    results = [
+        solver.acceleration(t, q, v, stiff_time)
+        for t, q, v, stiff_time in [
+            (time, state.q, state.v, 0.0),
+            (time, state.q, state.v, 0.0),
+            (time + 0.1, state.q, state.v, 0.0),
+            (time, moved, state.v, 0.0),
+            (time, moved, state.v + 1.0, 0.0),
+            (time, moved, state.v + 1.0, 1e-2),
+        ]
+    ]
+    assert solver._solver.factorizations == factorizations + 4
+    new = ConsistencySolver(e)
+    expected = new.acceleration(time, moved, state.v + 1.0, 1e-2)
+    for result, value in zip(results[-1], expected, strict=True):
+        assert_array_equal(result, value)
+    # An array that changes in place is a new state.
+    moved += 1e-3
+    changed = solver.acceleration(time, moved, state.v + 1.0, 1e-2)
+    assert np.any(changed[0] != expected[0])
 
 
 @few_variants

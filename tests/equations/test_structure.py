@@ -67,6 +67,17 @@ def test_models_that_differ_only_in_numbers_share_their_structure(numbers):
     assert all(x is y for x, y in zip(*functions, strict=True))
 
 
+def test_radau_shares_the_tangent_kernels_of_single_states():
+    """Deriving the kernels twice took a tenth of the set-up of a run."""
+    e = equations()
+    jacobian = formulate_first_order(e, "stabilized-index1", apart=True).sums[1]
+
+    def tangents(total):
+        return {id(x.kernel) for x in total.batches if x.kernel.function.name() == "tangent"}
+
+    assert tangents(plan_state_sums(e.structure).saddle) == tangents(jacobian) != set()
+
+
 def test_joints_at_other_points_share_their_structure():
     def pendulum(x, length):
         mech = bd.Mechanism(gravity=(0.0, -9.81))
@@ -123,7 +134,9 @@ def rows(method, case):
     solution = bd.simulate(mechanism, method, t_end)
     assert solution.status.success, solution.status.sentence
     columns = np.column_stack(list(solution.all_columns().values()))
-    return np.hstack([columns, solution.q, solution.v, solution.lam])
+    ranges = [(x.deflection, x.rotation, x.strain, x.error) for x in solution.validity]
+    checks = np.tile(np.ravel(np.array(ranges, float)), (len(columns), 1))
+    return np.hstack([columns, solution.q, solution.v, solution.lam, checks])
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from tolerances.cases import ALL
 
 import beamdae as bd
+from beamdae.integrators import pilot_run
 from beamdae.integrators.drive import drive
 from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.method import StepError
@@ -57,6 +58,20 @@ def test_regression_long_runs_keep_the_bound(integrator):
     (pendulum,) = (case for case in ALL if case.name == "period_two")
     case = replace(pendulum, t_end=2.0 * periods, rows=4001)
     solution = case.run(integrator(rtol))
+    if integrator is bd.Auto:
+        assert solution.integrator["method"] == "Radau"
+    assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
+def test_regression_incomplete_pilot_runs_count_the_periods(integrator, monkeypatch):
+    """Errors were 2400 rtol after 800 periods, because pilot runs ended after less than 0.2."""
+    monkeypatch.setattr(pilot_run, "_MAX_PILOT_STEPS", 1000)
+    periods, rtol = 80, 1e-3
+    (pendulum,) = (case for case in ALL if case.name == "period_two")
+    case = replace(pendulum, t_end=2.0 * periods, rows=4001)
+    solution = case.run(integrator(rtol))
+    assert "amplitudes" not in solution.integrator
     if integrator is bd.Auto:
         assert solution.integrator["method"] == "Radau"
     assert case.errors(solution, reference=case.exact(case.times)).max() < 30.0 * rtol

@@ -301,6 +301,7 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
         return threadpoolctl.ThreadpoolController()
 
     monkeypatch.setattr(blas_threads, "ThreadpoolController", interrupted_search)
+    blas_threads._find_libraries.cache_clear()
     with pytest.raises(KeyboardInterrupt), blas_threads.single_threaded:
         pass
     search_threads[0].join()

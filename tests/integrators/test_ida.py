@@ -14,6 +14,7 @@ from benchmarks.cases import PENDULUM
 from hub_beam import hub_beam
 from numpy.testing import assert_allclose
 from sksundae.ida import IDA
+from spin_up import spin_up
 from support import use_scikit_sundae
 
 import beamdae as bd
@@ -376,3 +377,12 @@ def test_regression_solver_is_freed_with_its_last_reference():
         assert all(reference() is None for reference in references)
     finally:
         gc.enable()
+
+
+@compiled
+def test_regression_old_factors_do_not_reduce_the_steps():
+    """Newton errors from factors of 500 earlier steps excited vibrations: 26 395 steps."""
+    equations = spin_up(elements=4, formulation="exact")
+    run = bd.simulate(equations, bd.Ida(rtol=1e-4), 10.0)
+    assert run.statistics.steps < 18_000  # 15 230 with 20 to 100 steps per factorization
+    assert run.statistics.factorizations > run.statistics.steps / 50

@@ -211,6 +211,7 @@ def test_simultaneous_events_all_happen():
     assert_allclose(solution.q[-1], [2.5, 0.5], rtol=1e-9)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_events_at_the_time_of_an_impact_are_not_lost():
     """Three events at the floor, in any order: the ball bounces, and both forces are switched."""
     for order in ((0, 1, 2), (1, 0, 2), (2, 1, 0)):

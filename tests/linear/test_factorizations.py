@@ -22,6 +22,7 @@ from beamdae.equations.formulations.first_order import (
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators.ida import python_solver
+from beamdae.integrators.ida.callbacks import MAX_STEPS_PER_FACTORIZATION
 from beamdae.linear.factorizations import (
     DENSE_LIMIT,
     DenseFactorization,
@@ -188,7 +189,10 @@ def compare(solution, reference, t, y):
     # Without scaled rows, rounding changes the rate of convergence: the car axis takes 1275
     # residuals and 5 Jacobians instead of 956 and 9.
     assert 0.7 < counts.residual_calls / reference.residuals < 1.1
-    assert_allclose(counts.jacobian_calls, reference.jacobians, rtol=0.1, atol=4)
+    # IDA itself does not limit the age of factors.
+    renewals = len(t) / MAX_STEPS_PER_FACTORIZATION
+    fewest, most = 0.9 * reference.jacobians - 4, 1.1 * reference.jacobians + 4 + renewals
+    assert fewest <= counts.jacobian_calls <= most
     n, first = solution.equations.n, slice(0, _FIRST_STEPS)
     assert_allclose(segment.t[first], t[first], rtol=0.0, atol=1e-10)
     assert_allclose(segment.state.q[first], y[first, :n], rtol=0.0, atol=1e-10)

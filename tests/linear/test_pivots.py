@@ -185,10 +185,14 @@ def test_useless_pivots_in_the_band_are_replaced():
 @pytest.mark.parametrize("kind", [float, complex])
 def test_compiled_elimination_agrees(kind):
     numba = pytest.importorskip("numba")
+    pytest.importorskip("beamdae.native.overloads")
     for function in (
         elimination._estimate_modulus,
         elimination._substitute,
         elimination._update_residual,
+        elimination._scale_matrix,
+        elimination._eliminate_blocks,
+        elimination._solve_scaled,
         elimination._eliminate,
         elimination._set_refinements,
     ):

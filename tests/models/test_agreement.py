@@ -22,6 +22,10 @@ MOTIONS = {
     "ring_mount": ["motor.x [m]", "motor.y [m]", "motor.angle [rad]"],
     "governor": ["rotor.angle [rad]", "energy.dissipated [J]"],
     "shallow_arch": ["crown.y [m]", "quarter.y [m]", "quarter.angle [rad]"],
+    "voice_coil_stage": ["platform.x [m]", "platform.y [m]", "platform.x_dot [m/s]"],
+    "inverted_pendulum": ["position [m]", "angle [rad]", "bob.x [m]"],
+    "active_damping": ["end.x [m]", "end.y [m]", "end.angle [rad]"],
+    "press": ["ram.y [m]", "wheel.angle [rad]", "wheel.angle_dot [rad/s]"],
 }
 
 

@@ -17,8 +17,11 @@ COMPARED = {
     "sliding_mass": ("tip.y [m]", 0.1),
     "ring_mount": ("motor.y [m]", 0.05),
     "shallow_arch": ("crown.y [m]", 0.01),
+    "active_damping": ("end.y [m]", 0.05),
+    "inverted_pendulum": ("bob.x [m]", 0.1),
+    "voice_coil_stage": ("platform.x [m]", 0.02),
 }
-WITHOUT_BEAMS = {"quick_return", "governor"}
+WITHOUT_BEAMS = {"quick_return", "governor", "press"}
 
 
 def test_every_model_with_a_beam_is_compared():

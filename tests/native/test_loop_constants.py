@@ -1,5 +1,9 @@
 """The recipe of a loop contains everything that its machine code depends on."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -43,3 +47,32 @@ def test_all_entries_of_large_arrays_are_part_of_the_recipe(monkeypatch):
     before = recipe()
     WEIGHTS[50, 50] = 1e-300
     assert recipe() != before
+
+
+PROGRAM = """
+import hashlib
+from beamdae.analysis.periodic.variational_loop import propagate_disturbances
+from beamdae.integrators.alpha.step_loop import take_adaptive_steps, take_fixed_steps
+from beamdae.integrators.radau.step_loop import take_radau_steps
+from beamdae.native.loops import _iterate_code
+loops = (take_radau_steps, take_fixed_steps, take_adaptive_steps, propagate_disturbances)
+text = "".join(line for loop in loops for line in _iterate_code(loop, {}))
+print(hashlib.sha256(text.encode()).hexdigest())
+"""
+
+
+@pytest.mark.slow(reason="starts three processes")
+def test_constants_do_not_depend_on_the_processor():
+    """Machine code that was compiled on another processor is found, see `prebuilt_objects`."""
+    other_processors = [{}, {"OPENBLAS_CORETYPE": "Prescott"}, {"OPENBLAS_CORETYPE": "Haswell"}]
+    recipes = {
+        subprocess.run(
+            [sys.executable, "-c", PROGRAM],
+            env={**os.environ, **processor},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for processor in other_processors
+    }
+    assert len(recipes) == 1

@@ -102,7 +102,7 @@ def test_a_piece_may_itself_be_piecewise():
     law = bd.piecewise((0.5, 1.0), (2.5, table), (2.7, bd.piecewise((2.6, 7.0), 8.0)), run_up)
     # Breakpoints of the pieces at 0, 1 and 3 s are outside the intervals of the pieces.
     assert law.breakpoints == (0.5, 2.5, 2.6, 2.7)
-    assert law.time_scale == min(table.time_scale, run_up.time_scale)
+    assert law.time_scale == min(as_law("test", table).time_scale, run_up.time_scale)
     pieces = {0.2: 1.0, 0.5: table, 2.4: table, 2.55: 7.0, 2.6: 8.0, 9.0: run_up}
     for t, piece in pieces.items():
         assert value(law, t) == pytest.approx(value(piece, t), rel=1e-14)
@@ -118,7 +118,9 @@ def test_time_scales():
     assert bd.piecewise((1.0, 5.0), (1.2, 3.0), 0.0).time_scale is None
     assert bd.piecewise((1.0, bd.sine(1.0, 50.0)), 0.0).time_scale == 0.02
     assert as_law("test", 5.0).time_scale is None
-    assert bd.table([0.0, 0.1, 1.0], [0.0, 1.0, 0.0]).time_scale == pytest.approx(0.4)
+    assert as_law("test", bd.table([0.0, 0.1, 1.0], [0.0, 1.0, 0.0])).time_scale == pytest.approx(
+        0.4
+    )
 
 
 @given(
@@ -136,7 +138,7 @@ def test_table_interpolates_and_is_constant_outside(steps, values, start):
         assert_allclose(value(law, ti, phase=0.5 * (t[0] + t[1])), yi, atol=1e-9)
     assert value(law, t[0] - 1.0) == y[0]
     assert value(law, t[-1] + 1.0) == y[-1]
-    assert law.breakpoints == (t[0], t[-1])
+    assert as_law("test", law).breakpoints == (t[0], t[-1])
 
 
 def test_table_is_a_natural_cubic_spline():
@@ -218,16 +220,25 @@ def test_invalid_laws_are_rejected(law, message):
             lambda: bd.piecewise((1.0, 2.0), lambda t: 1.0 / (t - 1.0)),
             "piecewise: the law must be finite, got inf at t = 1",
         ),
-        (lambda: bd.table([0.0, 1.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
-        (lambda: bd.table([0.0, 1.0, 2.0], [1.0, 2.0]), "table: .* of the same length, at least 3"),
-        (lambda: bd.table([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "table: times must ascend"),
+        (
+            lambda: bd.table([0.0, 1.0], [1.0, 2.0]),
+            "table: x must have at least 3 entries for kind='spline', got 2",
+        ),
+        (
+            lambda: bd.table([0.0, 1.0, 2.0], [1.0, 2.0]),
+            "table: x and y must be lists of the same length, got 3 and 2",
+        ),
+        (
+            lambda: bd.table([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]),
+            "table: x must ascend, but 1 is followed by 1",
+        ),
         (
             lambda: bd.table([0.0, 1.0, 2.0], [1.0, np.nan, 3.0]),
-            "table: values must be finite, got nan",
+            "table: y must be finite, got nan",
         ),
         (
             lambda: bd.table(["a", "b", "c"], [1.0, 2.0, 3.0]),
-            "table: times must be a number, got 'a'",
+            "table: x must be a number, got 'a'",
         ),
     ],
 )

@@ -253,3 +253,45 @@ def test_deformation_in_a_tangent_frame_includes_the_ends():
 def test_relative_displacement_rejects_unknown_axes():
     with pytest.raises(bd.BeamdaeError, match=r"^relative_displacement: axes must be"):
         bd.relative_displacement(DISK.at(0.0, 0.0), DISK.at(1.0, 0.0), axes="body")
+
+
+@pytest.mark.parametrize("axes", ["section", "inertial"])
+def test_relative_motion_is_the_motion_seen_by_an_observer_on_the_body(axes):
+    """Position and angle follow from the absolute motions, and rates are their derivatives."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", mass=1.1, inertia=0.4, center=CENTER))
+    beam = mech.add(FIELDS[0].beam(ARC))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))
+    sensor, tip = disk.at(0.2, 0.5), beam.at(0.6 * ARC.length)
+    for name, at in (("sensor", sensor), ("tip", tip), ("ball", ball.point)):
+        mech.observe(name, at)
+    mech.observe("tip on disk", bd.relative_motion(tip, sensor, axes))
+    mech.observe("disk on tip", bd.relative_motion(sensor, tip, axes))
+    mech.observe("ball on tip", bd.relative_motion(ball.point, tip, axes))
+    numeric = NumericEquations(mech)
+    q, v, _ = random_state(numeric, seed=3)
+    sensor, tip, ball = (numeric.observed(name, q=q, v=v) for name in ("sensor", "tip", "ball"))
+    for name, of, on in (
+        ("tip on disk", tip, sensor),
+        ("disk on tip", sensor, tip),
+        ("ball on tip", ball, tip),
+    ):
+        turn = rotation(-on[2] if axes == "section" else 0.0)
+        values = numeric.observed(name, q=q, v=v)
+        assert_allclose(values[:2], turn @ (of[:2] - on[:2]), rtol=1e-13)
+        count = len(values) // 2
+        if count == 3:
+            assert_allclose(values[2], of[2] - on[2], rtol=1e-13)
+        h = 1e-5
+        before, after = (numeric.observed(name, q=q + x * v, v=v) for x in (-h, h))
+        assert_allclose(values[count:], (after - before)[:count] / (2.0 * h), rtol=1e-7)
+
+
+def test_relative_motion_has_no_angle_with_particles_and_no_axes_on_them():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))
+    seen = bd.relative_motion(ball.point, mech.ground.at(0.0, 0.0))
+    headers = [column.header for column in seen.columns]
+    assert headers == ["x [m]", "y [m]", "x_dot [m/s]", "y_dot [m/s]"]
+    with pytest.raises(bd.BeamdaeError, match=r"relative_motion: ball .* without an angle"):
+        bd.relative_motion(mech.ground.at(0.0, 0.0), ball.point)

@@ -267,6 +267,9 @@ def test_incomplete_joints_are_rejected_with_what_they_lack():
     ],
 )
 def test_gaps_of_the_wrong_kind_are_rejected(gap, message):
+    # Once signals existed, lists ended in an error of CasADi.
+    signal = bd.Mechanism().input("signal")
     joint = type("Wrong", (Rod,), {"gap": staticmethod(gap), "gap_parameters": ()})
     with pytest.raises(bd.BeamdaeError, match=f"^{message}"):
         bd.equations_of_motion(hanging(joint))
+    assert signal.name == "signal"

@@ -118,6 +118,7 @@ def test_an_unwritable_figure_is_an_error(tmp_path):
         time_plots.save_run_figure(tmp_path / "file" / "run.png", FRAME, "title")
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_names_with_markup_are_drawn_literally(tmp_path):
     odd = pd.DataFrame(
         {
@@ -166,6 +167,49 @@ def test_displacements_vary_beside_large_stresses():
     constant = {"axle.x [m]": 1e-19 * T, "axle.angle [rad]": 1e-16 * T}
     data = table(**varying, **constant)
     assert figures.characteristic_columns(data) == ["axle.y [m]"]
+
+
+RANGES = {
+    "with minus signs": -100.0 + 13.37 * T,
+    "of many digits": 9876.5 + T,
+    "with a common power": 1e-7 * T,
+    "near a large value": 1e9 + T,
+    "near a small value": 2.345e-6 + 1e-9 * T,
+    "below the limit of powers": -0.0199 + 0.0001 * T,
+}
+
+
+@pytest.mark.slow(reason="measures all texts")
+def test_texts_of_panels_do_not_overlap(tmp_path, saved_figures):
+    """The layout does not measure texts, so that it takes no time."""
+    data = table(**{f"{'long name ' * 2}{name}.u [m]": x for name, x in RANGES.items()})
+    time_plots.save_run_figure(tmp_path / "r.png", data, "two lines " * 10)
+    (figure,) = saved_figures
+    figure.draw_without_rendering()
+    boxes = [figure._suptitle.get_window_extent()]
+    for axis in figure.axes:
+        texts = [axis.title, axis.yaxis.label, axis.xaxis.label, axis.yaxis.get_offset_text()]
+        ticks = axis.get_yticklabels()
+        low, high = axis.get_ylim()
+        ticks = [tick for tick in ticks if low <= tick.get_position()[1] <= high]
+        texts += [ticks[0], ticks[-1], *axis.get_xticklabels()[1:-1]]
+        boxes += [text.get_window_extent() for text in texts if text.get_text()]
+    assert len(boxes) > 6 * len(RANGES)
+    for k, box in enumerate(boxes):
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+        assert 0.0 <= box.y0 < box.y1 <= figure.bbox.height
+        assert not box.count_overlaps(boxes[:k])
+
+
+def test_powers_of_ten_are_plain_text(tmp_path, saved_figures):
+    data = table(**{"a.u [m]": 1e-7 * T})
+    errors = pd.DataFrame({"a.u [m]": 10.0 ** (-6.0 * T)}, index=T)
+    time_plots.save_comparison_figure(tmp_path / "c.png", data, {"A": (data, errors)}, 1e-9, "c")
+    (figure,) = saved_figures
+    figure.draw_without_rendering()
+    curves, error = figure.axes
+    assert curves.yaxis.get_offset_text().get_text() == "\N{MULTIPLICATION SIGN}10⁻⁷"
+    assert {"10⁻⁶", "10⁻²"} <= {label.get_text() for label in error.get_yticklabels()}
 
 
 @pytest.fixture

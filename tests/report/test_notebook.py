@@ -151,6 +151,7 @@ def test_names_in_the_summary_are_escaped():
     assert "&lt;b&gt;&amp;" in page
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_plots_of_several_runs_have_a_legend(run, tmp_path):
     other = bd.simulate(create_pendulum()[0], bd.Ida(rtol=1e-4), t_end=0.2, output_step=0.01)
     figure = bd.plot([run, other], "tip.x", "tip.y").figure

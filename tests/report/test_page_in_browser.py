@@ -17,6 +17,7 @@ from pages import (
     odd_page,
     study_page,
     visible_labels,
+    wait_until,
 )
 
 
@@ -111,6 +112,30 @@ def test_the_filter_hides_rows(show):
         assert tab.inner_text("#count") == f"{count} of 7 cases"
     tab.fill("#filter", "")
     assert len(visible_labels(tab)) == 7
+
+
+def test_rows_of_a_long_table_are_created_when_they_are_seen_found_or_printed(show):
+    page = study_page()
+    page["cases"] += [
+        build_case(k, f"Ida(rtol={k})", 1e-3, 1.0, curves=None, values={"steps": k})
+        for k in range(10, 360)
+    ]
+    tab = show(page)
+    rows = tab.locator("#table tbody tr")
+    assert rows.count() == 100
+    assert tab.inner_text("#count") == "357 of 357 cases"
+    tab.evaluate("table.closest('.scroll').scrollTop = 1e6")
+    wait_until(tab, "table.tBodies[0].rows.length === 200")
+    # The filter and sorting include rows that have not been created.
+    tab.fill("#filter", "rtol=359")
+    assert visible_labels(tab) == ["Ida(rtol=359)"]
+    rows.first.locator("td.label").click()
+    tab.fill("#filter", "")
+    assert rows.count() == 100
+    tab.emulate_media(media="print")
+    wait_until(tab, "table.tBodies[0].rows.length === 357")
+    assert tab.locator("tr.selected").count() == 2
+    assert len(set(tab.locator("#table tbody td.label").all_inner_texts())) == 357
 
 
 def test_clicks_select_cases_and_draw_their_curves(show):

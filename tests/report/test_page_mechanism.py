@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import study_page
+from pages import study_page, wait_until
 
 import beamdae as bd
 from beamdae.report.scene.frame_export import export_run_frames
@@ -154,7 +154,7 @@ def test_notebooks_show_a_player_without_scroll_bars(browser, tmp_path, swing, w
     assert player.locator("#play").inner_text() == "Pause"
     assert player.locator("#speed").input_value().endswith(" 0.25")
     assert player.locator("#color").input_value() == "largest stress [MPa]"
-    tab.wait_for_function("document.querySelector('iframe').contentDocument.body.scrollHeight > 0")
+    wait_until(tab, "document.querySelector('iframe').contentDocument.body.scrollHeight > 0")
     excess_height = "f => f.contentDocument.documentElement.scrollHeight - f.clientHeight"
     assert abs(tab.locator("iframe").evaluate(excess_height)) <= 1
     excess_width = "f => f.contentDocument.documentElement.scrollWidth - f.clientWidth"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
@@ -73,9 +73,14 @@ def test_states_at_steps_are_returned_unchanged(nodes, nodes_per_step):
         nodes, [polynomial(7, k) for k in range(4)], nodes_per_step=nodes_per_step
     )
     assert_allclose(interval.t, STEPS, rtol=0.0, atol=1e-15)
-    for column, row in zip(interval.at(STEPS), interval.state, strict=True):
-        # The integral of v is corrected to meet q, up to rounding.
-        assert_allclose(column, row, rtol=0.0, atol=1e-14)
+    for column, row in zip(interval.at(STEPS[1:]), interval.state, strict=True):
+        assert_array_equal(column, row[1:])
+    # The integral of v is corrected to meet q, up to rounding.
+    assert_allclose(interval.positions_at(STEPS), interval.state.q, rtol=0.0, atol=1e-14)
+    for column, row in zip(
+        interval.at(np.append(BETWEEN[1:2], STEPS)), interval.state, strict=True
+    ):
+        assert_allclose(column[1:], row, rtol=0.0, atol=1e-14)
 
 
 def test_a_run_that_stops_at_its_start_has_its_first_state():

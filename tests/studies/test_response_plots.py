@@ -9,9 +9,9 @@ from turning import THICK, THIN, run_sweep
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
+from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.study_page import create_study_page
 from beamdae.studies.sweeps.response_plots import ParameterScale
-from beamdae.studies.sweeps.responses import MEASURES
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 

@@ -17,11 +17,12 @@ import pytest
 
 import beamdae as bd
 from beamdae.results.outcome import Status
+from beamdae.studies.column_measures import measure_table
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import SerialPool
-from beamdae.studies.store import store
+from beamdae.studies.store import record_rules, store
 from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import Limits, Outcome, Task
+from beamdae.studies.tasks import Limits, Outcome, Task, shared_measures
 from beamdae.studies.unique_names import create_file_names
 
 
@@ -43,7 +44,7 @@ TABLE = pd.DataFrame(
     {"=end.x [m]": [0.1 + 0.2, -1e-17, 1 / 3], "end.y [m]": [np.nan, np.pi, -0.0]},
     index=pd.Index([0.0, 0.05, 0.1], name="t [s]"),
 )
-OUTCOME = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, rows=TABLE)
+OUTCOME = Outcome(values={"steps": np.int64(3), "wall time [s]": float("nan")}, _rows=TABLE)
 
 
 @pytest.fixture
@@ -60,6 +61,25 @@ def test_saved_outcomes_are_loaded_bit_for_bit(filled):
     assert outcome.values["steps"] == 3
     assert outcome.file == filled.trajectory_path(TASK).name
     assert filled.trajectory_path(TASK).read_text().startswith("t [s],'=end.x [m],")
+
+
+def test_measures_are_loaded_without_parsing_the_trajectory(filled, monkeypatch):
+    """Parsing took a third of the time of loading a finished sweep of 2000 cases."""
+
+    def fail(*_):
+        raise AssertionError("the trajectory was parsed")
+
+    monkeypatch.setattr("beamdae.studies.store.store.parse_rows", fail)
+    outcome, _ = filled.load(TASK)
+    measures, expected = shared_measures(outcome), measure_table(TABLE)
+    assert list(measures) == list(expected) == list(TABLE)
+    for column, values in expected.items():
+        np.testing.assert_array_equal(measures[column], values)
+    assert [*measures["=end.x [m]"][:3]] == [1 / 3, 1 / 3, -1e-17]
+
+
+def test_measures_of_a_table_without_rows_are_not_defined():
+    assert np.isnan(measure_table(TABLE[:0])["end.y [m]"]).all()
 
 
 def change_one_digit(text):
@@ -98,6 +118,18 @@ def test_loaded_tables_are_complete_and_copied(filled):
     table.iloc[:, 0] = 0.0
     pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
     pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(outcome)).table, TABLE)
+
+
+def test_unused_tables_are_checked_but_not_parsed(filled, monkeypatch):
+    """Parsing took nine tenths of the time of loading a study whose tables are not used."""
+    parse, calls = record_rules.parse_trajectory, []
+    monkeypatch.setattr(record_rules, "parse_trajectory", lambda *x: calls.append(x) or parse(*x))
+    outcome = filled.load(TASK)[0]
+    assert not calls
+    assert outcome.file
+    for _ in range(2):
+        pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
+    assert len(calls) == 1
 
 
 def raise_permission_error(*_):
@@ -162,6 +194,10 @@ def test_regression_invalid_records_are_reported(filled, name):
         ({"values": {"steps": 1.5}}, "values.steps must be a whole number"),
         ({"values": {"status": "ok"}}, "values.status is not a value of a run"),
         ({"rows": {"columns": []}}, "rows.sha256 is missing"),
+        (
+            {"rows": {"sha256": "", "columns": ["a"], "measures": {"a": [1.0]}}},
+            "rows.measures.a must",
+        ),
         ({"rows": None}, "rows must not be null because the run succeeded"),
         ({"repetitions": None}, "repetitions must be a whole number of at least 1, got None"),
         ({"repetitions": True}, "repetitions must be a whole number of at least 1, got True"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,9 @@ from numpy.testing import assert_allclose
 from turning import ALPHA, THICK, THIN, run_sweep, turning
 
 import beamdae as bd
-from beamdae.studies.sweeps.responses import MEASURES
+from beamdae.studies.column_measures import MEASURES
+
+HUB_BEAM = Path(__file__).parents[2] / "models" / "hub_beam.py"
 
 
 @pytest.fixture(scope="module")
@@ -255,6 +258,23 @@ def test_interrupted_sweep_resumes(tmp_path):
     assert all((tmp_path / name).is_file() for name in table["trajectory"])
 
 
+@pytest.mark.parametrize("stores", [False, True])
+def test_exceptions_of_progress_have_the_results_so_far(tmp_path, stores):
+    """The table used to be neither returned nor written."""
+
+    def fail(report):
+        if report.done == 2:
+            raise RuntimeError("no display")
+
+    with pytest.raises(RuntimeError, match=r"^no display$") as caught:
+        speeds(tmp_path if stores else None, progress=fail)
+    first = caught.value.partial
+    assert list(first.table["status"]) == ["ok", "ok", "interrupted"]
+    if stores:
+        table = pd.read_csv(tmp_path / "sweep.csv")
+        assert list(table["status"]) == ["ok", "ok", "interrupted"]
+
+
 @pytest.mark.slow(reason="many small runs")
 def test_changed_output_runs_the_cases_again(tmp_path):
     speeds(tmp_path)
@@ -274,6 +294,29 @@ deep = {"deep": lambda run: run["ball.y"].min()}
 swept = bd.sweep(fall, {"mass": [1.0, 2.0, 3.0]}, t_end=1.0, outputs=deep, jobs=2)
 print(swept.table["deep"].round(3).tolist())
 """
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_a_case_has_the_numbers_of_a_run_alone_in_any_order_and_process():
+    model, values = bd.load_model(HUB_BEAM), [4.0, 12.0, 8.0]
+
+    def run(torques, jobs):
+        swept = bd.sweep(
+            model,
+            {"torque": torques, "elements": [2]},
+            integrator=bd.Radau(1e-3),
+            t_end=0.2,
+            output_step=0.01,
+            jobs=jobs,
+        )
+        return {x: swept.run(torque=x)["tip"].to_numpy() for x in torques}
+
+    in_order, reversed_order = run(values, 1), run(values[::-1], 2)
+    for torque in values:
+        mechanism = model(torque=torque, elements=2)
+        alone = bd.simulate(mechanism, bd.Radau(1e-3), 0.2, 0.01)["tip"].to_numpy()
+        assert np.array_equal(in_order[torque], alone)
+        assert np.array_equal(reversed_order[torque], alone)
 
 
 @pytest.mark.slow(reason="starts worker processes")

@@ -34,7 +34,11 @@ def test_section_forces_match_references(case, label):
         assert float(row["relative"]) <= case.tolerance, row
 
 
-SLOW_PERIODIC_CASES = ("shaken cantilever", "peak of a slider-crank over its speed")
+SLOW_PERIODIC_CASES = (
+    "shaken cantilever",
+    "van der Pol",
+    "peak of a slider-crank over its speed",
+)
 
 
 @pytest.mark.parametrize(

@@ -75,3 +75,13 @@ def test_missing_exudyn_is_reported():
     process = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, check=True)
     assert process.stdout.strip() == "None"
     assert "so its runs are skipped; run pip install exudyn." in process.stderr
+
+
+def test_cost_of_gradients():
+    import gradients
+
+    row = gradients.measure("hub_beam", 0.02, 1)
+    assert row["parameters"] == 1
+    assert row["sweep [ms]"] > 0.0
+    assert row["model function [ms]"] > 0.0
+    assert row["gradient [ms]"] > row["sweep [ms]"]

@@ -147,6 +147,7 @@ def test_every_public_name_has_a_working_call(monkeypatch):
     assert catalog.list_uncovered_names() == ["Weld", "Lever", "Arc(turns=)"]
 
 
+@pytest.mark.slow(reason="half a second")
 def test_sample_has_each_value_of_each_public_name(monkeypatch):
     values = {name: catalog.BAD_VALUES[name] for name in ("nan", "None", "object")}
     monkeypatch.setattr(catalog, "BAD_VALUES", values)

@@ -164,6 +164,7 @@ def test_error_rows_without_estimates_list_kinds_of_columns():
     assert "covered" not in row
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_every_flexible_case_of_the_newer_set_compares_deflections():
     for case in NEW:
         mechanism = case.build()

@@ -198,7 +198,7 @@ def _rotating_frequencies(speed: float) -> Callable[[int, str], Array]:
 
 # Campbell diagrams: speeds [rad/s], distance of the clamp of an arm from the axis over its length,
 # and numbers of waves of a ring.
-SPEEDS = {"arm": (2.0, 10.0, 50.0), "ring": (1.0, 2.0, 5.0)}
+SPEEDS = {"arm": (2.0, 10.0, 50.0), "ring": (1.0, 2.0, 5.0), "printed": tuple(WRIGHT)}
 HUB_RADIUS = 1.0
 RING_WAVES = (2, 3)
 
@@ -206,6 +206,11 @@ RING_WAVES = (2, 3)
 def hub_arm_reference(speed: float) -> Array:
     """Return the first three frequencies of an arm on a hub in its plane."""
     return closed_forms.rotating_cantilever(speed, HUB_RADIUS, 3)
+
+
+def printed_arm_reference(speed: float) -> Array:
+    """Return the printed frequencies of an arm without a hub, converted to those in its plane."""
+    return np.sqrt(np.square(WRIGHT[speed]) - speed**2)
 
 
 def spinning_ring_reference(speed: float) -> Array:
@@ -306,6 +311,15 @@ MODE_CASES = (
             _rotating_frequencies(speed),
         )
         for speed, reference in WRIGHT.items()
+    ),
+    _campbell_case(
+        "Campbell diagram, arm",
+        "Wright, Smith, Thresher & Wang, J. Appl. Mech. 49 (1982) 197, in the plane",
+        SPEEDS["printed"],
+        printed_arm_reference,
+        # Half a unit of the last digit at the highest speed, in the plane.
+        3e-5,
+        lambda elements, formulation: rotating_arm(1e4, elements, formulation),
     ),
     _campbell_case(
         "Campbell diagram, arm on a hub",

@@ -4,7 +4,7 @@
     python validation/performance/scaling.py --quick          up to a quarter of the size
     python validation/performance/scaling.py --exact          exact beams alone
 
-PYTHON is an interpreter with Exudyn (`pip install exudyn`), which times 256 elements for
+PYTHON is an interpreter with Exudyn (`pip install exudyn`), which times 64 to 1024 elements for
 comparison. Residual, iteration matrix, factorization and solution are those of generalized-alpha on
 index 3 (`operations`). "step" is the additional time of a run per additional step of 1e-3 s.
 "slope" is the slope of log(time) over log(size), between neighboring sizes and fitted to all sizes
@@ -41,7 +41,7 @@ BEAMS = (2, 4, 8, 16, 32, 64)
 RING_BEAMS = 32
 STEP = 1e-3  # s
 WARM_UP_STEPS = 20  # subtracted from a longer run, so that the setup cancels
-EXUDYN_ELEMENTS = 256
+EXUDYN_ELEMENTS = (64, 256, 1024)
 MOTION_ELEMENTS = 64  # of the hub beam over 2 s
 FIRST_ELEMENTS_OF_SLOPE = 32
 FIRST_BEAMS_OF_SLOPE = 8
@@ -97,7 +97,7 @@ def fit_slopes(table: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
     return slopes
 
 
-def compare_with_exudyn(peer: Worker, turns: int, elements: int = EXUDYN_ELEMENTS) -> pd.DataFrame:
+def compare_with_exudyn(peer: Worker, turns: int, elements: int) -> pd.DataFrame:
     """Return times of a step and of an unknown, beside Exudyn's elements of two nodes."""
     equations = bd.equations_of_motion(beam(elements))
     job = {
@@ -110,20 +110,28 @@ def compare_with_exudyn(peer: Worker, turns: int, elements: int = EXUDYN_ELEMENT
     }
     steps_added = count_steps(equations.n)
     unknowns = peer(**job, end=STEP * WARM_UP_STEPS)["unknowns"]
-    exudyn_times: list[list[float]] = [[], []]
-    step_times = []
+    integrator = bd.GeneralizedAlpha(STEP)
+    seconds: dict[tuple[str, int], list[float]] = {}
     for _ in range(turns):
-        step_times.append(time_step(equations, 1))
-        for k, steps in enumerate((WARM_UP_STEPS, WARM_UP_STEPS + steps_added)):
-            exudyn_times[k].append(peer(**job, end=steps * STEP)["integrate"])
-    step = (min(exudyn_times[1]) - min(exudyn_times[0])) / steps_added
+        for steps in (WARM_UP_STEPS, WARM_UP_STEPS + steps_added):
+            times = np.array([0.0, steps * STEP])
+            own = time_integration(equations, integrator, times)[0]
+            seconds.setdefault(("beamdae", steps), []).append(own)
+            other = peer(**job, end=steps * STEP)["integrate"]
+            seconds.setdefault(("Exudyn", steps), []).append(other)
+    tools = ["beamdae", "Exudyn"]
+    step_times = [
+        (min(seconds[tool, WARM_UP_STEPS + steps_added]) - min(seconds[tool, WARM_UP_STEPS]))
+        / steps_added
+        for tool in tools
+    ]
     table = pd.DataFrame(
         {
-            "tool": ["beamdae", "Exudyn"],
+            "tool": tools,
             "elements": elements,
             "nodes": [4, 2],
             "unknowns": [equations.n, unknowns],
-            "step [us]": [1e6 * float(np.median(step_times)), 1e6 * step],
+            "step [us]": [1e6 * step for step in step_times],
         }
     )
     table["step / unknown [us]"] = table["step [us]"] / table["unknowns"]
@@ -214,7 +222,8 @@ def main() -> None:
     peer = start_exudyn(options.peer)
     if peer is not None:
         with peer:
-            write_table(options.out, "scaling_beside_exudyn", compare_with_exudyn(peer, turns))
+            parts = [compare_with_exudyn(peer, turns, elements) for elements in EXUDYN_ELEMENTS]
+            write_table(options.out, "scaling_beside_exudyn", pd.concat(parts))
     tables = ((beams, "beam", "elements of a beam"), (chains, "chain", "beams of a chain"))
     draw_scaling(tables, options.out / "scaling.png")
 

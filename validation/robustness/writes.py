@@ -71,6 +71,16 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Check": lambda _: bd.check(shaken()),
     "Certificate": lambda _: bd.certify(shaken()),
     "AnalysisCertificate": lambda _: bd.certify_equilibrium(arm()),
+    "Sensitivities": lambda _: bd.sensitivities(shaken, "stiffness"),
+    "EquilibriumSensitivities": lambda _: bd.equilibrium_sensitivities(shaken, "stiffness"),
+    "ModeSensitivities": lambda _: bd.mode_sensitivities(shaken, "stiffness"),
+    "PeriodicSensitivities": lambda _: bd.periodic_sensitivities(shaken, "stiffness", 0.1),
+    "Fit": lambda _: bd.fit(
+        shaken, {"t [s]": [0.0, 0.05, 0.1], "bob.x": [1.0, 1.001, 1.0]}, "stiffness"
+    ),
+    "Optimization": lambda _: bd.optimize(
+        shaken, bd.Mass(), "stiffness", (), {"stiffness": (40.0, 60.0)}
+    ),
     "SweepResults": lambda _: bd.sweep(shaken, {"stiffness": [50.0, 60.0]}, jobs=1),
     "Mechanism": lambda _: arm(),
     "Model": lambda _: arm,

@@ -9,10 +9,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.quadratic_eigenproblem import QuadraticProblem
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import SymmetricProblem, is_symmetric
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
+    SymmetricProblem,
+    is_symmetric,
+    scaled_null_space,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.formulations.tangents import Tangent
+from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
 
 Array = np.ndarray
@@ -21,6 +30,10 @@ Array = np.ndarray
 RIGID, VIBRATION, DECAY, UNSTABLE = "free motion", "vibration", "decay", "unstable"
 # Real parts below this fraction of the eigenvalue are rounding errors.
 _GROWTH_TOLERANCE = 1e-9
+# Modes of models with states are computed with dense matrices.
+_MAX_STATE_COORDINATES = 2000
+# A singular matrix has zero eigenvalues; their errors are up to this multiple of sqrt(eps |A|).
+_ZERO_FACTOR = 10.0
 
 
 class EigenSolution(NamedTuple):
@@ -48,6 +61,8 @@ def solve_eigenproblem(
 
     If `damped` is False, the symmetric parts of M and K are used, and damping is ignored.
     """
+    if len(lin.equations.states):
+        return _normalize(lin, *_solve_with_states(lin, damped), count)
     undamped = SymmetricProblem(lin).solve(count)
     is_undamped = not lin.tangent.damping.nnz or abs(lin.tangent.damping).max() == 0.0
     if not damped or (is_undamped and is_symmetric(lin)):
@@ -56,6 +71,74 @@ def solve_eigenproblem(
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
     values, shapes = QuadraticProblem(lin, undamped, count).solve(count)
     return _normalize(lin, values, shapes, count)
+
+
+def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, Array]:
+    """Return all modes of equations with first-order states, from dense matrices.
+
+    With the admissible motions x = Z z and the states s, whose rows have no inertia, the equations
+    are M z'' + C z' + K z + B s = 0 and s' + D z' + E z + F s = 0.
+    """
+    e, tangent = lin.equations, lin.tangent
+    if not damped or lin.nonholonomic.any():
+        problem = "undamped modes" if not damped else "constraints on velocities"
+        raise BeamdaeError(
+            f"modes: {problem} are not supported with states such as {e.q_names[e.states[0]]}; "
+            "use damping=True and bd.linearize, or remove the states."
+        )
+    if e.n > _MAX_STATE_COORDINATES:
+        raise BeamdaeError(
+            f"modes: the model with states has {e.n} coordinates, more than the maximum of "
+            f"{_MAX_STATE_COORDINATES}; use fewer elements."
+        )
+    moving = np.setdiff1d(np.arange(e.n), e.states)
+    scales = e.position_scales[moving]
+    basis, left = (
+        scaled_null_space(sp.csc_array(rows[:, moving]), scales)
+        for rows in (tangent.position_jacobian, sp.csc_array(tangent.reactions.T))
+    )
+    count, n_states = basis.shape[1], len(e.states)
+    # Columns of (z, s) among the coordinates, and rows of the reduced equations.
+    columns, rows = np.zeros((2, e.n, count + n_states))
+    columns[moving, :count], rows[moving, :count] = basis, left
+    columns[e.states, count + np.arange(n_states)] = 1.0
+    rows[e.states, count + np.arange(n_states)] = 1.0
+    mass, damping, stiffness = (
+        rows.T @ (x @ columns) for x in (tangent.mass, tangent.damping, tangent.stiffness)
+    )
+    inertia = mass[:count, :count]
+    if count and not np.linalg.cond(inertia) < 1.0 / np.finfo(float).eps:
+        raise massless_error(e, tangent)
+    factors = la.lu_factor(inertia)
+    size = 2 * count + n_states
+    matrix = np.zeros((size, size))
+    velocities = slice(count + n_states, size)
+    matrix[:count, velocities] = np.eye(count)
+    matrix[count : count + n_states, : count + n_states] = -stiffness[count:]
+    matrix[count : count + n_states, velocities] = -damping[count:, :count]
+    matrix[velocities, : count + n_states] = -la.lu_solve(factors, stiffness[:count])
+    matrix[velocities, velocities] = -la.lu_solve(factors, damping[:count, :count])
+    values, vectors = la.eig(matrix)
+    magnitude = float(la.norm(matrix, 2))
+    singular = la.svdvals(matrix)
+    if singular[-1] <= size * np.finfo(float).eps * magnitude:
+        # The error of a double zero is the square root of rounding.
+        is_zero = np.abs(values) <= _ZERO_FACTOR * np.sqrt(np.finfo(float).eps * magnitude)
+        values = np.where(is_zero, 0.0, values)
+    is_upper = values.imag >= 0.0
+    return values[is_upper], columns @ vectors[: count + n_states, is_upper]
+
+
+def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
+    """Return the error for a singular mass matrix; it names the coordinate without inertia."""
+    rows = tangent.acceleration_jacobian(e)
+    states = np.zeros(e.n)
+    states[e.states] = 1.0
+    mass = tangent.mass + sp.diags_array(states)
+    matrix = sp.block_array([[mass, tangent.reactions], [rows, None]]) if e.m else mass
+    motion = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
+    name = e.q_names[int(np.argmax(np.abs(motion)))]
+    return BeamdaeError(f"{name}: this coordinate has no inertia; add mass or a joint.")
 
 
 def _normalize(

@@ -298,10 +298,19 @@ class FrequencyRange:
 def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> FrequencyRange:
     """Return the range of undamped natural frequencies about a consistent state.
 
-    Constraints must be independent. The computing time grows with the cube of the number of
-    coordinates.
+    Constraints must be independent. First-order states are constant and do not count as free
+    motions. The computing time grows with the cube of the number of coordinates.
     """
     tangent = compute_tangent(e, time, state)
+    if len(e.states):
+        moving = np.ones(e.n)
+        moving[e.states] = 0.0
+        keep = sp.diags_array(moving)
+        stiffness, damping = (
+            sp.csc_array(keep @ x @ keep) for x in (tangent.stiffness, tangent.damping)
+        )
+        mass = sp.csc_array(tangent.mass + sp.diags_array(1.0 - moving))
+        tangent = tangent._replace(mass=mass, stiffness=stiffness, damping=damping)
     lin = LinearizedEquations(e, tangent)
     try:
         squares, shapes = SymmetricProblem(lin).solve(None)
@@ -317,7 +326,7 @@ def compute_frequency_range(e: EquationsOfMotion, time: Array, state: State) -> 
         float(hertz[0]) if len(rates) else None,
         float(hertz[-1]) if len(rates) else None,
         ratio,
-        int(np.sum(squares == 0.0)),
+        int(np.sum(squares == 0.0)) - len(e.states),
         float(np.sqrt(np.max(-squares, initial=0.0))),
         "",
     )

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+# Excitations per revolution that are compared with the frequencies by default.
+SPEED_MULTIPLES = (1, 2, 3, 4)
 # Number of additional modes computed at each speed, so that no mode is lost where frequencies
 # cross.
 _EXTRA_MODES = 4
@@ -80,6 +82,54 @@ class Campbell:
         for k, values in enumerate(self.eigenvalues.real.T, 1):
             columns[f"growth rate {k} [1/s]"] = values
         return pd.DataFrame(columns)
+
+    def resonances(self, multiples: Sequence[int] = SPEED_MULTIPLES) -> pd.DataFrame:
+        """Return the nonzero speeds at which frequencies are multiples of the rotation speed.
+
+        Frequencies are interpolated linearly between successive speeds.
+
+        Parameters
+        ----------
+        multiples
+            Numbers of excitations per revolution, each at least 1.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns "speed [rad/s]", "frequency [Hz]", "mode" (from 1, as in `table`) and
+            "multiple", in ascending order of the magnitude of the speed.
+
+        Raises
+        ------
+        BeamdaeError
+            If `multiples` contains anything but whole numbers of at least 1.
+        """
+        import pandas as pd
+
+        numbers = [
+            require_count("Campbell", "multiples", k)
+            for k in require_sequence("Campbell", "multiples", multiples, "a list of numbers")
+        ]
+        order = np.argsort(self.speeds)
+        speeds, frequencies = self.speeds[order], self.frequencies[order]
+        rows = [
+            (speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple)
+            for multiple in numbers
+            for mode, values in enumerate(frequencies.T, 1)
+            for speed in _find_zeros(speeds, values - multiple * np.abs(speeds) / (2.0 * np.pi))
+            # At rest, motions without stiffness have the same frequency as an excitation: zero.
+            if speed != 0.0
+        ]
+        rows.sort(key=lambda row: abs(row[0]))
+        names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
+        return pd.DataFrame(rows, columns=names)
+
+
+def _find_zeros(x: Array, y: Array) -> list[float]:
+    """Return the x at which the linear interpolation between the points (x, y) changes sign."""
+    (left,) = np.nonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
+    shares = y[left] / (y[left] - y[left + 1])
+    return (x[left] + shares * np.diff(x)[left]).tolist()
 
 
 @interruptible

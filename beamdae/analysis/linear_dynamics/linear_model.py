@@ -13,19 +13,18 @@ from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
     linearize_about,
-    massless_error,
+    solve_for_accelerations,
 )
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
-from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, Observable, State
+from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
@@ -51,8 +50,8 @@ class LinearModel:
     A, B, C, D
         Matrices of x' = A x + B u, y = C x + D u, with the shapes (states, states),
         (states, inputs), (outputs, states) and (outputs, inputs). `tuple(model)` returns them, for
-        `scipy.signal` and python-control:
-        `control.ss(*model, inputs=[u.name for u in model.inputs])`.
+        `scipy.signal` and python-control (whose names must not contain dots):
+        `control.ss(*model, inputs=[u.name.replace(".", " ") for u in model.inputs])`.
     states
         Names and units of the states: independent coordinates of the mechanism, then independent
         velocities.
@@ -162,8 +161,8 @@ def linearize(
     model, about, t
         See `modes`.
     inputs
-        Names of forces, moments and drivers. Defaults to all of them. Those that are not named keep
-        the values that they have at the state.
+        Names of inputs, forces, moments and drivers. Defaults to all of them. Those that are not
+        named keep the values that they have at the state.
     outputs
         Names of observables. Defaults to all of them.
 
@@ -220,18 +219,23 @@ class ModelInput(NamedTuple):
     constraints
         Nonzero derivatives of the constraints with respect to the law, by name of the multiplier;
         empty for loads.
+    indices
+        Indices of the numbers `p` of the full equations that are equal to the input; empty for the
+        laws of parts.
     """
 
     quantity: Variable
     force: Array
     constraints: dict[str, float]
+    indices: tuple[int, ...] = ()
 
 
 def _resolve_inputs(
     mechanism: Any, lin: Linearization, part_names: Sequence[str] | None
 ) -> list[ModelInput]:
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    candidates = {name: part for name, part in parts.items() if part.inputs}
+    terms = {term.name: term for term in lin.full_equations.inputs}
+    candidates = {name: part for name, part in parts.items() if part.inputs} | terms
     if part_names is None:
         part_names = list(candidates)
     inputs: list[ModelInput] = []
@@ -239,11 +243,38 @@ def _resolve_inputs(
         if not isinstance(name, str) or name not in candidates:
             raise BeamdaeError(
                 "linearize: there is no input "
-                f"{short_repr(name)}{suggest(name, candidates)}; use the name of a "
-                "force, moment or driver of the mechanism."
+                f"{short_repr(name)}{suggest(name, candidates)}; use the name of an "
+                "input, force, moment or driver of the mechanism."
             )
-        inputs += _part_inputs(mechanism, candidates[name], lin)
+        if name in terms:
+            inputs.append(_differentiate_input(terms[name], lin))
+        else:
+            inputs += _part_inputs(mechanism, parts[name], lin)
     return inputs
+
+
+def _differentiate_input(term: InputTerm, lin: Linearization) -> ModelInput:
+    """Return an input of the mechanism, with exact derivatives of all formulas that contain it."""
+    e, dp = lin.equations, np.zeros(len(lin.equations.p))
+    dp[[k for x in e.inputs if x.name == term.name for k in x.indices]] = 1.0
+    at_rest = State(*map(np.zeros_like, lin.state))
+    change = differentiate_tangent(e, lin.time, lin.state, at_rest, dp).residual
+    force, constraints = change[: e.n], _name_constraints(e, change[e.n :])
+    if constraints and np.any(force):
+        raise BeamdaeError(
+            f"linearize: the input {term.name} is used both by a driver and by a force; use "
+            "different inputs."
+        )
+    quantity = _driver_input(term.name, term.unit) if constraints else Variable(*term[:2])
+    return ModelInput(quantity, force, constraints, term.indices)
+
+
+def _name_constraints(e: EquationsOfMotion, change: Array) -> dict[str, float]:
+    return {name: float(x) for name, x in zip(e.lam_names, change, strict=True) if x != 0.0}
+
+
+def _driver_input(name: str, unit: str) -> Variable:
+    return Variable(f"{name}_ddot", f"{unit}/s^2")
 
 
 def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[ModelInput]:
@@ -259,14 +290,10 @@ def _part_inputs(mechanism: Mechanism, part: Part, lin: Linearization) -> list[M
             ends.append(_part_residual(mechanism, part.with_constant_laws(shifted), lin))
         (equations, forward), (_, backward) = ends
         force, by_constraint = np.split((forward - backward) / (2.0 * step), [lin.equations.n])
-        constraints = {
-            name: float(x)
-            for name, x in zip(equations.lam_names, by_constraint, strict=True)
-            if x != 0.0
-        }
+        constraints = _name_constraints(equations, by_constraint)
         quantity = Variable(f"{part.name}.{law_quantity.name}", law_quantity.unit)
         if constraints:
-            quantity = Variable(f"{part.name}.{law_quantity.name}_ddot", f"{law_quantity.unit}/s^2")
+            quantity = _driver_input(*quantity)
         inputs.append(ModelInput(quantity, force, constraints))
     return inputs
 
@@ -344,12 +371,10 @@ class _StateReduction:
             self.w = la.lstsq(velocity_rows, right)[0]
         self.w = self.w - self.y @ self.w[self.w_indices]
         self.rows, self.by_q, self.nonholonomic = rows, by_q, nonholonomic
-        solve = factorize_saddle_point(
-            tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
-        )
-        if solve is None:
-            raise massless_error(e, tangent)
-        self.solve = solve
+        # The rates of first-order states are not independent.
+        has_inertia = ~np.isin(self.w_indices, e.states)
+        self.w_indices, self.y = self.w_indices[has_inertia], self.y[:, has_inertia]
+        self.solve = solve_for_accelerations(e, tangent)
 
     def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
         e, lin, tangent = self.e, self.lin, self.lin.tangent
@@ -357,6 +382,12 @@ class _StateReduction:
         # Derivatives with respect to (x, w, u), by columns.
         dq = np.hstack([self.z, np.zeros((e.n, nw + len(self.inputs)))])
         dv = np.hstack([self.w, self.y, np.zeros((e.n, len(self.inputs)))])
+        if len(e.states):
+            forces = tangent.stiffness @ dq + tangent.damping @ dv
+            for k, one in enumerate(self.inputs):
+                forces[:, nx + nw + k] += one.force
+            # The rows of the states are x' - f.
+            dv[e.states] -= forces[e.states]
         right = np.zeros((e.n + e.m, dq.shape[1]))
         right[: e.n] = -(tangent.stiffness @ dq + tangent.damping @ dv)
         right[e.n :][self.nonholonomic] = -self.by_q[self.nonholonomic] @ dv
@@ -401,6 +432,13 @@ class _StateReduction:
         rows = [self.rows.get(name, -1) for name in full.lam_names]
         lam = np.append(lin.state.lam, 0.0)[rows] if rows else np.zeros(0)
         full_dlam = np.vstack([dlam, np.zeros((1, dlam.shape[1]))])[rows]
+        dp = np.zeros((len(full.p), dq.shape[1]))
+        for k, one in enumerate(self.inputs, dq.shape[1] - len(self.inputs)):
+            change = np.eye(dq.shape[1])[k]
+            for name, size in one.constraints.items():
+                # The displacement of a driver depends on the states.
+                change = -self.by_q[self.rows[name]] @ dq / size
+            dp[list(one.indices)] = change
         derivatives, values, names = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
         for o in observables:
             if full.redundant and o.rows.stop > o.rows.start and self.e.m < full.m:
@@ -411,9 +449,12 @@ class _StateReduction:
                 )
             q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
             data = full.p[o.data]
-            _, by_q, by_v, _, by_lam = o.function.jacobians(lin.time, q, v, data, lam[o.rows])
+            _, by_q, by_v, by_data, by_lam = o.function.jacobians(lin.time, q, v, data, lam[o.rows])
             derivatives.append(
-                by_q @ (o.operator @ dq) + by_v @ (o.operator @ dv) + by_lam @ full_dlam[o.rows]
+                by_q @ (o.operator @ dq)
+                + by_v @ (o.operator @ dv)
+                + by_data @ dp[o.data]
+                + by_lam @ full_dlam[o.rows]
             )
             values.append(o.function(lin.time[None], q[None], v[None], data, lam[None, o.rows])[0])
             for column in o.columns:

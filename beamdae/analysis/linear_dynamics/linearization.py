@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
+from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -33,6 +33,7 @@ from beamdae.errors import (
     BeamdaeError,
     plain_text,
     short_repr,
+    suggest,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
@@ -131,29 +132,31 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         full_equations = as_equations(name, model, AS_DRAWN)
         if isinstance(about, Instant):
             return _linearize_motion(full_equations, about)
-        equations, time = _active_equations(full_equations, None, t)
+        equations, time = active_equations(full_equations, None, t)
         state, tangent = find_steady_rotation(equations, time, about)
         description = f"rotation at {about.speed:g} rad/s about {about.center}"
         return Linearization(
             equations, full_equations, description, time, state, tangent, rotation=about
         )
-    if isinstance(about, str) and about in (REFERENCE, AS_DRAWN):
+    word = about if isinstance(about, str) else None
+    if word in (REFERENCE, AS_DRAWN):
         return _linearize_rest(as_equations(name, model, AS_DRAWN), REFERENCE, t)
-    if not isinstance(about, (str, Mapping)):
+    if not isinstance(about, Mapping) and word != EQUILIBRIUM:
+        hint = suggest(word, (REFERENCE, EQUILIBRIUM)) if word is not None else ""
         raise BeamdaeError(
             f"{name}: about must be 'reference', 'equilibrium', positions by "
             "name, bd.rotation(...), solution.at(t) or a result of bd.equilibrium, "
-            f"got {short_repr(about)}."
+            f"got {short_repr(about)}{hint}."
         )
     require_start("about", about)
     full_equations = apply_initial_conditions(as_equations(name, model, AS_DRAWN), about, t)
-    if about == EQUILIBRIUM:
+    if word == EQUILIBRIUM:
         return _linearize_rest(full_equations, EQUILIBRIUM, t)
     description = f"rest at {full_equations.start.description}"  # type: ignore[union-attr]
     return _linearize_rest(full_equations, description, t)
 
 
-def _active_equations(
+def active_equations(
     full_equations: EquationsOfMotion, instant: Instant | None, t: float
 ) -> tuple[EquationsOfMotion, Array]:
     """Return the equations of active parts without redundant constraints, and (t, branch)."""
@@ -183,7 +186,7 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
             f"about: the number of coordinates is {len(instant.state.q)} in the solution but "
             f"{full_equations.n} in this model; pass a solution of this model."
         )
-    equations, time = _active_equations(full_equations, instant, instant.t)
+    equations, time = active_equations(full_equations, instant, instant.t)
     state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
     description = f"the frozen motion at t = {instant.t:g} s"
     tangent = compute_tangent(equations, time, state)
@@ -191,24 +194,29 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
 
 
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
-    equations, time = _active_equations(full_equations, None, t)
+    equations, time = active_equations(full_equations, None, t)
     rest = linearize_at_rest(equations, time, lambda state: compute_tangent(equations, time, state))
     return Linearization(equations, full_equations, description, time, *rest)
 
 
-def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
-    full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
+def load_path_end(
+    model: Any, full_equations: EquationsOfMotion, path: Equilibrium
+) -> tuple[LoadedEquations, float]:
+    """Return the static equations of the load stage at the end of a path, and its load factor."""
     stages = [list(stage) for stage in path.loads] or None
     loading = build_loading(model, full_equations, stages, path.t)
     factors = path.factors[-1].tolist() or [1.0]
     unfinished = (k for k, factor in enumerate(factors) if abs(factor - 1.0) > _FACTOR_TOLERANCE)
     stage = next(unfinished, len(factors) - 1)
-    system = loading.systems[stage]
+    return loading.systems[stage], factors[stage]
+
+
+def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearization:
+    full_equations = path.to_checkpoint().start_equations(as_equations(name, model, AS_DRAWN))
+    system, factor = load_path_end(model, full_equations, path)
     equations = replace(system.equations, q0=full_equations.q0, v0=full_equations.v0)
     time = system.loaded.time
-    rest = linearize_at_rest(
-        equations, time, lambda state: system.motion_tangent(state, factors[stage])
-    )
+    rest = linearize_at_rest(equations, time, lambda state: system.motion_tangent(state, factor))
     description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
     return Linearization(equations, full_equations, description, time, *rest)
 
@@ -257,26 +265,32 @@ def linearize_at_rest(
     return state, tangent, (warning,), _ZERO_SQUARE_RATIO * float(acceleration[worst])
 
 
-def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
-    """Return the error for a singular mass matrix; it names the coordinate without inertia."""
-    rows = tangent.acceleration_jacobian(e)
-    matrix = (
-        sp.block_array([[tangent.mass, tangent.reactions], [rows, None]]) if e.m else tangent.mass
-    )
-    motion = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
-    name = e.q_names[int(np.argmax(np.abs(motion)))]
-    return BeamdaeError(f"{name}: this coordinate has no inertia; add mass or a joint.")
+def solve_for_accelerations(e: EquationsOfMotion, tangent: Tangent) -> Callable[[Array], Array]:
+    """Return the map from forces and constraints (n + m,) to accelerations and multipliers.
+
+    First-order states have no inertia; a unit mass is added for each of them.
+
+    Raises
+    ------
+    BeamdaeError
+        If another coordinate has no inertia.
+    """
+    states = np.zeros(e.n)
+    states[e.states] = 1.0
+    mass = sp.csc_array(tangent.mass + sp.diags_array(states))
+    solve = factorize_saddle_point(mass, tangent.reactions, tangent.acceleration_jacobian(e))
+    if solve is None:
+        raise massless_error(e, tangent)
+    return solve
 
 
 def _release(e: EquationsOfMotion, tangent_at: TangentFunction, rest: State) -> State:
     """Return the state released from rest: a and lam balance the forces at zero velocity."""
     tangent = tangent_at(rest)
-    solve = factorize_saddle_point(
-        tangent.mass, tangent.reactions, tangent.acceleration_jacobian(e)
-    )
-    if solve is None:
-        raise massless_error(e, tangent)
-    solution = solve(np.concatenate([-tangent.residual[: e.n], np.zeros(e.m)]))
+    solve = solve_for_accelerations(e, tangent)
+    force = tangent.residual[: e.n].copy()
+    force[e.states] = 0.0
+    solution = solve(np.concatenate([-force, np.zeros(e.m)]))
     return rest._replace(a=solution[: e.n], lam=solution[e.n :])
 
 

@@ -51,7 +51,7 @@ _TINY = 1e-300
 _FIRST_BLOCK = 8
 # Smaller singular values of the propagated disturbances, relative to the largest, are zero: they
 # are not larger than the errors of the stages.
-_RANK_TOLERANCE = 1e-8
+EXACT_RANK = 1e-8
 # Random disturbances reveal the range of the matrix if they outnumber its rank by this number.
 _OVERSAMPLING = 2
 
@@ -189,9 +189,8 @@ class VariationalEquations:
     def _take_steps(self, interval: Interval, nodes: Array) -> None:
         loop, h = self._loop, np.diff(nodes)
         work = loop.work
-        # Rounding may put the last stage beyond the end.
-        times = np.minimum(nodes[:-1, None] + h[:, None] * C, interval.t[-1]).ravel()
-        state, n = interval.at(times), self.equations.n
+        times, state = _stage_states(interval, nodes)
+        n = self.equations.n
         lam = slice(2 * n, 2 * n + self.equations.m)
         work.times[: len(times)], work.h[: len(h)] = times, h
         stages = slice(0, len(times))
@@ -244,7 +243,13 @@ def _symmetrize(matrix: sp.csc_array, scales: Array) -> Array:
     return 0.5 * (dense + dense.T)
 
 
-def assemble_monodromy(propagate: Callable[[Array], Array], size: int, directions: Array) -> Array:
+def assemble_monodromy(
+    propagate: Callable[[Array], Array],
+    size: int,
+    directions: Array,
+    tolerance: float = EXACT_RANK,
+    expected_range: Array | None = None,
+) -> Array:
     """Return the monodromy matrix (size, size), exact on its range and on `directions`.
 
     Most disturbances of a damped beam vanish within a period, so that the matrix has a low rank.
@@ -261,32 +266,75 @@ def assemble_monodromy(propagate: Callable[[Array], Array], size: int, direction
         Number of independent disturbances.
     directions
         Disturbances (size, d).
+    tolerance
+        Singular values of the propagated disturbances below this fraction of the largest are zero.
+    expected_range
+        Approximate range (size, r), for example from `dominant_range`, or None. With it, most of
+        the range is propagated only once.
     """
+    known = np.zeros((size, 0)) if expected_range is None else expected_range
+    start = np.column_stack([_normalize(directions), known])
+    start = _extend_basis(np.zeros((size, 0)), start, tolerance)
     random = np.random.default_rng(0).standard_normal((size, size))
-    inputs = la.qr(random)[0]
+    inputs = la.qr(np.column_stack([start, random]), mode="economic")[0]
+    first = start.shape[1] + _OVERSAMPLING if known.size else _FIRST_BLOCK
     outputs, count = np.zeros((size, 0)), 0
     while count < size:
-        block = inputs[:, count : max(_FIRST_BLOCK, 2 * count)]
+        block = inputs[:, count : max(first, 2 * count)]
         outputs = np.column_stack([outputs, propagate(block)])
         count = outputs.shape[1]
         vectors, values, _ = la.svd(outputs, full_matrices=False)
-        rank = int(np.sum(values > _RANK_TOLERANCE * values[0]))
-        more = rank + directions.shape[1]
-        if rank + _OVERSAMPLING <= count and count + more < size:
-            known = inputs[:, :count]
-            extra = _extend_basis(known, np.column_stack([vectors[:, :rank], directions]))
-            return outputs @ known.T + propagate(extra) @ extra.T
+        largest = max(float(values[0]), _TINY)
+        rank = int(np.sum(values > tolerance * largest))
+        if rank + _OVERSAMPLING <= count and count + rank < size:
+            # Omitted parts of the range change the square of the matrix by this tolerance.
+            weighted = vectors[:, :rank] * (values[:rank] / largest)
+            extra = _extend_basis(inputs[:, :count], weighted, tolerance)
+            if extra.size:
+                outputs = np.column_stack([outputs, propagate(extra)])
+            return outputs @ np.column_stack([inputs[:, :count], extra]).T
     return outputs @ inputs.T
 
 
-def _extend_basis(basis: Array, columns: Array) -> Array:
-    """Return an orthonormal basis of the part of the span of `columns` outside that of `basis`."""
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), _TINY)
+def dominant_range(monodromy: Array, tolerance: float = EXACT_RANK) -> Array:
+    """Return orthogonal vectors (size, r) that span the range of a monodromy matrix.
+
+    Their norms are the singular values relative to the largest one.
+    """
+    vectors, values, _ = la.svd(monodromy)
+    lengths = values / max(float(values[0]), _TINY)
+    return (vectors * lengths)[:, lengths > tolerance]
+
+
+def _normalize(columns: Array) -> Array:
+    return columns / np.maximum(np.linalg.norm(columns, axis=0), _TINY)
+
+
+def _extend_basis(basis: Array, columns: Array, tolerance: float = EXACT_RANK) -> Array:
+    """Return an orthonormal basis of the part of the span of `columns` outside that of `basis`.
+
+    Directions in which the columns are at most `tolerance` long are omitted.
+    """
     # The second projection removes rounding errors of the first one.
     for _ in range(2):
         columns = columns - basis @ (basis.T @ columns)
     vectors, values, _ = la.svd(columns, full_matrices=False)
-    return vectors[:, values > _RANK_TOLERANCE]
+    return vectors[:, values > tolerance]
+
+
+def _stage_states(interval: Interval, nodes: Array) -> tuple[Array, State]:
+    """Return times and states at the stages of steps with these ends, three rows per step."""
+    # Rounding may put the last stage beyond the end.
+    times = nodes[:-1, None] + np.diff(nodes)[:, None] * C
+    times = np.minimum(times, interval.t[-1]).ravel()
+    first = int(np.searchsorted(interval.nodes, nodes[0])) + 1
+    stages = slice(first, first + len(times))
+    is_step_of_run = interval.nodes_per_step == _STAGES and np.array_equal(
+        interval.nodes[first - 1 : stages.stop : _STAGES], nodes
+    )
+    if is_step_of_run:
+        return times, State(*(x[stages] for x in interval.rows))
+    return times, interval.at(times)
 
 
 def _step_nodes(t: Array, steps_per_node: float) -> Array:

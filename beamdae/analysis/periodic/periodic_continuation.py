@@ -49,10 +49,13 @@ from beamdae.results.periodic_motion import floquet_multipliers
 Array = np.ndarray
 
 _NAME = "frequency_response"
-# Maximum number of Newton iterations of the corrector, and largest permitted correction, relative
-# to the amplitudes and the range of the parameter.
+# Maximum number of iterations of the corrector, and largest permitted correction, relative to the
+# amplitudes and the range of the parameter.
 _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
+# Parts of the monodromy matrix below this fraction of its norm are neglected. Multipliers of stable
+# motions may exceed 1 by ten times as much.
+_RANK_TOLERANCE = 1e-4
 # Step of the finite difference with respect to the parameter, relative to its range.
 _DIFFERENCE_STEP = 1e-5
 # Smallest permitted cosine of the angle between the tangents at both ends of a step.
@@ -193,18 +196,19 @@ def _follow_curve(
     """Append the points of the curve to `points`, and return the reason for its end."""
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
+    previous: CurvePoint | None = None
     point, reason = curve.first_point(settle)
     if point is None:
         return Status("failed", reason)
     points.append(point.as_response_point(sign))
     while len(points) < max_points:
-        next_point, reason = curve.next_point(point, step)
+        next_point, reason = curve.next_point(previous, point, step)
         if next_point is None:
             step *= _CUT_FACTOR
             if step < _MIN_STEP_RATIO * first_step:
                 return Status("failed", f"{curve.describe(point.value)}: {reason}")
             continue
-        point = next_point
+        previous, point = point, next_point
         points.append(point.as_response_point(sign))
         if sign * (point.value - last) >= 0.0:
             return Status("ok", "reached the end of the range")
@@ -231,36 +235,50 @@ class CurvePoint:
         One period of the motion.
     monodromy
         Its monodromy matrix, in terms of the basis of `run`.
-    value, period
-        Value of the parameter, and duration of the period [s].
+    by_parameter
+        Derivative of the deviation with respect to the parameter relative to its range, in terms of
+        the basis of `run`, (k,).
+    value
+        Value of the parameter.
     direction
         Tangent of the curve in (q, v) and in the parameter relative to its range, (2 n + 1,).
     orientation
         Sign of the determinant of the extended Jacobian with the tangent as its last row; it is
         constant along a curve, and 0 if not yet computed.
     iterations
-        Number of Newton iterations that led to the motion.
+        Number of iterations that led to the motion.
     """
 
     run: PeriodRun
     monodromy: Array
+    by_parameter: Array
     value: float
-    period: float
     direction: Array
     orientation: float = 0.0
     iterations: int = 0
 
     @property
-    def state(self) -> Array:
-        """(q, v) at the start of the period, (2 n,)."""
-        first = self.run.solution.trajectory.intervals[0].state
-        return np.concatenate([first.q[0], first.v[0]])
+    def jacobian(self) -> Array:
+        """Jacobian of the deviation with respect to the state and the parameter, (k, k + 1).
+
+        The state is expressed in terms of the basis of `run`.
+        """
+        return np.column_stack([self.monodromy - np.eye(len(self.monodromy)), self.by_parameter])
+
+    def reduce(self, direction: Array) -> Array:
+        """Return a direction (2 n + 1,) in terms of the basis of `run` and the parameter."""
+        return np.append(self.run.projection @ direction[:-1], direction[-1])
+
+    def length(self, direction: Array) -> float:
+        """Return the length of a direction (2 n + 1,) relative to the amplitudes, not by energy."""
+        return float(np.linalg.norm(direction / np.append(self.run.scales, 1.0)))
 
     def as_response_point(self, sign: float) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
         multipliers = floquet_multipliers(self.monodromy)
         forward = sign * self.direction[-1] > 0.0
-        return ResponsePoint(self.value, self.period, self.run.solution, multipliers, forward)
+        period = self.run.period_map.period
+        return ResponsePoint(self.value, period, self.run.solution, multipliers, forward)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,58 +338,94 @@ class ResponseCurve:
                     "the start of the model or increase settle="
                 )
             ahead = np.append(np.zeros(len(run.scales)), 1.0)
-            by_parameter = self._differentiate_by_parameter(run, value)
-            monodromy = run.resolved_monodromy(run.projection @ by_parameter)
-            point = CurvePoint(
-                run, monodromy, value, period_map.period, ahead, iterations=iterations
-            )
-            return _orient_curve(point, by_parameter), ""
+            return self._complete_point(run, value, ahead, 0.0, iterations), ""
         except IncompleteRunError as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
-    def next_point(self, point: CurvePoint, step: float) -> tuple[CurvePoint | None, str]:
+    def next_point(
+        self, previous: CurvePoint | None, point: CurvePoint, step: float
+    ) -> tuple[CurvePoint | None, str]:
         """Return the next point on the curve and "", or None and the reason for the failure.
 
-        `step` is the length of the step along the tangent at `point`.
+        `step` is the length of the step along the curve from `point`, which follows `previous`. The
+        corrections are orthogonal to the tangent at `point`. They start from the Jacobian at
+        `point` and improve it by the deviations of the runs (Broyden, Math. Comp. 19 (1965) 577),
+        so that the variational equations are solved only once for each point.
         """
-        value = point.value + step * point.direction[-1] * self._range
-        state = point.state + step * point.direction[:-1]
-        by_parameter: Array | None = None
+        state, value = self._predict(previous, point, step)
+        basis, projection = point.run.basis, point.run.projection
+        jacobian, tangent = point.jacobian, point.reduce(point.direction)
+        persistent = point.run.persistent_disturbances(point.monodromy)
+        last: tuple[Array, Array] | None = None
+        last_deviation = np.inf
         try:
             for iteration in range(_MAX_ITERATIONS + 1):
                 period_map = self._period_map(value)
-                n = period_map.equations.n
-                q, v = period_map.make_consistent(state[:n], state[n:])
-                run = PeriodRun.from_state(period_map, q, v)
-                is_solved = run.relative_deviation <= self.tolerance.target
-                if is_solved or by_parameter is None:
-                    by_parameter = self._differentiate_by_parameter(run, value)
-                monodromy = run.resolved_monodromy(run.projection @ by_parameter)
-                if is_solved:
-                    found = CurvePoint(
-                        run,
-                        monodromy,
-                        value,
-                        period_map.period,
-                        point.direction,
-                        point.orientation,
-                        iteration,
-                    )
-                    oriented = _orient_curve(found, by_parameter)
-                    is_smooth = _cosine(point, oriented) >= _MIN_COSINE
-                    return (oriented, "") if is_smooth else (None, _SHARP_TURN)
-                # Newton step orthogonal to the tangent.
-                tangent = _reduce_direction(run, point.direction)
-                jacobian = _extended_jacobian(run, monodromy, by_parameter)
+                q, v = period_map.make_consistent(*np.split(state, 2))
+                run = PeriodRun.from_state(period_map, q, v, persistent, point.run.amplitudes)
+                change = projection @ (run.state - point.run.state)
+                position = np.append(change, (value - point.value) / self._range)
+                deviation = projection @ period_map.deviation(run.solution)
+                if last is not None:
+                    moved, gain = position - last[0], deviation - last[1]
+                    jacobian = jacobian + np.outer(gain - jacobian @ moved, moved) / (moved @ moved)
+                last = position, deviation
                 matrix = np.vstack([jacobian, tangent])
-                change = np.linalg.solve(matrix, np.append(-run.deviation, 0.0))
-                largest = max(run.relative_size(change[:-1]), abs(float(change[-1])))
-                change /= max(1.0, largest / _MAX_CHANGE)
-                state = np.concatenate(run.shift_start(change[:-1]))
-                value += change[-1] * self._range
+                correction = np.linalg.solve(matrix, np.append(-deviation, 0.0))
+                change, change_of_value = basis @ correction[:-1], float(correction[-1])
+                largest = max(run.relative_size(change), abs(change_of_value))
+                contraction = run.relative_deviation / last_deviation
+                last_deviation = run.relative_deviation
+                if self.tolerance.is_met(run.relative_deviation, largest, contraction):
+                    found = self._complete_point(
+                        run, value, point.direction, point.orientation, iteration
+                    )
+                    is_smooth = _cosine(point, found) >= _MIN_COSINE
+                    return (found, "") if is_smooth else (None, _SHARP_TURN)
+                factor = max(1.0, largest / _MAX_CHANGE)
+                state = run.state + change / factor
+                value += change_of_value * self._range / factor
         except (BeamdaeError, la.LinAlgError) as error:
             return None, _failure_reason(error)
         return None, _NOT_CONVERGED
+
+    def _predict(
+        self, previous: CurvePoint | None, point: CurvePoint, step: float
+    ) -> tuple[Array, float]:
+        """Return the state (2 n,) and the parameter at the predicted next point.
+
+        The curve is extrapolated by the cubic polynomial through the last two points with their
+        tangents, or along the tangent at the first point.
+        """
+        change = step * point.direction
+        if previous is not None:
+            secant = np.append(
+                point.run.state - previous.run.state, (point.value - previous.value) / self._range
+            )
+            length = point.length(secant)
+            mean_slope = secant / length
+            first_slope = previous.direction / point.length(previous.direction)
+            # Newton's form of the polynomial, with the ends of the last step as double nodes.
+            x = step / length
+            second = point.direction - mean_slope
+            third = point.direction - 2.0 * mean_slope + first_slope
+            change = change + step * x * (second + (1.0 + x) * third)
+        return point.run.state + change[:-1], point.value + float(change[-1]) * self._range
+
+    def _complete_point(
+        self,
+        run: PeriodRun,
+        value: float,
+        direction: Array,
+        orientation: float,
+        iterations: int,
+    ) -> CurvePoint:
+        """Return the point of a periodic motion, with its monodromy matrix and tangent."""
+        by_parameter = run.projection @ self._differentiate_by_parameter(run, value)
+        monodromy = run.resolved_monodromy(by_parameter, tolerance=_RANK_TOLERANCE)
+        return _orient_curve(
+            CurvePoint(run, monodromy, by_parameter, value, direction, orientation, iterations)
+        )
 
     def _differentiate_by_parameter(self, run: PeriodRun, value: float) -> Array:
         """Return the derivative (2 n,) of the deviation with respect to the parameter.
@@ -379,9 +433,9 @@ class ResponseCurve:
         The derivative is multiplied by the range of the parameter.
         """
         period_map = self._period_map(value + _DIFFERENCE_STEP * self._range)
-        first = run.solution.trajectory.intervals[0].state
-        q, v = period_map.make_consistent(first.q[0], first.v[0])
-        solution = period_map.run(q, v, run.scales[: len(q)])
+        q, v = period_map.make_consistent(*np.split(run.state, 2))
+        # With the same amplitudes, errors of both runs are similar.
+        solution = period_map.run(q, v, run.solution.equations.scales)
         deviation = period_map.deviation(solution) - run.period_map.deviation(run.solution)
         return deviation / _DIFFERENCE_STEP
 
@@ -390,39 +444,23 @@ def _failure_reason(error: Exception) -> str:
     return re.sub("^(periodic|frequency_response): ", "", str(error)).rstrip(".")
 
 
-def _orient_curve(point: CurvePoint, by_parameter: Array) -> CurvePoint:
+def _orient_curve(point: CurvePoint) -> CurvePoint:
     """Return the point with the tangent of the curve, oriented along the curve.
 
     The first point has no orientation yet; its tangent follows the preliminary direction.
     """
-    run = point.run
-    matrix = _extended_jacobian(run, point.monodromy, by_parameter)
+    matrix = point.jacobian
     tangent = la.svd(matrix)[2][-1]
     orientation = float(np.linalg.slogdet(np.vstack([matrix, tangent]))[0])
     if point.orientation:
         tangent = tangent * (point.orientation * orientation)
-    elif tangent @ _reduce_direction(run, point.direction) < 0.0:
+    elif tangent @ point.reduce(point.direction) < 0.0:
         tangent, orientation = -tangent, -orientation
-    direction = np.append(run.basis @ tangent[:-1], tangent[-1])
-    # Steps are measured relative to the amplitudes, not by energy.
-    direction /= np.linalg.norm(direction / np.append(run.scales, 1.0))
+    direction = np.append(point.run.basis @ tangent[:-1], tangent[-1])
+    direction /= point.length(direction)
     return replace(point, direction=direction, orientation=point.orientation or orientation)
 
 
 def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
-    tangents = [_reduce_direction(next_point.run, x.direction) for x in (point, next_point)]
+    tangents = [next_point.reduce(x.direction) for x in (point, next_point)]
     return float(tangents[0] @ tangents[1] / np.prod(np.linalg.norm(tangents, axis=1)))
-
-
-def _extended_jacobian(run: PeriodRun, monodromy: Array, by_parameter: Array) -> Array:
-    """Return the Jacobian of the deviation with respect to the state and the parameter.
-
-    Its shape is (k, k + 1). The state is expressed in terms of the basis of `run`.
-    """
-    by_state = monodromy - np.eye(len(run.deviation))
-    return np.column_stack([by_state, run.projection @ by_parameter])
-
-
-def _reduce_direction(run: PeriodRun, direction: Array) -> Array:
-    """Return `direction` in terms of the basis of `run` and the parameter, (k + 1,)."""
-    return np.append(run.projection @ direction[:-1], direction[-1])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.periodic.monodromy import LinearizationError
+from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
@@ -30,6 +31,7 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
@@ -40,15 +42,16 @@ _NAME = "periodic"
 # Steps of the variational equations are halved until the largest modulus of a multiplier changes by
 # at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
-_MAX_REFINEMENTS = 6
-# Steps of the coarsest variational equations, relative to those of Newton's method.
-_COARSEST_STEPS = 4.0
+_MAX_REFINEMENTS = 4
+# Parts of the monodromy matrix below this fraction of its norm are neglected.
+_MULTIPLIER_RANK_TOLERANCE = 1e-6
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
 _REST_TOLERANCE = 1e-6
 # Below this relative deviation, the accuracy of the integrator may limit the convergence.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 
+@single_threaded
 @interruptible
 def periodic(
     model: Any,
@@ -85,8 +88,7 @@ def periodic(
         Integrator. Defaults to Radau(1e-8).
     start
         "as drawn", "equilibrium", `rotation`, or positions and velocities by name. Defaults to the
-        start of the model. Start beams on a driver at constant speed from `rotation`: as drawn,
-        only their root turns.
+        start of the model.
     begin
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle
@@ -165,7 +167,7 @@ def periodic(
             status,
         )
     if not motion.status.success:
-        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=3)
+        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=4)
     return motion
 
 
@@ -243,19 +245,35 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
     """Return the Floquet multipliers and an error estimate.
 
-    The estimate is the change of the largest modulus in the last refinement of the steps.
+    The estimate is the change of the largest modulus if the steps are halved. Of the matrix with
+    twice the first steps, only the restriction to the range of the next matrix is computed.
     """
     multipliers, error = np.zeros(0, complex), np.inf
-    coarsest = _COARSEST_STEPS * run.steps_per_node
+    first = run.steps_per_node
     for refinement in range(_MAX_REFINEMENTS + 1):
         try:
-            monodromy = run.monodromy(steps_per_node=coarsest / 2**refinement)
+            monodromy = run.monodromy(
+                steps_per_node=first / 2**refinement, tolerance=_MULTIPLIER_RANK_TOLERANCE
+            )
         except LinearizationError:
             continue
         refined = floquet_multipliers(monodromy)
+        run = replace(run, persistent=run.persistent_disturbances(monodromy))
+        if not multipliers.size:
+            with suppress(LinearizationError):
+                multipliers = _restricted_multipliers(run, monodromy, 2.0 * first / 2**refinement)
         if multipliers.size:
             error = abs(largest_modulus(refined) - largest_modulus(multipliers))
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE:
             break
     return multipliers, float(error)
+
+
+def _restricted_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:
+    """Return multipliers with other steps, restricted to the range of a monodromy matrix."""
+    columns = dominant_range(monodromy, _MULTIPLIER_RANK_TOLERANCE)
+    if not columns.size:
+        return np.zeros(1, complex)
+    columns /= np.linalg.norm(columns, axis=0)
+    return floquet_multipliers(columns.T @ run.propagate(columns, steps_per_node))

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.analysis.periodic.monodromy import (
+    EXACT_RANK,
     LinearizationError,
     VariationalEquations,
     assemble_monodromy,
+    dominant_range,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order
@@ -20,6 +22,7 @@ from beamdae.errors import BeamdaeError, require_positive
 from beamdae.integrators import Integrator
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import Interrupted
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
@@ -38,6 +41,11 @@ _FIXED_STEP_TOLERANCE = 1e-6
 # Adaptive steps change with the start, and with them the errors of a run. An iteration that
 # stagnates at them succeeds up to this multiple of the default tolerance.
 _STAGNATION_ALLOWANCE = 10.0
+
+# Motions within the tolerance are corrected until the next correction is below this fraction of the
+# tolerance, or the last one left more than this fraction of the deviation.
+_CORRECTION_RATIO = 0.1
+_EXHAUSTED_CONTRACTION = 0.5
 
 # Number of output times in a period, including both ends.
 _OUTPUT_TIMES = 201
@@ -69,6 +77,17 @@ _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
+# A matrix is kept for the next Newton step if the last step reduced the deviation to at most this
+# fraction: another step with the same matrix then gains as much again at the cost of one period,
+# whereas a new matrix costs as much as two to four periods.
+_KEPT_MATRIX_CONTRACTION = 0.1
+# Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
+# linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
+# Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
+_NEWTON_RANK_TOLERANCE = 1e-4
+# Disturbances with smaller singular values, relative to the largest, are not expected in the next
+# matrix.
+_EXPECTED_RANK_TOLERANCE = 1e-6
 # Number of steps of runs without stages in each step of the variational equations.
 _STEPS_PER_NODE = 4.0
 # Maximum number of halvings of the steps of the variational equations.
@@ -102,6 +121,17 @@ class Tolerance(NamedTuple):
             return cls(_FIXED_STEP_TOLERANCE, _FIXED_STEP_TOLERANCE)
         target = float(np.clip(_TOLERANCE_FACTOR * integrator.accuracy.value, *_TOLERANCE_BOUNDS))
         return cls(target, _STAGNATION_ALLOWANCE * target)
+
+    def is_met(self, deviation: float, correction: float, contraction: float) -> bool:
+        """Return True if an iteration may end at this deviation, relative to the amplitudes.
+
+        If disturbances decay slowly, a motion is off by a multiple of its deviation after a period.
+        Therefore, the next `correction` must be below a tenth of the tolerance, unless the last one
+        no longer halved the deviation: `contraction` is the ratio of the last two deviations.
+        """
+        is_exhausted = contraction > _EXHAUSTED_CONTRACTION
+        is_accurate = correction <= _CORRECTION_RATIO * self.target
+        return deviation <= self.target and (is_accurate or is_exhausted)
 
 
 class IncompleteRunError(BeamdaeError):
@@ -171,7 +201,8 @@ class PeriodMap:
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
         count = periods * (_OUTPUT_TIMES - 1) + 1
         times = self.begin + self.period * np.linspace(0.0, periods, count)
-        solution = self.integrator.integrate(equations, times)
+        with keep_all_steps():
+            solution = self.integrator.integrate(equations, times)
         if solution.status.kind == "interrupted":
             raise Interrupted(solution.status.sentence)
         if not solution.status.success or solution.trajectory.end < times[-1]:
@@ -190,10 +221,10 @@ class PeriodMap:
             If the run ends early.
         """
         e = self.equations
-        q, v = self.make_consistent(e.q0, e.v0)
+        state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
         if not periods:
-            return q, v
-        return self.end_state(self.run(q, v, periods=periods))
+            return state.q, state.v
+        return self.end_state(self.run(state.q, state.v, periods=periods))
 
     def end_state(self, solution: Solution) -> tuple[Array, Array]:
         """Return the consistent state (q, v) at the end of a run, without full revolutions."""
@@ -203,10 +234,14 @@ class PeriodMap:
 
     def make_consistent(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the consistent state nearest to (q, v) at the start of a period."""
-        later = [b for b in self.equations.breakpoints if b > self.begin]
-        time = np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
-        state = ConsistencySolver(self.equations).state(time, q, v)
+        state = ConsistencySolver(self.equations).state(self._begin_on_branch, q, v)
         return state.q, state.v
+
+    @property
+    def _begin_on_branch(self) -> Array:
+        """(t, branch) at the start of a period [s]."""
+        later = [b for b in self.equations.breakpoints if b > self.begin]
+        return np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
 
     def require_periodic_loads(self, solution: Solution) -> None:
         """Reject loads and drivers that differ one period later.
@@ -326,6 +361,9 @@ class PeriodRun:
         State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation
         Largest absolute component of the same difference in terms of (q, v), relative to `scales`.
+    persistent
+        Disturbances (2 n, r) that are expected to persist over the period, known from a similar
+        run, or None.
     """
 
     period_map: PeriodMap
@@ -335,17 +373,31 @@ class PeriodRun:
     projection: Array
     deviation: Array
     relative_deviation: float
+    persistent: Array | None = None
 
     @classmethod
-    def from_state(cls, period_map: PeriodMap, q: Array, v: Array) -> PeriodRun:
-        """Run one period from a consistent state (q, v).
+    def from_state(
+        cls,
+        period_map: PeriodMap,
+        q: Array,
+        v: Array,
+        persistent: Array | None = None,
+        amplitudes: Array | None = None,
+    ) -> PeriodRun:
+        """Run one period from a consistent state (q, v), with known `amplitudes` (n,) or None.
 
         Raises
         ------
         IncompleteRunError
             If the run ends early.
         """
-        solution = period_map.run(q, v)
+        return cls.of_solution(period_map, period_map.run(q, v, amplitudes), persistent)
+
+    @classmethod
+    def of_solution(
+        cls, period_map: PeriodMap, solution: Solution, persistent: Array | None = None
+    ) -> PeriodRun:
+        """Return the run over one period with this solution."""
         scales = period_map.state_scales(solution)
         basis, projection = period_map.variational.admissible_disturbances(
             solution.trajectory, scales
@@ -359,35 +411,67 @@ class PeriodRun:
             projection,
             projection @ deviation,
             float(np.max(np.abs(deviation / scales))),
+            persistent,
         )
 
-    def monodromy(self, *directions: Array, steps_per_node: float) -> Array:
+    @property
+    def state(self) -> Array:
+        """(q, v) at the start of the period, (2 n,)."""
+        first = self.solution.trajectory.intervals[0].state
+        return np.concatenate([first.q[0], first.v[0]])
+
+    @property
+    def amplitudes(self) -> Array:
+        """Scales of q, (n,)."""
+        return self.scales[: len(self.scales) // 2]
+
+    def propagate(self, disturbances: Array, steps_per_node: float) -> Array:
+        """Propagate disturbances (k, j) over the period; both are in terms of `basis`."""
+        trajectory, variational = self.solution.trajectory, self.period_map.variational
+        columns = self.basis @ disturbances
+        return self.projection @ variational.propagate(
+            trajectory, columns, self.scales, steps_per_node
+        )
+
+    def monodromy(
+        self, *directions: Array, steps_per_node: float, tolerance: float = EXACT_RANK
+    ) -> Array:
         """Return the monodromy matrix (k, k), in terms of `basis`.
 
         It maps disturbances at the start of the period to those at its end, and is exact on its
-        range, the deviation and `directions`, (k,) each; see `assemble_monodromy`.
+        range and `directions`, (k,) each; see `assemble_monodromy`.
         """
-        trajectory, variational = self.solution.trajectory, self.period_map.variational
+        size = len(self.deviation)
+        return assemble_monodromy(
+            lambda columns: self.propagate(columns, steps_per_node),
+            size,
+            np.column_stack([np.zeros((size, 0)), *directions]),
+            tolerance,
+            None if self.persistent is None else self.projection @ self.persistent,
+        )
 
-        def propagate(columns: Array) -> Array:
-            return self.projection @ variational.propagate(
-                trajectory, self.basis @ columns, self.scales, steps_per_node
-            )
-
-        columns = np.column_stack([self.deviation, *directions])
-        return assemble_monodromy(propagate, len(self.deviation), columns)
-
-    def resolved_monodromy(self, *directions: Array) -> Array:
+    def resolved_monodromy(
+        self, *directions: Array, tolerance: float = _NEWTON_RANK_TOLERANCE
+    ) -> Array:
         """Return the monodromy matrix for Newton's method, on steps of the run.
 
-        For runs of `Radau`, this is the derivative of the discrete solution. If the linear
-        equations of the steps do not converge, the steps are halved.
+        It is exact on the deviation and `directions`. For runs of `Radau`, this is the derivative
+        of the discrete solution. If the linear equations of the steps do not converge, the steps
+        are halved.
         """
-        steps = self.steps_per_node
+        columns, steps = (self.deviation, *directions), self.steps_per_node
         for halvings in range(_MAX_STEP_HALVINGS):
             with suppress(LinearizationError):
-                return self.monodromy(*directions, steps_per_node=steps * 0.5**halvings)
-        return self.monodromy(*directions, steps_per_node=steps * 0.5**_MAX_STEP_HALVINGS)
+                return self.monodromy(
+                    *columns, steps_per_node=steps * 0.5**halvings, tolerance=tolerance
+                )
+        return self.monodromy(
+            *columns, steps_per_node=steps * 0.5**_MAX_STEP_HALVINGS, tolerance=tolerance
+        )
+
+    def persistent_disturbances(self, monodromy: Array) -> Array:
+        """Return the disturbances (2 n, r) that persist according to a monodromy matrix."""
+        return self.basis @ dominant_range(monodromy, _EXPECTED_RANK_TOLERANCE)
 
     @property
     def steps_per_node(self) -> float:
@@ -411,15 +495,8 @@ class PeriodRun:
         return start, end
 
     def relative_size(self, change: Array) -> float:
-        """Return the largest change of (q, v) in `change` (k,), relative to `scales`."""
-        return float(np.max(np.abs(self.basis @ change) / self.scales))
-
-    def shift_start(self, change: Array) -> tuple[Array, Array]:
-        """Return the start shifted by `change` (k,) in terms of `basis`; not yet consistent."""
-        first = self.solution.trajectory.intervals[0].state
-        n = first.q.shape[1]
-        increment = self.basis @ change
-        return first.q[0] + increment[:n], first.v[0] + increment[n:]
+        """Return the largest entry of a change (2 n,) of (q, v), relative to `scales`."""
+        return float(np.max(np.abs(change) / self.scales))
 
 
 def solve_shooting(
@@ -446,12 +523,22 @@ def solve_shooting(
         raise BeamdaeError(
             "periodic: loads or drivers depend on time; pass their period as period=."
         )
-    best, last_halving = result, 0
+    linearization: _Linearization | None = None
+    best, last_halving, contraction = result, 0, np.inf
     for iteration in range(1, _MAX_ITERATIONS + 1):
-        if result.relative_deviation <= tolerance.target:
+        if linearization is None:
+            if result.relative_deviation <= tolerance.target:
+                return result, iteration - 1
+            linearization = _Linearization.from_run(result, free_period)
+        change, stretch = linearization.newton_step(result)
+        correction = max(result.relative_size(change), abs(stretch))
+        if tolerance.is_met(result.relative_deviation, correction, contraction):
             return result, iteration - 1
-        change, stretch = _newton_step(result, free_period)
-        result = _shoot_from(result, change, stretch)
+        if _KEPT_MATRIX_CONTRACTION < contraction < np.inf:
+            linearization = _Linearization.from_run(result, free_period)
+            change, stretch = linearization.newton_step(result)
+        last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
+        contraction = result.relative_deviation / last.relative_deviation
         if result.relative_deviation < 0.5 * best.relative_deviation:
             last_halving = iteration
         best = min(best, result, key=lambda x: x.relative_deviation)
@@ -461,38 +548,63 @@ def solve_shooting(
     return best, _MAX_ITERATIONS
 
 
-def _newton_step(run: PeriodRun, free_period: bool) -> tuple[Array, float]:
-    """Return the changes of the start (k,) and of the period, relative to the period."""
-    size = len(run.deviation)
-    if not free_period:
-        matrix = run.resolved_monodromy() - np.eye(size)
-        change = -np.linalg.lstsq(matrix, run.deviation, rcond=_NEUTRAL_RATIO)[0]
-        stretch = 0.0
-    else:
+@dataclass(frozen=True, eq=False)
+class _Linearization:
+    """Newton's matrix at a run, also used for later runs close to it.
+
+    Attributes
+    ----------
+    run
+        The run, in terms of whose basis the matrix is expressed.
+    matrix
+        Derivative of the deviation with respect to the state, (k, k), or with an unknown period,
+        bordered by the derivative with respect to the relative period and by the phase condition.
+    persistent
+        Disturbances (2 n, r) that persist over the period.
+    """
+
+    run: PeriodRun
+    matrix: Array
+    persistent: Array
+
+    @classmethod
+    def from_run(cls, run: PeriodRun, free_period: bool) -> _Linearization:
         start, end = run.rates
-        phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), 0.0)
-        by_state = run.resolved_monodromy(start, end) - np.eye(size)
-        matrix = np.vstack([np.column_stack([by_state, end]), phase])
-        right = np.append(run.deviation, 0.0)
-        *change, stretch = -np.linalg.lstsq(matrix, right, rcond=_NEUTRAL_RATIO)[0]
-        change = np.array(change)
-    largest = run.relative_size(change)
-    factor = max(1.0, largest / _MAX_CHANGE, abs(stretch) / _MAX_STRETCH)
-    return change / factor, float(stretch) / factor
+        monodromy = run.resolved_monodromy(*((start, end) if free_period else ()))
+        matrix = monodromy - np.eye(len(run.deviation))
+        if free_period:
+            phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), 0.0)
+            matrix = np.vstack([np.column_stack([matrix, end]), phase])
+        return cls(run, matrix, run.persistent_disturbances(monodromy))
+
+    def newton_step(self, run: PeriodRun) -> tuple[Array, float]:
+        """Return the changes of (q, v), (2 n,), and of the period, relative to the period."""
+        deviation = self.run.projection @ run.period_map.deviation(run.solution)
+        right = np.append(deviation, np.zeros(len(self.matrix) - len(deviation)))
+        solution = -np.linalg.lstsq(self.matrix, right, rcond=_NEUTRAL_RATIO)[0]
+        change = self.run.basis @ solution[: len(deviation)]
+        stretch = float(np.sum(solution[len(deviation) :]))
+        largest = run.relative_size(change)
+        factor = max(1.0, largest / _MAX_CHANGE, abs(stretch) / _MAX_STRETCH)
+        return change / factor, stretch / factor
 
 
 def _shoot_from(
-    run: PeriodRun, change: Array, stretch: float, halvings: int = _MAX_HALVINGS
+    run: PeriodRun,
+    change: Array,
+    stretch: float,
+    persistent: Array,
+    halvings: int = _MAX_HALVINGS,
 ) -> PeriodRun:
     """Run a period from a shifted start; halve the changes as long as the run ends early."""
     period_map = replace(run.period_map, period=run.period_map.period * (1.0 + stretch))
     try:
-        q, v = period_map.make_consistent(*run.shift_start(change))
-        return PeriodRun.from_state(period_map, q, v)
+        q, v = period_map.make_consistent(*np.split(run.state + change, 2))
+        return PeriodRun.from_state(period_map, q, v, persistent, run.amplitudes)
     except IncompleteRunError:
         if not halvings:
             raise
-        return _shoot_from(run, 0.5 * change, 0.5 * stretch, halvings - 1)
+        return _shoot_from(run, 0.5 * change, 0.5 * stretch, persistent, halvings - 1)
 
 
 def estimate_period(solution: Solution) -> float | None:

@@ -12,11 +12,21 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.analysis.statics.krylov_eigenvalues import largest_eigenvalues
+from beamdae.analysis.statics.saddle_elimination import (
+    NEGLIGIBLE_STIFFNESS,
+    SaddlePoint,
+    count_signs,
+    count_signs_by_scipy,
+    factorize_saddle_point,
+    serve_solutions,
+    solve_saddle_point,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.static_equations import StaticSums, plan_static_sums
 from beamdae.equations.structure import (
@@ -29,11 +39,13 @@ from beamdae.equations.structure import (
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
+from beamdae.linear.fixed_order import substitute
 from beamdae.native.loop_functions import (
     add_weighted,
     combine,
     euclidean_norm,
     factorize,
+    fill,
     pick,
     solve,
 )
@@ -63,12 +75,24 @@ _LOOP_SECONDS = 3.0
 # New pivots are chosen if the refinement of a solution exceeds this fraction of it. With good
 # pivots, it reaches 5e-3 for thin beams (L/h = 1e5), whose matrix has the condition number 1e13.
 _MAX_REFINEMENT = 2e-2
+# Above this fraction, symmetric elimination is replaced by elimination with pivots chosen by size.
+_MAX_ELIMINATION_REFINEMENT = 1e-3
+# Refinement ends if the last one is below this fraction of the solution; maximum number.
+_FINAL_REFINEMENT = 1e-5
+_MAX_REFINEMENTS = 3
+# Prevents division by zero if a solution is zero.
+_TINY = 1e-300
 
-# Tasks of `solve_bordered`, each of which includes the previous ones.
+# Tasks of `solve_bordered`.
 _EVALUATE_FORCES = 0
 _EVALUATE_TANGENT = 1
-_SOLVE = 2
-_SOLVE_NEWTON = 3
+_COUNT_SIGNS = 2
+_SOLVE = 3
+_SOLVE_NEWTON = 4
+_SOLVE_SHIFTED = 5
+# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
+# small because a follower load is small compared with the axial stiffness of a thin beam.
+ASYMMETRY_TOLERANCE = 1e-13
 
 
 @dataclass(slots=True)
@@ -99,6 +123,8 @@ class BorderedWorkspace:
         Parts C, U and L.
     linear
         Linear solver of the bordered matrix.
+    saddle
+        Symmetric elimination of the tangent.
     nonzeros
         Non-zeros of the bordered matrix.
     inputs
@@ -111,21 +137,31 @@ class BorderedWorkspace:
         Last column, (n + m,), and its start in `nonzeros`.
     right
         Right-hand side, (n + m + 1,).
-    solution, negative, refinement
-        Solution, its negative before refinement, and the refinement.
+    solution, negative, residual, change
+        Solution, its negative, its residual, and its last change by refinement.
+    response, denominator
+        Solution of the tangent for `column`, (n + m,), and the pivot of the control equation.
+    zeros, total
+        Indices and result of inner products.
     rows, columns
         Rows and columns of `nonzeros`.
     weights
-        Weights of the solution in the measure of its accuracy.
+        Weights of the entries of the solution in the norm of its changes.
     mu
         Load factor.
     deviation
         Value of the control equation, for Newton's method.
     task
-        0 to evaluate forces, 1 to evaluate also the tangent, 2 to solve with the given `column` and
-        `right`, 3 to solve for the change of Newton's method.
+        0 to evaluate forces, 1 to evaluate also the tangent, 2 to count also the negative pivots of
+        `saddle`, 3 to solve with the given `column` and `right`, 4 to solve for the change of
+        Newton's method, 5 to solve with the last factors of `saddle` and its `work` array.
     has_forces, has_tangent
         1 if forces or tangent have been evaluated at `inputs`, else 0.
+    has_factors
+        1 if the factors of `saddle` are those at `inputs` and `mu`, up to a shift of the size of
+        rounding errors, else 0.
+    may_eliminate, by_blocks
+        1 if symmetric elimination may be used, and 1 if it is used, else 0.
     may_renew
         1 if new pivots may be requested for the accuracy of the solution, else 0.
     """
@@ -134,6 +170,7 @@ class BorderedWorkspace:
     unloaded: LoadPart
     loaded: LoadPart
     linear: Any
+    saddle: SaddlePoint
     nonzeros: Array
     inputs: Array
     forces: Array
@@ -145,21 +182,32 @@ class BorderedWorkspace:
     right: Array
     solution: Array
     negative: Array
-    refinement: Array
+    residual: Array
+    change: Array
+    response: Array
+    zeros: Array
+    total: Array
     rows: Array
     columns: Array
     weights: Array
     column_start: int
     mu: float = 0.0
     deviation: float = 0.0
+    denominator: float = 1.0
     task: int = _EVALUATE_FORCES
     has_forces: int = 0
     has_tangent: int = 0
+    has_factors: int = 0
+    may_eliminate: int = 0
+    by_blocks: int = 0
     may_renew: int = 0
 
 
 def solve_bordered(run: BorderedWorkspace) -> int:
     """Evaluate the equations and perform the task; return DONE or the code of the linear solver."""
+    if run.task == _SOLVE_SHIFTED:
+        substitute(run.saddle.factors, run.saddle.work)
+        return DONE
     common, unloaded, loaded, mu = run.common, run.unloaded, run.loaded, run.mu
     if run.has_forces == 0:
         evaluate_sum(common.residual, run.inputs, common.forces)
@@ -180,6 +228,13 @@ def solve_bordered(run: BorderedWorkspace) -> int:
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
     if run.task == _EVALUATE_TANGENT:
         return DONE
+    if run.task == _COUNT_SIGNS:
+        count_signs(run.saddle, run.nonzeros)
+        # With an eigenvalue between the shifts, the shift would determine the solution.
+        run.has_factors = 0
+        if run.saddle.below == run.saddle.above and run.saddle.below >= 0:
+            run.has_factors = serve_solutions(run.saddle)
+        return DONE
     size, column_start = run.forces.size, run.column_start
     if run.task == _SOLVE_NEWTON:
         combine(run.column, (1.0,), (run.by_factor,))
@@ -187,26 +242,86 @@ def solve_bordered(run: BorderedWorkspace) -> int:
         run.right[size] = -run.deviation
     pick(run.nonzeros, run.row_targets, run.row, run.row_sources, 0, size + 1)
     combine(run.nonzeros[column_start : column_start + size], (1.0,), (run.column,))
+    run.by_blocks = run.may_eliminate
+    if run.by_blocks == 1 and run.has_factors == 0:
+        run.by_blocks = factorize_saddle_point(run.saddle, run.nonzeros)
+    if run.by_blocks == 1:
+        solve_saddle_point(run.saddle, run.column, run.response)
+        run.denominator = run.row[size] - _dot(run, run.row, run.response)
+        if _refine(run) <= _MAX_ELIMINATION_REFINEMENT:
+            return DONE
+        # Elimination is inaccurate, for example near limit points.
+        run.by_blocks, run.may_eliminate = 0, 0
     code = factorize(run.linear, run.nonzeros)
     if code != DONE:
         return code
     # Pivots chosen for an earlier matrix lose accuracy, which iterative refinement restores unless
-    # nearly all digits are lost. New pivots require the right-hand side again.
-    rows, columns = run.rows, run.columns
-    combine(run.solution, (1.0,), (run.right,))
-    solve(run.linear, run.solution)
-    combine(run.negative, (-1.0,), (run.solution,))
-    combine(run.refinement, (1.0,), (run.right,))
-    add_weighted(run.refinement, rows, run.nonzeros, run.negative, columns, 0, rows.size)
-    solve(run.linear, run.refinement)
-    combine(run.solution, (1.0, 1.0), (run.solution, run.refinement))
-    change = euclidean_norm(run.refinement, run.weights)
-    is_accurate = change <= _MAX_REFINEMENT * euclidean_norm(run.solution, run.weights)
-    if run.may_renew == 1 and not is_accurate:
+    # nearly all digits are lost. New pivots require the right-hand side again. The comparison is
+    # False for NaN.
+    if not _refine(run) <= _MAX_REFINEMENT and run.may_renew == 1:
         run.may_renew = 0
         run.linear.needs_pivots = 1
         return NEW_PIVOTS
     return DONE
+
+
+def _refine(run: BorderedWorkspace) -> float:
+    """Compute `solution` by iterative refinement; return the last relative change."""
+    rows, columns, ratio = run.rows, run.columns, 1.0
+    fill(run.solution, 0.0)
+    combine(run.residual, (1.0,), (run.right,))
+    for k in range(_MAX_REFINEMENTS + 1):
+        _apply_inverse(run)
+        combine(run.solution, (1.0, 1.0), (run.solution, run.change))
+        size = euclidean_norm(run.solution, run.weights)
+        ratio = euclidean_norm(run.change, run.weights) / max(size, _TINY)
+        if k > 0 and ratio <= _FINAL_REFINEMENT:
+            break
+        combine(run.negative, (-1.0,), (run.solution,))
+        combine(run.residual, (1.0,), (run.right,))
+        add_weighted(run.residual, rows, run.nonzeros, run.negative, columns, 0, rows.size)
+    return ratio
+
+
+def _apply_inverse(run: BorderedWorkspace) -> None:
+    """Set `change` to the solution for `residual`, without refinement."""
+    size, change, residual = run.forces.size, run.change, run.residual
+    if run.by_blocks == 0:
+        combine(change, (1.0,), (residual,))
+        solve(run.linear, change)
+        return
+    change[size] = 0.0
+    solve_saddle_point(run.saddle, residual[:size], change[:size])
+    factor = (residual[size] - _dot(run, run.row, change)) / run.denominator
+    combine(change[:size], (1.0, -factor), (change[:size], run.response))
+    change[size] = factor
+
+
+def _dot(run: BorderedWorkspace, one: Array, other: Array) -> float:
+    """Return the inner product of the first n + m entries."""
+    fill(run.total, 0.0)
+    size = run.forces.size
+    add_weighted(run.total, run.zeros, one, other, run.row_sources, 0, size)
+    return run.total[0]
+
+
+class NearestModes(NamedTuple):
+    """Eigenvalues of Z^T S K S Z nearest to zero, see `Stability`.
+
+    Attributes
+    ----------
+    eigenvalues, vectors
+        Eigenvalues [J], ascending, and orthonormal vectors S^-1 q, (n, number of eigenvalues).
+    negative_count
+        Number of all negative eigenvalues.
+    size
+        Size of the entries of S K S [J].
+    """
+
+    eigenvalues: Array
+    vectors: Array
+    negative_count: int
+    size: float
 
 
 @dataclass
@@ -296,7 +411,10 @@ class BorderedSystem:
         entries = (np.ones(len(indices)), indices, indptr)
         self._bordered = sp.csc_array(entries, shape=(size + 1, size + 1))
         self._evaluated_x = np.full(size, np.nan)
-        self._loop = self._make_loop(compiles=False)
+        # Tests compare symmetric elimination with pivots chosen by size.
+        self._eliminates = True
+        self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
+        self._set_loop(compiles=False)
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
     def _plan(self, sums: StaticSums) -> tuple[SumPlan, SumPlan]:
@@ -312,6 +430,12 @@ class BorderedSystem:
             weighted_targets=targets[sums.tangent.weighted_targets],
         )
         return sums.residual, tangent
+
+    def _set_loop(self, compiles: bool) -> None:
+        self._loop = self._make_loop(compiles)
+        self._evaluated_x[:] = np.nan
+        reference = self._run(self._initial_x, 0.0, _EVALUATE_TANGENT)
+        reference.saddle.scale_by_reference(reference.nonzeros)
 
     def _make_loop(self, compiles: bool) -> StepLoop[BorderedWorkspace]:
         size, nnz = self.pattern.shape[0], self._bordered.nnz
@@ -335,6 +459,7 @@ class BorderedSystem:
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(native, "auto"),
+                saddle=SaddlePoint.of(self.pattern, self._tangent_targets, self._scales),
                 nonzeros=matrix.nonzeros,
                 inputs=np.zeros(self._n + size),
                 forces=np.zeros(size),
@@ -346,7 +471,11 @@ class BorderedSystem:
                 right=np.zeros(size + 1),
                 solution=np.zeros(size + 1),
                 negative=np.zeros(size + 1),
-                refinement=np.zeros(size + 1),
+                residual=np.zeros(size + 1),
+                change=np.zeros(size + 1),
+                response=np.zeros(size),
+                zeros=np.zeros(size, np.uint32),
+                total=np.zeros(1),
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),
                 weights=np.append(1.0 / self._scales, np.zeros(size + 1 - self._n)),
@@ -369,6 +498,63 @@ class BorderedSystem:
     def tangent(self, x: Array, mu: float) -> Array:
         """Return the non-zeros of F_x on `pattern`."""
         return self._run(x, mu, _EVALUATE_TANGENT).nonzeros[self._tangent_targets]
+
+    def count_negative_eigenvalues(self, x: Array, mu: float) -> int | None:
+        """Return the number of negative eigenvalues of the stiffness in the possible motions.
+
+        The result is None if it is not certain: if an eigenvalue is zero up to rounding errors, or
+        the stiffness is not symmetric.
+        """
+        if self.is_native:
+            signs = self._run(x, mu, _COUNT_SIGNS).saddle
+        else:
+            run = self._run(x, mu, _EVALUATE_TANGENT)
+            signs = run.saddle
+            count_signs_by_scipy(signs, run.nonzeros)
+        is_symmetric = signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size
+        is_certain = signs.below == signs.above >= 0 and signs.size > NEGLIGIBLE_STIFFNESS
+        if not (is_symmetric and is_certain):
+            return None
+        return signs.above - (len(x) - self._n)
+
+    def nearest_modes(
+        self, x: Array, mu: float, count: int, tolerance: float
+    ) -> NearestModes | None:
+        """Return the eigenvalues of the stiffness nearest to zero, or None.
+
+        The result is None without machine code, if `count_negative_eigenvalues` is None, or if the
+        eigenvalues do not converge.
+
+        Parameters
+        ----------
+        x, mu
+            Equilibrium.
+        count
+            Number of eigenvalues; all of them if there are fewer.
+        tolerance
+            See `krylov_eigenvalues.largest_eigenvalues`.
+        """
+        if not self.is_native:
+            return None
+        negative_count = self.count_negative_eigenvalues(x, mu)
+        if negative_count is None:
+            return None
+        run, n, m = self._loop.work, self._n, len(x) - self._n
+        saddle = run.saddle
+
+        def apply_inverse(vector: Array) -> Array:
+            saddle.work[:n], saddle.work[n:] = vector, 0.0
+            run.task = _SOLVE_SHIFTED
+            self._loop()
+            return saddle.work[:n].copy()
+
+        try:
+            inverse, vectors = largest_eigenvalues(apply_inverse, n, min(count, n - m), tolerance)
+        except ArithmeticError:
+            return None
+        eigenvalues = 1.0 / inverse - saddle.shift_size
+        order = np.argsort(eigenvalues)
+        return NearestModes(eigenvalues[order], vectors[:, order], negative_count, saddle.size)
 
     def newton_change(
         self, x: Array, mu: float, gradient: tuple[Array, float], deviation: float
@@ -414,8 +600,7 @@ class BorderedSystem:
             missing = self._missing_kernels()
             for kernel in missing:
                 kernel.load_native()
-            self._loop = self._make_loop(compiles=not missing)
-            self._evaluated_x[:] = np.nan
+            self._set_loop(compiles=not missing)
             was_compiled = not self._missing_kernels() if missing else self.is_native
             self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
 
@@ -449,8 +634,12 @@ class BorderedSystem:
         if not np.array_equal(x, self._evaluated_x):
             self._evaluated_x[:] = x
             run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
-            run.has_forces = run.has_tangent = 0
-        run.mu, run.task, run.may_renew = mu, task, int(self.is_native)
+            run.has_forces = run.has_tangent = run.has_factors = 0
+        if mu != run.mu:
+            run.has_factors = 0
+        run.mu, run.task = mu, task
+        run.may_renew = int(self.is_native)
+        run.may_eliminate = int(self.is_native and self._eliminates)
         with np.errstate(over="ignore", invalid="ignore"):
             code = self._loop()
         if code != DONE:

@@ -48,7 +48,9 @@ CUSP, TURNING, HILLTOP, DOUBLE = "cusp", "turning point", "hilltop", "double bra
 # Default step along a curve, see `boundary`.
 _STEP = 0.05
 _CUT_FACTOR = 0.5
-_GROWTH_FACTOR = 1.5
+_GROWTH_FACTOR = 2.0
+# Angle between successive directions at which the step remains the same [rad].
+_GROWTH_ANGLE = 0.3
 _MIN_STEP_RATIO = 1e-4
 # One step covers a remaining distance of up to this multiple of the step.
 _LAST_STEP_RATIO = 1.2
@@ -330,7 +332,8 @@ def _follow_curve(
                 guess = guess._replace(p=bound)
             end = curve.correct(guess, plane)
             after = curve.tangent(end, curve.plane(begin, direction))
-            if curve.cosine(begin, after, direction) < _MIN_COSINE:
+            cosine = curve.cosine(begin, after, direction)
+            if cosine < _MIN_COSINE:
                 raise CorrectorError("the curve turns too sharply for the step")
             segment = _Segment(curve, begin, end, direction, after, size)
             passed = list(segment.special_points())
@@ -344,7 +347,10 @@ def _follow_curve(
         direction = after
         if is_last:
             return points, special, REACHED_END
-        size = min(_GROWTH_FACTOR * size, step)
+        growth = _GROWTH_ANGLE / max(
+            float(np.arccos(min(cosine, 1.0))), _GROWTH_ANGLE / _GROWTH_FACTOR
+        )
+        size = min(growth * size, step)
     return points, special, _limited(points)
 
 
@@ -368,6 +374,14 @@ class _Segment:
     def point_at(self, size: float) -> CurvePoint:
         """Return the point at a distance from the beginning."""
         guess = self.curve.predict(self.begin, self.before, size)
+        # The distance from the tangent grows with the square of the distance along it.
+        last = self.curve.predict(self.begin, self.before, self.size)
+        end, share = self.end, (size / self.size) ** 2
+        guess = CurvePoint(
+            guess.u + share * (end.u - last.u),
+            guess.mu + share * (end.mu - last.mu),
+            guess.p + share * (end.p - last.p),
+        )
         return self.curve.correct(guess, self.curve.plane(self.begin, self.before))
 
     def special_points(self) -> Iterator[BoundaryPoint]:

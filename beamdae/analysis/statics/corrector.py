@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,11 +21,17 @@ _MAX_ITERATIONS = 15
 # Newton corrections are relative to the size of the mechanism, angles in rad.
 _DIVERGENCE_LIMIT = 0.5
 _CONVERGENCE_TOLERANCE = 1e-10
+# The next correction is predicted by quadratic convergence if the last but one is below the first
+# bound; a point is accepted if the prediction is below the second bound. A correction of this size
+# changes the axial force of a thin beam (L/h = 1e5) by 1e-4 of its Euler load.
+_QUADRATIC_LIMIT = 1e-3
+_PREDICTED_TOLERANCE = 1e-15
 # A correction below this size is also accepted if it exceeds this fraction of the previous one,
 # because rounding errors of stiff beams may prevent smaller corrections.
 _STAGNATION_TOLERANCE = 1e-6
 _STAGNATION_RATIO = 0.1
-
+# Relative tolerance of the ratio of two eigenvalues.
+_RATIO_TOLERANCE = 1e-3
 
 _SINGULAR = "the tangent stiffness is singular at the next point"
 
@@ -59,6 +66,50 @@ class EquilibriumPoint:
         """Stability of the equilibrium, computed on first access."""
         return assess_stability(self.system, self.x, self.mu)
 
+    @cached_property
+    def _certain_count(self) -> int | None:
+        return self.system.bordered.count_negative_eigenvalues(self.x, self.mu)
+
+    def count_by_pivots(self) -> None:
+        """Count negative eigenvalues now, because the factors of this point will be needed."""
+        _ = self._certain_count
+
+    @cached_property
+    def eigenvalue_ratio(self) -> float:
+        """Ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""
+        modes = self.system.bordered.nearest_modes(self.x, self.mu, 2, _RATIO_TOLERANCE)
+        zero = 0.0 if modes else self.stability.zero_tolerance
+        eigenvalues = modes.eigenvalues if modes else self.stability.eigenvalues
+        sizes = np.sort(np.abs(eigenvalues))[:2]
+        # A motion without stiffness has none on any mesh.
+        if len(sizes) < 2 or sizes[0] <= zero:
+            return np.inf
+        return float(sizes[0] / sizes[1])
+
+    @property
+    def negative_count(self) -> int:
+        """`Stability.negative_count`, without eigenvalues where the signs of pivots suffice."""
+        count = self._certain_count
+        return self.stability.negative_count if count is None else count
+
+    @property
+    def unstable_count(self) -> int:
+        """`Stability.unstable_count`, without eigenvalues where the signs of pivots suffice."""
+        count = self._certain_count
+        return self.stability.unstable_count if count is None else count
+
+    @property
+    def free_count(self) -> int:
+        """`Stability.free_count`, without eigenvalues where the signs of pivots suffice."""
+        return self.stability.free_count if self._certain_count is None else 0
+
+    @property
+    def has_potential(self) -> bool:
+        """True if the joints allow motion and eigenvalues of the stiffness determine stability."""
+        if self._certain_count is None:
+            return bool(len(self.stability.eigenvalues))
+        return self.system.equations.n > self.system.equations.m
+
 
 @dataclass
 class Corrector:
@@ -89,6 +140,12 @@ class Corrector:
         """Return unknowns between `x` (position 0) and `other` (position 1)."""
         return self.displace(x, position * self._increments.difference(x, other))
 
+    def combine(self, unknowns: Sequence[Array], weights: Sequence[float]) -> Array:
+        """Return the combination of close points (n + m,) with weights of the sum 1."""
+        first = unknowns[0]
+        changes = [self._increments.difference(first, x) for x in unknowns]
+        return self.displace(first, np.einsum("i,ij->j", weights, changes))
+
     def correct(self, control: Control, target: float, x: Array, mu: float) -> EquilibriumPoint:
         """Return the equilibrium near (x, mu) at which the control equals `target`.
 
@@ -108,7 +165,10 @@ class Corrector:
             x, mu = self.displace(x, change[:-1]), mu + float(change[-1])
             self.iterations += 1
             stagnates = size <= _STAGNATION_TOLERANCE and size > _STAGNATION_RATIO * last_size
-            if size <= _CONVERGENCE_TOLERANCE or stagnates:
+            is_exact = size <= _CONVERGENCE_TOLERANCE
+            if last_size <= _QUADRATIC_LIMIT:
+                is_exact |= size**3 <= _PREDICTED_TOLERANCE * last_size**2
+            if is_exact or stagnates:
                 return EquilibriumPoint(self.system, x, mu, k + 1)
             last_size = size
         raise CorrectorError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
@@ -138,6 +198,8 @@ class Corrector:
             If the bordered matrix is singular: the control does not change along the path, or paths
             cross at the point.
         """
+        # The factors of this count are also used for the solution.
+        point.count_by_pivots()
         _, by_factor = self.system.residual(point.x, point.mu)
         right = np.append(np.zeros(len(point.x)), 1.0)
         gradient = control.gradient(point.x, point.mu)

@@ -1,14 +1,15 @@
 """Curves of limit and branch points in the load factor and one parameter of a model.
 
-A limit point solves F(x, mu, p) = 0, g = 0, where F_x is singular if and only if g is zero. At a
-branch point, [F_x, F_mu] = A is singular instead of F_x = A. g follows from a bordered matrix
-(Griewank & Reddien, SIAM J. Numer. Anal. 21 (1984) 176; Govaerts, Numerical Methods for
-Bifurcations of Dynamical Equilibria, SIAM (2000)):
+A critical point solves F(x, mu, p) = 0, g = 0, where F_x is singular if and only if g is zero. g
+follows from F_x bordered by vectors b and c (Griewank & Reddien, SIAM J. Numer. Anal. 21
+(1984) 176; Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM (2000)):
 
-    [A b; C^T 0] [V; g] = [0; I],   [A b; C^T 0]^T [w; g^T] = [0; 1],   dg = -w^T dA V.
+    [F_x b; c^T 0] [v; g] = [0; 1],   [F_x b; c^T 0]^T [w; g] = [0; 1],   dg = -w^T dF_x v.
 
-Branch points are not generic: an unknown multiple of b is added to F, which is zero for symmetric
-structures.
+At a branch point, F_mu is in the range of F_x, so that F = 0 does not determine the motion in the
+mode v. This motion is therefore kept constant, and an unknown multiple of b is added to F, which is
+zero for symmetric structures (Werner & Spence, SIAM J. Numer. Anal. 21 (1984) 388). This system is
+regular also where two branch points merge.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ class _Linearization(NamedTuple):
     jacobian: Array
     left: Array
     right: Array
-    by_parameter: tuple[Array, Array]
+    by_parameter: tuple[Array, float]
 
 
 @dataclass
@@ -142,16 +143,11 @@ class CriticalCurve:
     kind: str
     limits: tuple[float, float]
     start: CurvePoint
+    _equilibrium: tuple[CurvePoint, EquilibriumPoint] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        tangent, by_factor = self._matrices(self.start)
-        matrix = np.column_stack([tangent, by_factor]) if self.kind == BRANCH else tangent
-        left, _, right = la.svd(matrix)
-        self._left, self._right = left[:, -1], right[-self._null_count :].T
-
-    @property
-    def _null_count(self) -> int:
-        return 2 if self.kind == BRANCH else 1
+        left, _, right = la.svd(self._matrices(self.start)[0])
+        self._left, self._right = left[:, -1], right[-1]
 
     @cached_property
     def _corrector(self) -> Corrector:
@@ -169,9 +165,11 @@ class CriticalCurve:
         return member.system, member.reference + point.u
 
     def equilibrium(self, point: CurvePoint) -> EquilibriumPoint:
-        """Return the equilibrium at a point of the curve."""
-        system, x = self._state(point)
-        return EquilibriumPoint(system, x, point.mu)
+        """Return the equilibrium at a point of the curve; the last one keeps its stability."""
+        if self._equilibrium is None or self._equilibrium[0] is not point:
+            system, x = self._state(point)
+            self._equilibrium = (point, EquilibriumPoint(system, x, point.mu))
+        return self._equilibrium[1]
 
     def _matrices(self, point: CurvePoint) -> tuple[Array, Array]:
         """Return the scaled F_x and F_mu."""
@@ -199,50 +197,40 @@ class CriticalCurve:
         )
 
     def _linearize(
-        self, point: CurvePoint, by_parameter: tuple[Array, Array] | None = None
+        self, point: CurvePoint, by_parameter: tuple[Array, float] | None = None
     ) -> _Linearization:
-        """Return the linearization; `by_parameter` are known derivatives by the parameter."""
-        size, count = len(point.u), self._null_count
+        """Return the linearization; `by_parameter` are known derivatives with respect to p."""
+        size, is_branch = len(point.u), self.kind == BRANCH
         tangent, by_factor = self._matrices(point)
-        is_branch = self.kind == BRANCH
-        matrix = np.column_stack([tangent, by_factor]) if is_branch else tangent
-        bordered = np.zeros((size + count, size + count))
-        bordered[:size, : matrix.shape[1]] = matrix
-        bordered[:size, -1] = self._left
-        bordered[size:, : matrix.shape[1]] = self._right.T
-        units = np.eye(size + count)
+        bordered = np.zeros((size + 1, size + 1))
+        bordered[:size, :size] = tangent
+        bordered[:size, -1], bordered[-1, :size] = self._left, self._right
+        unit = np.append(np.zeros(size), 1.0)
         try:
             solver = la.lu_factor(bordered)
-            right = la.lu_solve(solver, units[:, size:])
-            left = la.lu_solve(solver, units[:, -1], trans=1)[:size]
+            right = la.lu_solve(solver, unit)
+            left = la.lu_solve(solver, unit, trans=1)[:size]
         except (la.LinAlgError, ValueError):
             raise CorrectorError("the bordered tangent is singular") from None
-        tests, modes = right[-1], right[: matrix.shape[1]]
-        by_unknowns, by_load = np.zeros((count, size)), np.zeros(count)
-        for k, mode in enumerate(modes.T):
-            motion = np.zeros(size + 2)
-            motion[: len(mode)] = mode
-            step = _MODE_DIFFERENCE / max(np.max(np.abs(mode)), np.finfo(float).tiny)
-            ahead, behind = (
-                self._matrices(self._shift(point, side * step * motion))[0] for side in (1, -1)
-            )
-            by_unknowns[k] = -left @ (ahead - behind) / (2.0 * step)
-            shift = np.zeros(size + 2)
-            shift[size] = 1.0
-            # The tangent is linear in the load factor.
-            change = self._matrices(self._shift(point, shift))[0] - tangent
-            by_load[k] = -left @ change @ mode[:size]
-        by_parameter = by_parameter or self._parameter_derivative(point, left, modes)
-        columns = size + 2 + is_branch
-        jacobian = np.zeros((size + count, columns))
+        mode, test = right[:size], right[-1]
+        step = _MODE_DIFFERENCE / max(np.max(np.abs(mode)), np.finfo(float).tiny)
+        motion, load = np.append(step * mode, [0.0, 0.0]), np.zeros(size + 2)
+        ahead, behind = (self._matrices(self._shift(point, x))[0] for x in (motion, -motion))
+        load[size] = 1.0
+        # The tangent is linear in the load factor.
+        loaded = self._matrices(self._shift(point, load))[0]
+        by_parameter = by_parameter or self._parameter_derivative(point, left, mode)
+        jacobian = np.zeros((size + 1 + is_branch, size + 2 + is_branch))
         jacobian[:size, :size], jacobian[:size, size] = tangent, by_factor
         jacobian[:size, size + 1] = by_parameter[0]
-        jacobian[size:, :size], jacobian[size:, size] = by_unknowns, by_load
-        jacobian[size:, size + 1] = by_parameter[1]
+        jacobian[size, :size] = -left @ (ahead - behind) / (2.0 * step)
+        jacobian[size, size] = -left @ (loaded - tangent) @ mode
+        jacobian[size, size + 1] = by_parameter[1]
+        residual = np.append(self._residual(point), test)
         if is_branch:
-            jacobian[:size, -1] = self._left
-        residual = np.append(self._residual(point), tests)
-        return _Linearization(residual, jacobian, left, modes, by_parameter)
+            jacobian[:size, -1], jacobian[-1, :size] = self._left, self._right
+            residual = np.append(residual, 0.0)
+        return _Linearization(residual, jacobian, left, mode, by_parameter)
 
     def _shift(self, point: CurvePoint, change: Array) -> CurvePoint:
         """Return the point shifted linearly, for differences."""
@@ -255,20 +243,16 @@ class CriticalCurve:
         )
 
     def _parameter_derivative(
-        self, point: CurvePoint, left: Array, modes: Array
-    ) -> tuple[Array, Array]:
+        self, point: CurvePoint, left: Array, mode: Array
+    ) -> tuple[Array, float]:
         """Return the derivatives of F and g with respect to the scaled parameter."""
-        size, (_, _, parameter, _) = len(point.u), self._scales
+        parameter = self._scales[2]
         # A step towards the inside, because the model may not exist beyond the limits.
         share = _PARAMETER_DIFFERENCE if point.p < np.mean(self.limits) else -_PARAMETER_DIFFERENCE
         near = point._replace(p=point.p + share * parameter)
         residual = (self._residual(near) - self._residual(point)) / share
-        pairs = zip(self._matrices(near), self._matrices(point), strict=True)
-        by_unknowns, by_load = ((a - b) / share for a, b in pairs)
-        products = by_unknowns @ modes[:size]
-        if self.kind == BRANCH:
-            products += np.outer(by_load, modes[size])
-        return residual, -left @ products
+        change = self._matrices(near)[0] - self._matrices(point)[0]
+        return residual, float(-left @ change @ mode) / share
 
     def correct(self, point: CurvePoint, row: Array) -> CurvePoint:
         """Return the critical point near `point` in the plane through it with the normal `row`.
@@ -280,21 +264,24 @@ class CriticalCurve:
         CorrectorError
             If Newton's method fails.
         """
-        last_size, by_parameter = np.inf, None
+        last_size, by_parameter, slowest = _DIVERGENCE_LIMIT, None, 0.0
         for _ in range(_MAX_ITERATIONS):
-            # A derivative by the parameter requires another model, and changes little.
+            # The derivative with respect to p requires another model, and changes little.
             linearization = self._linearize(point, by_parameter)
             by_parameter = linearization.by_parameter
             change = self._solve(linearization.jacobian, row, np.append(-linearization.residual, 0))
             n, unknowns = self._corrector.system.equations.n, len(point.u)
             size = float(np.max(np.abs(np.append(change[:n], change[unknowns : unknowns + 2]))))
-            if not size <= _DIVERGENCE_LIMIT:
+            ratio = size / last_size
+            if not (ratio <= 1.0 or size <= _STAGNATION_TOLERANCE):
                 raise CorrectorError("Newton's method diverges")
             point = self._displace(point, change)
-            stagnates = size <= _STAGNATION_TOLERANCE and size > _STAGNATION_RATIO * last_size
-            if size <= _CONVERGENCE_TOLERANCE or stagnates:
+            stagnates = size <= _STAGNATION_TOLERANCE and ratio > _STAGNATION_RATIO
+            # The next correction would be smaller by at least the largest ratio so far.
+            slowest = max(slowest, ratio)
+            if size * min(slowest, 1.0) <= _CONVERGENCE_TOLERANCE or stagnates:
                 self._left = linearization.left / np.linalg.norm(linearization.left)
-                self._right = la.orth(linearization.right)
+                self._right = linearization.right / np.linalg.norm(linearization.right)
                 return point
             last_size = size
         raise CorrectorError("Newton's method did not converge")

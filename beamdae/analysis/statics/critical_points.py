@@ -8,6 +8,7 @@ which occurs only with forces without a potential, an oscillation begins to grow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,10 @@ _SAMPLE_DISTANCE = 1e-3
 _SAMPLE_DISTANCES = (_SAMPLE_DISTANCE, 1e-4, 1e-5, 1e-6, 1e-7)
 _ZERO_RATIO = 1e-2
 _MAX_LOAD_SPREAD = 0.05
+# Eigenvalues of the points are at least about this multiple of those that are zero up to rounding.
+_UNDECIDED_MULTIPLE = 4.0
+# Distance from the segment up to which an interpolated point is accepted if rounding decides.
+_MAX_OUTSIDE = 0.5
 # Distance used instead if an eigenvalue touches zero without a sign change: closer points might lie
 # on the crossing path.
 _TOUCH_SAMPLE_DISTANCE = 0.1
@@ -62,12 +67,15 @@ class SegmentCriticalPoint:
         `LIMIT`, `BRANCH` or `FLUTTER`.
     mode
         Shape (n,) of the critical mode.
+    distance
+        Distance between the positions of the points from which it is interpolated.
     """
 
     position: float
     point: EquilibriumPoint
     kind: str
     mode: Array
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -146,14 +154,17 @@ class PathSegment:
             If points in the segment cannot be computed, or the segment is too long to separate its
             critical points.
         """
-        counts = [point.stability.negative_count for point in (self.begin, self.end)]
+        counts = [point.negative_count for point in (self.begin, self.end)]
         low, high = min(counts), max(counts)
         if low < 0:
             return []
-        if not all(len(point.stability.eigenvalues) for point in (self.begin, self.end)):
+        if not (self.begin.has_potential and self.end.has_potential):
             return self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
         points = [self._locate_zero(index) for index in range(low, high)]
-        if low == high and self._load_turns():
+        # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
+        # them; the load factor may have its extremum in the other step.
+        is_decided = all(not point.free_count for point in (self.begin, self.end))
+        if low == high and is_decided and self._load_turns():
             touch = self._locate_touch()
             if touch.kind == BRANCH:
                 return [touch]
@@ -182,11 +193,11 @@ class PathSegment:
             If the number before a point differs from the expected one.
         """
         sign = 1 if counts[1] > counts[0] else -1
-        margin = 2.0 * _SAMPLE_DISTANCE
         for k, one in enumerate(points):
+            margin = 2.0 * max(one.distance, _SAMPLE_DISTANCE)
             nearest = points[k - 1].position if k else -np.inf
             if one.position - nearest > 2.0 * margin:
-                before = self._point_near(one.position - margin).stability.negative_count
+                before = self._point_near(one.position - margin).negative_count
                 if before != counts[0] + sign * k:
                     raise CorrectorError("the stability of equilibria changes abruptly")
 
@@ -272,20 +283,65 @@ class PathSegment:
                 raise CorrectorError("the stability of equilibria changes abruptly")
             return value
 
-        for distance in _SAMPLE_DISTANCES:
-            position = _find_sign_change(
-                lambda position: eigenvalue(self._point_near(position)), ends, distance
-            )
+        # Closer to the zero, rounding moves points of a thin structure along the critical mode.
+        zero = self.begin.stability.zero_tolerance
+        undecided = _UNDECIDED_MULTIPLE * zero / abs(ends[1] - ends[0])
+        distances = [distance for distance in _SAMPLE_DISTANCES if distance > undecided]
+        if not distances:
+            return self._locate_undecided(index, eigenvalue, ends, undecided)
+        for distance in distances:
+            position = self._search_zero(eigenvalue, ends, distance)
             near = self._interpolate(position, eigenvalue, distance)
-            sample = self._point_near(position + distance)
+            sample = self._point_near(near.position + 1.5 * distance)
             # The step in load between the samples bounds the error of the load factor.
             is_fine = abs(sample.mu - near.point.mu) <= _MAX_LOAD_SPREAD * abs(near.point.mu)
-            zero = near.point.stability.zero_tolerance
-            error = max(abs(eigenvalue(near.point)) - zero, 0.0)
-            is_fine |= distance == _SAMPLE_DISTANCES[-1]
+            error = max(abs(eigenvalue(near.point)) - near.point.stability.zero_tolerance, 0.0)
+            is_fine |= distance == distances[-1]
             if is_fine and error <= _ZERO_RATIO * abs(eigenvalue(sample)):
                 return replace(near, mode=near.point.stability.mode(index))
         raise CorrectorError("the stability of equilibria changes abruptly")
+
+    def _locate_undecided(
+        self,
+        index: int,
+        eigenvalue: Callable[[EquilibriumPoint], float],
+        ends: Sequence[float],
+        distance: float,
+    ) -> SegmentCriticalPoint:
+        """Return the point where eigenvalue `index` changes sign, up to rounding.
+
+        Eigenvalues at positions that are closer than `distance` to the point are rounding errors.
+        """
+        position = self._search_zero(eigenvalue, ends, distance)
+        near = self._interpolate(position, eigenvalue, distance)
+        position = min(max(near.position, 0.0), 1.0)
+        if abs(near.position - position) > _MAX_OUTSIDE:
+            raise CorrectorError("the stability of equilibria changes abruptly")
+        point = near.point
+        # At a branch point, Newton's method may fail, and the interpolated point is kept.
+        with suppress(CorrectorError):
+            point = self.point_at(position)
+        mode = point.stability.mode(index)
+        return replace(near, position=position, point=point, mode=mode)
+
+    def _search_zero(
+        self,
+        function: Callable[[EquilibriumPoint], float],
+        ends: Sequence[float],
+        distance: float,
+    ) -> float:
+        """Return a position near a sign change of `function`, up to `distance`.
+
+        Where Newton's method does not converge, the function is assumed to be zero.
+        """
+
+        def value(position: float) -> float:
+            try:
+                return function(self._point_near(position))
+            except CorrectorError:
+                return 0.0
+
+        return _find_sign_change(value, ends, distance)
 
     def _load_turns(self) -> bool:
         rates = [0.0 if direction is None else direction.mu for direction in self.directions]
@@ -320,7 +376,7 @@ class PathSegment:
             raise CorrectorError("the load has an extremum without a critical mode")
         distances = (-_TOUCH_SAMPLE_DISTANCE, _TOUCH_SAMPLE_DISTANCE)
         neighbors = (self._point_near(near.position + distance) for distance in distances)
-        before, after = (point.stability.negative_count for point in neighbors)
+        before, after = (point.negative_count for point in neighbors)
         kind = BRANCH if before == after else LIMIT
         return replace(near, kind=kind, mode=stability.modes[:, closest])
 
@@ -363,17 +419,17 @@ class PathSegment:
             np.prod([(position - b) / (a - b) for b in positions if b != a])
             for a in positions.tolist()
         ]
-        x = np.einsum("i,ij->j", weights, [point.x for point in points])
+        x = self.corrector.combine([point.x for point in points], weights)
         factors = np.array([point.mu for point in points])
         changes = self._load_rates(points[0], points[-1])
         ends = self._load_rates(self.begin, self.end)
         if np.min(np.abs(changes)) < _MIN_RATE_RATIO * np.max(np.abs(ends)):
             # Near the extremum of a thin beam's load, rounding determines the signs of its rates.
-            wide = position + _WIDE_DISTANCE * np.array([-1.0, 1.0])
+            wide = position + max(_WIDE_DISTANCE, 1.5 * distance) * np.array([-1.0, 1.0])
             changes = self._load_rates(*(self._point_near(x) for x in np.clip(wide, 0.0, 1.0)))
         kind = LIMIT if changes[0] * changes[1] < 0.0 else BRANCH
         point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
-        return SegmentCriticalPoint(position, point, kind, np.zeros(0))
+        return SegmentCriticalPoint(position, point, kind, np.zeros(0), distance)
 
 
 def _growth_counts(stability: Stability) -> tuple[int, int]:

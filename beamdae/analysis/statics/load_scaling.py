@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from beamdae.analysis.statics.bordered_system import BorderedSystem
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.smooth_intervals import time_on_branch
@@ -28,6 +29,9 @@ from beamdae.results.section_forces.applied_loads import GRAVITY
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
 
+# Displacement of differences of the forces, in natural sizes.
+_DIFFERENCE = 1e-8
+_AMPLITUDE = 1e-4
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -42,7 +46,8 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
     """
     if loads is None:
         active = [x for x in mechanism.parts.values() if x.name not in mechanism.inactive]
-        default = tuple(part.name for part in active if part.is_load)
+        # Without the forces of a controller, its states need not have an equilibrium.
+        default = tuple(x.name for x in active if x.is_load and not x.is_controlled)
         if _has_gravity(mechanism):
             default = (*default, GRAVITY)
         return (default,) if default else ()
@@ -143,17 +148,56 @@ class LoadedEquations:
         """Return the non-zeros, on `pattern`, of the Jacobian of the residual with respect to x."""
         return self.bordered.tangent(x, mu)
 
+    def multiply_tangent(self, x: Array, mu: float, directions: Array, steps: float = 1.0) -> Array:
+        """Return F_x D for directions D, both (n + m, k), from differences of the forces.
+
+        The tangent of a thin beam consists of axial stiffnesses EA, whose rounding errors reach its
+        bending stiffness EI at L/h = 1e5. For displacements that hardly stretch the beam, central
+        differences are accurate to the rounding of the axial force, and to EA d^2. The step d is
+        `steps` times 1e-8: the largest displacement, in natural sizes.
+        """
+        n, scale = self.equations.n, self.equations.position_scales
+        products = np.zeros_like(directions)
+        for k, direction in enumerate(directions.T):
+            size = float(np.max(np.abs(direction[:n] / scale), initial=0.0))
+            step = steps * _DIFFERENCE / (size or 1.0)
+            after, _ = self.residual(x + step * direction, mu)
+            before, _ = self.residual(x - step * direction, mu)
+            products[:, k] = (after - before) / (2.0 * step)
+        return products
+
+    def multiply_damping(self, x: Array, mu: float, motions: Array, rate: float) -> Array:
+        """Return C D for motions D, both (n, k), from differences of the forces at rest.
+
+        This is as accurate for thin beams as `multiply_tangent`. The velocities of the differences
+        are those of vibrations with the angular frequency `rate` [rad/s] and an amplitude of 1e-4
+        natural sizes, so that nonlinear dampers are linearized.
+        """
+        n = self.equations.n
+        unloaded, loaded = (
+            formulate_first_order(each.equations, "index3") for each in (self.unloaded, self.loaded)
+        )
+
+        def forces(velocity: Array) -> Array:
+            y = np.concatenate([x[:n], velocity, x[n:]])
+            after = loaded.residual(self.loaded.time, y, np.zeros_like(y))
+            before = unloaded.residual(self.loaded.time, y, np.zeros_like(y))
+            return (before + mu * (after - before))[n : 2 * n]
+
+        products = np.zeros_like(motions)
+        for k, motion in enumerate(motions.T):
+            size = float(np.max(np.abs(motion / self.equations.position_scales), initial=0.0))
+            step = _AMPLITUDE * rate / (size or 1.0)
+            products[:, k] = (forces(step * motion) - forces(-step * motion)) / (2.0 * step)
+        return products
+
     def motion_tangent(self, state: State, mu: float) -> Tangent:
         """Return the equations of motion linearized about `state` at the load factor `mu`."""
         loaded = compute_tangent(self.equations, self.loaded.time, state)
         if not self.has_scaled_loads:
             return loaded
         unloaded = compute_tangent(self.unloaded.equations, self.unloaded.time, state)
-        interpolated = {
-            name: (1.0 - mu) * getattr(unloaded, name) + mu * getattr(loaded, name)
-            for name in ("damping", "stiffness", "reactions", "residual")
-        }
-        return loaded._replace(**interpolated)
+        return interpolate_tangents(unloaded, loaded, mu)
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
         """Return the tangent with these non-zeros as a sparse matrix."""
@@ -163,6 +207,15 @@ class LoadedEquations:
     def at_factor(self, mu: float) -> FixedFactorEquations:
         """Return the static equations under a fixed load factor."""
         return FixedFactorEquations(self, mu)
+
+
+def interpolate_tangents(unloaded: Tangent, loaded: Tangent, mu: float) -> Tangent:
+    """Return the tangent for the load factor `mu`; loads do not change mass and constraints."""
+    interpolated = {
+        name: (1.0 - mu) * getattr(unloaded, name) + mu * getattr(loaded, name)
+        for name in ("damping", "stiffness", "reactions", "residual")
+    }
+    return loaded._replace(**interpolated)
 
 
 @dataclass(frozen=True)

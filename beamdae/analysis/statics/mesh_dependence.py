@@ -8,7 +8,7 @@ between critical points and at the end of a path are computed again with half th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -124,7 +124,7 @@ class _FineMesh:
         norm = StepNorm(e.position_scales, abs(secant.mu) / motion if secant.mu else np.inf)
         control = norm.arc_length_control(x, point.mu, PathDirection(along, secant.mu))
         try:
-            return corrector.correct(control, 0.0, x, point.mu).stability.negative_count
+            return corrector.correct(control, 0.0, x, point.mu).negative_count
         except CorrectorError:
             return -1
 
@@ -133,9 +133,10 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
     """Compare small eigenvalues of the stiffness with those on a mesh of halved elements.
 
     Between two critical points, one point with a large eigenvalue proves that the stability does
-    change there. Without such a point, the most decided one is checked, and the end of the path if
-    its eigenvalue is small. If the meshes disagree, all points with a small eigenvalue are checked.
-    Points under forces without a potential are not checked.
+    change there, and no further eigenvalues are computed. Without such a point, the point with the
+    largest eigenvalue ratio is checked, and the end of the path if its ratio is small. If the
+    meshes disagree, all points with a small eigenvalue are checked. Points under forces without a
+    potential are not checked.
 
     Parameters
     ----------
@@ -147,20 +148,18 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
         The path.
     """
     points = path.points
-    unstable = np.array([point.stability.unstable_count for point in points])
+    unstable = np.array([point.unstable_count for point in points])
     unchanged = StabilityRecheck(unstable, path.critical, ())
-    ratios = np.array([_eigenvalue_ratio(point) for point in points])
-    ratios[[one.row for one in path.critical]] = np.nan
-    small = np.flatnonzero(ratios < _SMALL_EIGENVALUE_RATIO)
-    sections = np.split(np.arange(len(points)), [one.row for one in path.critical])
-    doubtful = {
-        int(rows[np.nanargmax(ratios[rows])])
-        for rows in sections
-        if np.any(ratios[rows] >= 0.0) and np.nanmax(ratios[rows]) < _SMALL_EIGENVALUE_RATIO
-    }
+    rows = [one.row for one in path.critical]
+    sections = np.split(np.arange(len(points)), rows)
+    doubtful = set[int]()
+    for part in sections:
+        doubtful.update(_doubtful_rows(points, [k for k in part.tolist() if k not in rows]))
     # The end of a failed path, for example just before a limit point, is no result.
-    if path.status.success:
-        doubtful.update(small[small == len(points) - 1].tolist())
+    last = len(points) - 1
+    is_small = last not in rows and points[last].eigenvalue_ratio < _SMALL_EIGENVALUE_RATIO
+    if path.status.success and is_small:
+        doubtful.add(last)
     if not isinstance(model, Mechanism) or not doubtful:
         return unchanged
     try:
@@ -172,12 +171,15 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
         return unchanged
 
     def disagrees(row: int) -> bool:
-        return counts[row] not in (-1, points[row].stability.negative_count)
+        return counts[row] not in (-1, points[row].negative_count)
 
     counts = {row: _fine_count(mesh, path, row) for row in doubtful}
     if not any(map(disagrees, counts)):
         return unchanged
-    counts |= {row: _fine_count(mesh, path, row) for row in small.tolist() if row not in counts}
+    for row, point in enumerate(points):
+        is_small = point.eigenvalue_ratio < _SMALL_EIGENVALUE_RATIO
+        if is_small and row not in rows and row not in counts:
+            counts[row] = _fine_count(mesh, path, row)
     undecided = sorted(filter(disagrees, counts))
     unstable[undecided] = -1
     critical = tuple(one for one in path.critical if _is_confirmed(one, path, counts, undecided))
@@ -186,14 +188,18 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
     return StabilityRecheck(unstable, critical, notes)
 
 
-def _eigenvalue_ratio(point: EquilibriumPoint) -> float:
-    """Return the ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""
-    stability = point.stability
-    sizes = np.sort(np.abs(stability.eigenvalues))[:2]
-    # A motion without stiffness has none on any mesh.
-    if len(sizes) < 2 or sizes[0] <= stability.zero_tolerance:
-        return np.inf
-    return float(sizes[0] / sizes[1])
+def _doubtful_rows(points: Sequence[EquilibriumPoint], rows: Sequence[int]) -> list[int]:
+    """Return the row with the largest eigenvalue ratio, or none if one of them is not small.
+
+    The last point is considered first, because the eigenvalue at the end of a path is needed
+    anyway.
+    """
+    ratios = []
+    for row in reversed(rows):
+        ratios.append(points[row].eigenvalue_ratio)
+        if ratios[-1] >= _SMALL_EIGENVALUE_RATIO:
+            return []
+    return [rows[::-1][int(np.argmax(ratios))]] if ratios else []
 
 
 def _fine_count(mesh: _FineMesh, path: EquilibriumPath, row: int) -> int:
@@ -208,7 +214,7 @@ def _fine_count(mesh: _FineMesh, path: EquilibriumPath, row: int) -> int:
             secant = PathDirection(change, points[other].mu - points[one].mu)
             if np.any(change):
                 return mesh.negative_count(points[row], secant)
-    return points[row].stability.negative_count
+    return points[row].negative_count
 
 
 def _is_confirmed(
@@ -227,7 +233,7 @@ def _is_confirmed(
         return True
 
     def count(row: int) -> int:
-        return counts.get(row, path.points[row].stability.negative_count)
+        return counts.get(row, path.points[row].negative_count)
 
     last = next((row for row in reversed(before) if row not in undecided), before[0])
     first = next((row for row in after if row not in undecided), after[-1])
@@ -246,7 +252,7 @@ def _describe(
     yield (
         f"equilibrium: the stability of {len(undecided)} points up to the load factor "
         f"{point.mu:.6g} is not decided by this mesh (there, the number of unstable directions is "
-        f"{point.stability.negative_count}, but {counts[row]} with elements of half the length); "
+        f"{point.negative_count}, but {counts[row]} with elements of half the length); "
         "use more elements."
     )
     for one in path.critical:

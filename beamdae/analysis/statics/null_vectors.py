@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 
@@ -19,6 +19,9 @@ Array = np.ndarray
 
 # Inverse iterations; each reduces the other components by the ratio of eigenvalues, which is small.
 _ITERATIONS = 3
+# Iterative refinements of g. The first one reduces an error of 5 % of the critical load at
+# L/h = 1e5 to 1e-5, the second one to 1e-6, and others do not improve it (measured).
+_REFINEMENTS = 2
 
 
 class Scales(NamedTuple):
@@ -71,26 +74,37 @@ class SingularityTest:
         start = np.cos(np.arange(len(x)) ** 2.0)
         test = cls(scales, start / np.linalg.norm(start), start / np.linalg.norm(start))
         for _ in range(_ITERATIONS):
-            left, right, _ = test._solve(system, x, mu)
+            left, right = test._solve(system, x, mu)
             test = cls(scales, left / np.linalg.norm(left), right / np.linalg.norm(right))
         return test
 
     def value(self, system: LoadedEquations, x: Array, mu: float) -> float:
-        """Return g."""
-        return self._solve(system, x, mu)[2]
+        """Return g, accurate also for thin beams, see `LoadedEquations.multiply_tangent`."""
+        unknowns, energy = self.scales
+        solver, unit = self.factorize(system, x, mu)
+        solution = solver.solve(unit)
+        for _ in range(_REFINEMENTS):
+            v, g = solution[:-1], solution[-1]
+            product = system.multiply_tangent(x, mu, (unknowns * v)[:, None])[:, 0]
+            forces = unknowns / energy * product + g * self.left
+            solution += solver.solve(unit - np.append(forces, self.right @ v))
+        return float(solution[-1])
 
     @property
     def mode(self) -> Array:
         """Right null vector (n + m,), not scaled."""
         return self.scales.unknowns * self.right
 
-    def _solve(self, system: LoadedEquations, x: Array, mu: float) -> tuple[Array, Array, float]:
-        """Return the solutions of the transposed and of the bordered equations, and g."""
+    def _solve(self, system: LoadedEquations, x: Array, mu: float) -> tuple[Array, Array]:
+        """Return approximate left and right null vectors."""
+        solver, unit = self.factorize(system, x, mu)
+        right, left = solver.solve(unit), solver.solve(unit, "T")
+        return left[:-1], right[:-1]
+
+    def factorize(self, system: LoadedEquations, x: Array, mu: float) -> tuple[SuperLU, Array]:
+        """Return the factors of the bordered matrix, and the right-hand side (0, 1)."""
         unknowns, energy = self.scales
         tangent = system.matrix(system.tangent(x, mu)) * unknowns * unknowns[:, None] / energy
         last = sp.csc_array(self.left[:, None])
         bordered = sp.block_array([[tangent, last], [self.right[None], None]], format="csc")
-        solver = splu(sp.csc_matrix(bordered))
-        unit = np.append(np.zeros(len(x)), 1.0)
-        right, left = solver.solve(unit), solver.solve(unit, "T")
-        return left[:-1], right[:-1], float(right[-1])
+        return splu(sp.csc_matrix(bordered)), np.append(np.zeros(len(x)), 1.0)

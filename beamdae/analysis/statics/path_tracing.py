@@ -276,7 +276,7 @@ def _follow_stage(
             f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=",
         )
         return
-    if begin.stability.free_count and not _resists_loads(corrector, begin, steps):
+    if begin.free_count and not _resists_loads(corrector, begin, steps):
         _follow_from_mechanism(corrector, path, steps, targets)
         return
     direction = None
@@ -372,7 +372,7 @@ def _follow_from_mechanism(
             remaining = target - path.end.mu
             first = path.end.mu + np.sign(remaining) * min(steps.max_load_step, abs(remaining))
             point = _relax(corrector, path.end.x[: e.n], float(first))
-            if not point.stability.free_count:
+            if not point.free_count:
                 # The unloaded position is arbitrary, so the path begins at this loaded point
                 # instead.
                 path.points[-1] = point
@@ -388,9 +388,9 @@ def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
 
     The name is "" if there is no such motion.
     """
-    stability = point.stability
-    if not stability.free_count:
+    if not point.free_count:
         return ""
+    stability = point.stability
     softest = int(np.argmin(np.abs(stability.eigenvalues)))
     return dominant_coordinate(e, stability.modes[:, softest])
 

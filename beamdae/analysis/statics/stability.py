@@ -16,7 +16,18 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_mode, solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.statics.bordered_system import ASYMMETRY_TOLERANCE
 from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.saddle_elimination import (
+    SPARSE_ZERO_TOLERANCE,
+    zero_tolerance,
+)
+from beamdae.analysis.statics.slender_modes import (
+    ERROR_FLOOR,
+    ERROR_MULTIPLE,
+    reduce_stiffness,
+    refine_modes,
+)
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.linear.orderings import compute_bordered_ordering
@@ -27,27 +38,17 @@ Array = np.ndarray
 # sparse.
 _MAX_DENSE_COORDINATES = 150
 # Number of modes among which growing ones are counted under loads without a potential.
-_MODE_COUNT = 12
-# Rounding errors of zero eigenvalues: of dense eigenvalue solvers, relative to the largest entry of
-# the stiffness, and of sparse elimination with fine meshes, relative to its largest diagonal entry.
+MODE_COUNT = 12
+# Rounding errors of zero eigenvalues of dense eigenvalue solvers, relative to the largest entry of
+# the stiffness. For sparse elimination, the reference is the largest diagonal entry.
 _ZERO_TOLERANCE = 1e-15
-_SPARSE_ZERO_TOLERANCE = 4e-15
-# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
-# small because a follower load is small compared with the axial stiffness of a thin beam.
-_ASYMMETRY_TOLERANCE = 1e-13
 # Number of eigenvalues nearest to zero computed for large matrices, and their relative tolerance.
 _NEAREST_COUNT = 4
 _LANCZOS_TOLERANCE = 1e-10
 # Eigenvalues up to this multiple of the rounding errors of zero eigenvalues are computed again from
-# differences of the forces: this many, with displacements of this size in natural sizes. Rigid-body
-# motions are then zero to 6e-4 of those errors, and the bending of a free strip with L/h = 1e5 and
-# 64 elements is 5e-2 of them (measured); the last fraction separates both.
+# differences of the forces; maximum number of such eigenvalues.
 _REFINED_MULTIPLE = 1e3
 _REFINED_COUNT = 4
-_DIFFERENCE = 1e-8
-_REFINED_ZERO_RATIO = 5e-3
-# Zero eigenvalues may exceed the difference between two steps by this factor.
-_ERROR_MULTIPLE = 4.0
 # Prevents division by zero for modes that vanish.
 _TINY = 1e-300
 
@@ -127,6 +128,13 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
     allow. If the forces have no potential, growing modes are counted instead.
     """
     n, scale = system.equations.n, system.equations.position_scales
+    if n > _MAX_DENSE_COORDINATES:
+        modes = system.bordered.nearest_modes(x, mu, _NEAREST_COUNT, _LANCZOS_TOLERANCE)
+        if modes is not None:
+            zero = zero_tolerance(modes.size, SPARSE_ZERO_TOLERANCE)
+            count = modes.negative_count
+            stability = _build_stability(modes.eigenvalues, modes.vectors, scale, zero, count)
+            return _refine_small_eigenvalues(system, x, mu, stability)
     tangent = system.matrix(system.tangent(x, mu))
     stiffness = sp.csc_array(tangent[:n, :n]) * scale * scale[:, None]
     gradients = sp.csr_array(tangent[n:, :n]) * scale
@@ -142,7 +150,7 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
                 return _assess_motion(system, x, mu)
             return _refine_small_eigenvalues(system, x, mu, dense)
         skew = sp.csc_array(stiffness - stiffness.T)
-        if np.max(np.abs(skew.data), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
+        if np.max(np.abs(skew.data), initial=0.0) > ASYMMETRY_TOLERANCE * size:
             return _assess_motion(system, x, mu)
         stability = _sparse_stability(sp.csc_array(stiffness), sp.csr_array(gradients), scale)
         return _refine_small_eigenvalues(system, x, mu, stability)
@@ -162,9 +170,9 @@ def _dense_stability(
     if not basis.shape[1]:
         return Stability(np.zeros(0), np.zeros((len(scale), 0)), 0)
     projected = basis.T @ stiffness @ basis
-    zero = _ZERO_TOLERANCE * size
+    zero = zero_tolerance(size, _ZERO_TOLERANCE)
     asymmetry = np.max(np.abs(projected - projected.T))
-    if asymmetry > max(_ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
+    if asymmetry > max(ASYMMETRY_TOLERANCE * float(np.max(np.abs(projected))), zero):
         return None
     eigenvalues, vectors = la.eigh(0.5 * (projected + projected.T))
     return _build_stability(eigenvalues, basis @ vectors, scale, zero)
@@ -175,7 +183,7 @@ def _refine_small_eigenvalues(
 ) -> Stability:
     """Return the stability with the smallest eigenvalues from differences of the forces.
 
-    They are the eigenvalues of `_ritz_stiffness` in the span of their modes (Rayleigh-Ritz).
+    They are the eigenvalues of the stiffness in the span of their modes (Rayleigh-Ritz).
     """
     eigenvalues, scale = stability.eigenvalues, system.equations.position_scales[:, None]
     nearest = np.argsort(np.abs(eigenvalues))[:_REFINED_COUNT]
@@ -183,12 +191,11 @@ def _refine_small_eigenvalues(
     if not np.any(np.abs(eigenvalues[nearest]) < limit):
         return stability
     basis = la.qr(stability.modes[:, nearest] / scale, mode="economic")[0]
-    ritz, other = (
-        _ritz_stiffness(system, x, mu, scale * basis, step * _DIFFERENCE) for step in (1.0, 2.0)
-    )
+    ritz, change = reduce_stiffness(system, x, mu, scale * basis)
     values, shares = la.eigh(0.5 * (ritz + ritz.T))
     # Differences are less accurate than the stiffness if a beam is thick, or if the forces are not
     # smooth, for example where a contact begins.
+    other = ritz - change
     error = float(np.max(np.abs(values - la.eigvalsh(0.5 * (other + other.T)))))
     if error > stability.zero_tolerance:
         return stability
@@ -198,31 +205,8 @@ def _refine_small_eigenvalues(
     modes = modes / la.norm(modes, axis=0)
     eigenvalues[nearest], modes[:, nearest] = values, basis @ shares
     order = np.argsort(eigenvalues)
-    zero = max(_REFINED_ZERO_RATIO * stability.zero_tolerance, _ERROR_MULTIPLE * error)
+    zero = max(ERROR_FLOOR * stability.zero_tolerance, ERROR_MULTIPLE * error)
     return _build_stability(eigenvalues[order], modes[:, order], scale[:, 0], zero, count)
-
-
-def _ritz_stiffness(
-    system: LoadedEquations, x: Array, mu: float, basis: Array, size: float
-) -> Array:
-    """Return B^T K B, (k, k), for displacements B, (n, k), that hardly stretch thin beams.
-
-    The stiffness of a thin beam consists of axial stiffnesses EA, whose rounding errors exceed its
-    bending stiffness EI at L/h = 1e5. Differences B^T (F(q + d b) - F(q - d b)) / (2 d) are
-    accurate to the rounding of the axial force, and to EA d^2. `size` is the largest displacement,
-    in natural sizes.
-    """
-    n, scale = system.equations.n, system.equations.position_scales
-    ritz = np.zeros((basis.shape[1], basis.shape[1]))
-    for k, displacement in enumerate(basis.T):
-        step = size / np.max(np.abs(displacement / scale))
-        change = np.zeros_like(x)
-        change[:n] = step * displacement
-        # Evaluations share their memory.
-        after = system.residual(x + change, mu)[0][:n].copy()
-        before = system.residual(x - change, mu)[0][:n]
-        ritz[:, k] = basis.T @ (after - before) / (2.0 * step)
-    return ritz
 
 
 def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
@@ -236,7 +220,8 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     e = system.equations
     state = ConsistencySolver(e).rest_state(x[: e.n])._replace(lam=x[e.n :])
     linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
-    solution = solve_eigenproblem(linearized, _MODE_COUNT)
+    solution = solve_eigenproblem(linearized, MODE_COUNT)
+    solution = refine_modes(system, x, mu, linearized, solution)
     is_growing = np.array([classify_mode(value) == UNSTABLE for value in solution.values], bool)
     growth = solution.values[is_growing]
     count = len(growth) + int(np.sum(growth.imag > 0.0))
@@ -268,7 +253,7 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
     if n == m:
         return Stability(np.zeros(0), np.zeros((n, 0)), 0)
     size = float(np.max(np.abs(stiffness.diagonal()), initial=0.0)) or 1.0
-    zero = _SPARSE_ZERO_TOLERANCE * size
+    zero = zero_tolerance(size, SPARSE_ZERO_TOLERANCE)
     identity, zero_block = sp.eye_array(n), sp.csc_array((m, m))
 
     def saddle_matrix(block: sp.csc_array) -> sp.csc_array:

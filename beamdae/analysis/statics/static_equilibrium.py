@@ -9,7 +9,12 @@ import numpy as np
 
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.mesh_dependence import recheck_stability
-from beamdae.analysis.statics.path_tracing import PathSettings, free_coordinate, trace_path
+from beamdae.analysis.statics.path_tracing import (
+    EquilibriumPath,
+    PathSettings,
+    free_coordinate,
+    trace_path,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeWarning, require_choice, require_finite
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
@@ -156,7 +161,7 @@ def equilibrium(
             {**settings.description, "iterations": path.iterations},
             information,
             ((_FRICTION_WARNING,) if has_friction else ()) + recheck.notes,
-            free_coordinate(equations, path.points[-1]),
+            _free_coordinates(equations, path),
         )
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
@@ -166,6 +171,16 @@ def equilibrium(
     for message in messages:
         warnings.warn(message, BeamdaeWarning, stacklevel=3)
     return result
+
+
+def _free_coordinates(equations: EquationsOfMotion, path: EquilibriumPath) -> tuple[str, ...]:
+    """Return the value of `Equilibrium.free_coordinates`."""
+    critical = {one.row for one in path.critical}
+    names = [""]
+    for row, point in enumerate(path.points):
+        # At a critical point, the critical mode has no stiffness either.
+        names.append(names[-1] if row in critical else free_coordinate(equations, point))
+    return tuple(names[1:])
 
 
 def initial_positions(name: str, model: Any, start: Any) -> tuple[EquationsOfMotion, Array]:

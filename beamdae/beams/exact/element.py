@@ -19,6 +19,7 @@ from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import AXIAL, BENDING, elastic_work, half_height
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 NODE_SIZE = 3  # coordinates (x, y, psi) of a node
@@ -129,7 +130,7 @@ class ExactElement(Element):
         return shape_functions(self.nodes, xi)
 
 
-@cache
+@cache_kernels
 def exact_kernel(element: ExactElement) -> ForceKernel:
     """Return the kernel of one element: forces of inertia, elasticity, damping and weight."""
     local = Local(element.size, element.n_data)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
@@ -16,6 +17,7 @@ from beamdae.beams.kinematics import (
     FormulationKinematics,
     MaterialPoint,
     PointValues,
+    geometric_property,
     nonzero_shape_functions,
 )
 from beamdae.beams.reference_frames import chord_vector
@@ -25,7 +27,7 @@ from beamdae.beams.strains import InterpolatedStrains
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import build_selection
-from beamdae.symbolic.statements import Variable
+from beamdae.symbolic.statements import SX, Variable
 
 Array = np.ndarray
 
@@ -61,12 +63,12 @@ class GeometricallyExact(FormulationKinematics):
         varying = isinstance(self.section, VaryingSection)
         return ExactElement(self.mesh.nodes, self.stiffness_points, damped, varying)
 
-    @cached_property
+    @geometric_property
     def _node_angles(self) -> Array:
         """Section angles of the nodes in the reference configuration [rad]."""
         return np.asarray(self.mesh.tangent_angle(self.mesh.node_arc_lengths), float)
 
-    @cached_property
+    @geometric_property
     def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of the position and section angle of each node."""
         units = (("x", "m"), ("y", "m"), ("psi", "rad"))
@@ -76,7 +78,7 @@ class GeometricallyExact(FormulationKinematics):
             for name, unit in units
         )
 
-    @cached_property
+    @geometric_property
     def initial_position(self) -> Array:
         """Coordinates [m, rad] in the reference configuration, shape (n,)."""
         nodal = np.empty((self.mesh.node_count, NODE_SIZE))
@@ -94,7 +96,17 @@ class GeometricallyExact(FormulationKinematics):
         rates[:, 2] = angular_velocity
         return rates.ravel()
 
-    @cached_property
+    def rigid_motions(self, q: SX) -> SX:
+        """Return the rates of the coordinates in rigid motions, (n, 3)."""
+        nodal = ca.reshape(q, NODE_SIZE, self.mesh.node_count)
+        motions = SX(q.shape[0], 3)
+        motions[0::NODE_SIZE, 0] = motions[1::NODE_SIZE, 1] = 1.0
+        motions[0::NODE_SIZE, 2] = nodal[1, 0] - nodal[1, :].T
+        motions[1::NODE_SIZE, 2] = nodal[0, :].T - nodal[0, 0]
+        motions[2::NODE_SIZE, 2] = 1.0
+        return motions
+
+    @geometric_property
     def operator(self) -> sp.csr_array:
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
         return self._select_nodes(self.mesh.element_nodes)
@@ -108,7 +120,7 @@ class GeometricallyExact(FormulationKinematics):
         columns = (NODE_SIZE * np.ravel(nodes)[:, None] + np.arange(NODE_SIZE)).ravel()
         return build_selection(columns, NODE_SIZE * self.mesh.node_count)
 
-    @cached_property
+    @geometric_property
     def _stiffness_values(self) -> tuple[Array, ...]:
         """Values of each of `STIFFNESS_POINT_VALUES` at the stiffness points of all elements."""
         mesh, points = self.mesh, self.stiffness_points

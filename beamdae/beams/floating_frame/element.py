@@ -8,7 +8,7 @@ shared by all elements of the same type, curved or straight.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -18,6 +18,7 @@ from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import elastic_work
+from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 # Local coordinates: (x0, y0, theta) of the frame, then (u, v, phi) of each node.
@@ -297,7 +298,7 @@ def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
     return sum((float(row[i]) * nodal[NODE_SIZE * i + component] for i in range(len(row))), SX(0))
 
 
-@cache
+@cache_kernels
 def floating_frame_kernel(element: FloatingFrameElement) -> ForceKernel:
     """Return the kernel of one element: forces of inertia, weight, elasticity and damping.
 

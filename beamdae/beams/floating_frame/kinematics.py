@@ -22,6 +22,7 @@ from beamdae.beams.kinematics import (
     MaterialPoint,
     PointValues,
     StrainValidity,
+    geometric_property,
     nonzero_shape_functions,
 )
 from beamdae.beams.mesh import Mesh
@@ -34,10 +35,11 @@ from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.sparse_operators import select_rows
-from beamdae.symbolic.statements import Variable
+from beamdae.symbolic.statements import SX, Variable
 
 Array = np.ndarray
 
+STRAINS = ("nonlinear", "green", "linear", "exact")
 # Number of samples of the tangent angle for its range along a curve.
 _TURN_SAMPLES = 65
 
@@ -63,7 +65,7 @@ class FloatingFrame(FormulationKinematics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_choice(self.name, "strain", self.strain, ("nonlinear", "green", "linear", "exact"))
+        require_choice(self.name, "strain", self.strain, STRAINS)
         require_choice(self.name, "continuity", self.continuity, ("cartesian", "local"))
         has_kinks = self.mesh.shape == "straight" or self.mesh.nodes == 2
         if has_kinks and self.continuity == "local":
@@ -90,12 +92,12 @@ class FloatingFrame(FormulationKinematics):
         x, y = np.asarray(self.mesh.curve.point(0.0), float)
         return float(x), float(y)
 
-    @cached_property
+    @geometric_property
     def mesh_in_frame(self) -> Mesh:
         """The mesh in the axes of the floating frame."""
         return self.mesh.in_axes(self.origin, self.frame_angle)
 
-    @cached_property
+    @geometric_property
     def coordinates(self) -> tuple[Variable, ...]:
         """Name and unit of each coordinate: the frame, then the free nodal coordinates."""
         frame = (Variable("x0", "m"), Variable("y0", "m"), Variable("theta", "rad"))
@@ -127,10 +129,17 @@ class FloatingFrame(FormulationKinematics):
         """Return the rates of the coordinates (n,): those of the frame, and zero for the rest."""
         return self._without_deformation([*velocity, angular_velocity])
 
+    def rigid_motions(self, q: SX) -> SX:
+        """Return the rates of the coordinates in rigid motions (n, 3): those of the frame."""
+        motions = SX(len(self.coordinates), FRAME_SIZE)
+        for k in range(FRAME_SIZE):
+            motions[k, k] = 1.0
+        return motions
+
     def _without_deformation(self, frame: list[float]) -> Array:
         return np.concatenate([frame, np.zeros(len(self.coordinates) - FRAME_SIZE)])
 
-    @cached_property
+    @geometric_property
     def operator(self) -> sp.csr_array:
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n).
 
@@ -194,14 +203,21 @@ class FloatingFrame(FormulationKinematics):
     @cached_property
     def _point_data(self) -> Array:
         mesh, layout = self.mesh_in_frame, self.element.layout
-        weight, axis = mesh.gauss(layout.mass_points)
+        mass, stiffness = self._geometry.derive(
+            ("points", layout.mass_points), lambda: self._measure_points(layout.mass_points)
+        )
+        return assemble_point_data(mesh, layout, self.section, mass, stiffness)
+
+    def _measure_points(self, mass_points: int) -> tuple[list[Array], list[Array]]:
+        """Return the geometric values of the inertia points and of the stiffness points."""
+        mesh, stiffness_points = self.mesh_in_frame, self.stiffness_points
+        weight, axis = mesh.gauss(mass_points)
         local_position = rotate_points(axis.position, -axis.angle)
         mass = [weight, *local_position.T, np.cos(axis.angle), np.sin(axis.angle)]
-        weight, axis = mesh.gauss(layout.stiffness_points)
-        s = mesh.gauss_arc_lengths(layout.stiffness_points)
+        weight, axis = mesh.gauss(stiffness_points)
+        s = mesh.gauss_arc_lengths(stiffness_points)
         prestrains = compute_prestrains(mesh.curve, self.free_curve, s)
-        stiffness = [weight, axis.curvature, 1.0 / axis.ds, *prestrains]
-        return assemble_point_data(mesh, layout, self.section, mass, stiffness)
+        return mass, [weight, axis.curvature, 1.0 / axis.ds, *prestrains]
 
     def _locate_section(self, s: float) -> tuple[int, Array, float]:
         """Return the element at s, the shape functions and the angle of the axis in the frame."""
@@ -260,7 +276,7 @@ class FloatingFrame(FormulationKinematics):
             tuple(setting for setting, helps in remedies.items() if helps),
         )
 
-    @property
+    @geometric_property
     def floating_frame(self) -> MaterialPoint:
         """Origin and rotation of the floating frame."""
         rows = sp.eye_array(FRAME_SIZE, len(self.coordinates), format="csr")
@@ -273,6 +289,11 @@ class FloatingFrame(FormulationKinematics):
         The strains are interpolated between the stiffness quadrature points, where the strains of
         an element are most accurate.
         """
+        return self._geometry.derive(
+            ("strains", s, self.element), lambda: self._interpolate_strains(s)
+        )
+
+    def _interpolate_strains(self, s: float) -> PointValues:
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points
         gauss, _ = gauss_points(points)

@@ -13,6 +13,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Picture,
     Settings,
     Starts,
     load_configured_model,
@@ -22,10 +23,9 @@ from beamdae.cli.output import (
     WrittenFiles,
     create_console,
     print_warnings,
-    print_written_files,
     record_results,
 )
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output_paths import plan_outputs
 
 
 def buckling_command(
@@ -36,6 +36,7 @@ def buckling_command(
     load: Loads = None,
     t: LoadTime = 0.0,
     start: Starts = None,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Compute linear buckling loads of a model; write a table (CSV) and a picture (PNG).
@@ -45,9 +46,7 @@ def buckling_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
-    name = f"{model.name}_buckling"
-    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(("--out", (table_path, picture)))
+    table_path, picture_path = plan_outputs(out, f"{model.name}_buckling", picture)
     from beamdae.analysis.statics.linear_buckling import buckling
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import create_modes_figure
@@ -56,17 +55,17 @@ def buckling_command(
 
     result = buckling(model, number, load, t, parse_start(start))
     table = result.table()
-    files = WrittenFiles([write_text(table_path, escape_table(table).to_csv(index=False))])
+    text = escape_table(table).to_csv(index=False)
+    files = WrittenFiles([write_text(table_path, text)], (picture_path,))
     console = create_console()
     record_results(lambda: {"loads": list(result.loads), "modes": table.to_dict("records")})
     console.print(model.name, style="bold")
     console.print(text_tables.buckling_table(table))
     print_warnings(console, result.warnings)
-    if result.mechanism is not None and len(result):
+    if picture and result.mechanism is not None and len(result):
         title = f"{model.name}, linear buckling"
         files.write(
-            picture.name, lambda: [save_figure(create_modes_figure(result, title), picture)]
+            picture_path.name,
+            lambda: [save_figure(create_modes_figure(result, title), picture_path)],
         )
-    print_written_files(console, files.paths)
-    if files.failed:
-        raise typer.Exit(1)
+    files.finish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,9 @@ from beamdae.cli.options import (
     ModelName,
     Out,
     OutputStep,
+    Page,
     Parquet,
+    Pictures,
     Scheduler,
     Settings,
     StudyPath,
@@ -22,7 +25,9 @@ from beamdae.cli.options import (
 from beamdae.cli.output import create_console, print_error, record_results
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
+    PAGE_FILE,
     StudyOutputs,
+    StudyReport,
     apply_limits,
     print_failures,
     results_folder_name,
@@ -32,7 +37,6 @@ from beamdae.errors import BeamdaeError, suggest
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
-    from beamdae.cli.study_outputs import FileWriters
     from beamdae.studies import Study
     from beamdae.studies.execution.study_run import StudyResults
 
@@ -47,6 +51,8 @@ def compare_command(
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
+    page: Page = True,
+    picture: Pictures = True,
     out: Out = Path("results"),
 ) -> None:
     """Run a study, or one model with several integrators, and compare with a reference.
@@ -61,19 +67,27 @@ def compare_command(
     from beamdae.studies.execution.executors import create_executor
 
     run_and_write(
-        StudyOutputs(study, out / study.name, _file_writers, parquet),
+        StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
         lambda: create_executor("compare", "--", jobs, scheduler),
-        _print_results,
     )
 
 
-def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
-    from beamdae.report.page.page_file import write_page
-    from beamdae.studies.study_page import create_study_page
+def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.studies.study_pictures import list_plots
 
-    path = results.folder / "report.html"
-    return {path.name: lambda: [write_page(path, create_study_page(results))]}, list_plots(results)
+    def write_page() -> list[Path]:
+        from beamdae.report.page import page_file
+        from beamdae.studies.study_page import create_study_page
+
+        path = results.folder / PAGE_FILE
+        return [page_file.write_page(path, create_study_page(results))]
+
+    return StudyReport(
+        partial(_print_results, results),
+        tables={},
+        page={PAGE_FILE: write_page},
+        pictures=list_plots(results),
+    )
 
 
 def _select_study(path: Path, name: str | None, settings: dict[str, str]) -> Study:

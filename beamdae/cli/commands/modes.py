@@ -12,6 +12,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Picture,
     Settings,
     load_configured_model,
 )
@@ -19,7 +20,6 @@ from beamdae.cli.output import (
     WrittenFiles,
     create_console,
     print_warnings,
-    print_written_files,
     record_results,
 )
 from beamdae.cli.output_paths import require_writable
@@ -56,6 +56,7 @@ def modes_command(
             "--animate", metavar="MODE", help="Write an animation (GIF) of this mode; repeatable."
         ),
     ] = None,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Compute natural modes of a model; write a table (CSV) and a picture of their shapes (PNG).
@@ -73,7 +74,8 @@ def modes_command(
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
-    files = {kind: out / f"{model.name}_modes.{kind}" for kind in ("csv", "png")}
+    kinds = ("csv", "png") if picture else ("csv",)
+    files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
@@ -105,7 +107,8 @@ def _write_and_print(
     from beamdae.results.storage.files import escape_table, write_text
 
     table = result.table()
-    files = WrittenFiles([write_text(paths["csv"], escape_table(table).to_csv(index=False))])
+    text = escape_table(table).to_csv(index=False)
+    files = WrittenFiles([write_text(paths["csv"], text)], (paths["csv"].with_suffix(".png"),))
     console = create_console()
     if isinstance(result, Modes):
         record_results(lambda: {"about": result.about, "modes": table.to_dict("records")})
@@ -121,16 +124,21 @@ def _write_and_print(
         animate_mode(result, mode, paths[f"{mode}"])
         return [paths[f"{mode}"]]
 
-    if not isinstance(result, Modes):
-        title = f"{name}, Campbell diagram"
-        files.write(
-            name, lambda: [save_figure(create_campbell_figure(result, title), paths["png"])]
-        )
-    elif result.mechanism is not None and len(result):
-        title = f"{name}, modes about {result.about}"
-        files.write(name, lambda: [save_figure(create_modes_figure(result, title), paths["png"])])
+    def write_picture() -> list[Path]:
+        if isinstance(result, Modes):
+            figure = create_modes_figure(result, f"{name}, modes about {result.about}")
+        else:
+            figure = create_campbell_figure(result, f"{name}, Campbell diagram")
+        return [save_figure(figure, paths["png"])]
+
+    is_drawable = not isinstance(result, Modes) or (
+        result.mechanism is not None and len(result) > 0
+    )
+    if is_drawable:
+        if "png" in paths:
+            files.write(name, write_picture)
         for k in animated_modes:
             files.write(name, partial(write_animation, k))
-    print_written_files(console, files.paths)
+    files.print_paths()
     if files.failed:
         raise typer.Exit(1)

@@ -13,27 +13,24 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Picture,
     RelativeTolerance,
     Settings,
     Starts,
-    create_integrator,
+    create_periodic_integrator,
     load_configured_model,
     parse_start,
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    create_console,
-    print_error,
-    print_written_files,
-    record_results,
+    print_facts,
 )
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output_paths import plan_outputs
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
     from beamdae.results.periodic_motion import PeriodicMotion
 
-_DEFAULT_RTOL = 1e-8  # as the default of `periodic`
 _PRINTED_MULTIPLIERS = 4
 
 
@@ -64,6 +61,7 @@ def periodic_command(
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Find a periodic motion and its stability; write one period as CSV and PNG.
@@ -77,12 +75,8 @@ def periodic_command(
         raise BeamdaeError("periodic: --start and --speed are mutually exclusive; omit one.")
     file = ModelFile(path)
     model = load_configured_model(file, model_name, settings)
-    if rtol is None and integrator == "radau":
-        rtol = _DEFAULT_RTOL
-    method = create_integrator("periodic", integrator, {"rtol": rtol}, file)
-    name = f"{model.name}_periodic"
-    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(("--out", (table_path, picture)))
+    method = create_periodic_integrator("periodic", integrator, rtol, file)
+    table_path, picture_path = plan_outputs(out, f"{model.name}_periodic", picture)
     from beamdae.analysis.periodic.periodic_solution import periodic
     from beamdae.parts.rotation import rotation
     from beamdae.report.pictures.time_plots import save_run_figure
@@ -100,26 +94,21 @@ def periodic_command(
             period_guess=period_guess,
         )
     table = escape_table(motion.solution.table())
-    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))])
+    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))], (picture_path,))
     _print_results(motion, model.name)
-    if motion.solution.columns:
+    if picture and motion.solution.columns:
         title = f"{model.name}, one period"
         files.write(
-            picture.name, lambda: [save_run_figure(picture, motion.solution.table(), title)]
+            picture_path.name,
+            lambda: [save_run_figure(picture_path, motion.solution.table(), title)],
         )
-    print_written_files(create_console(), files.paths)
-    if not motion.status.success:
-        print_error(f"failed: {motion.status.sentence}")
-    if files.failed or not motion.status.success:
-        raise typer.Exit(1)
+    files.finish(motion.status)
 
 
 def _print_results(motion: PeriodicMotion, name: str) -> None:
     from beamdae.report.terminal import text_tables
 
-    record_results(lambda: _json_results(motion))
-    console = create_console()
-    console.print(text_tables.fact_list(name, _describe_motion(motion)))
+    console = print_facts(name, _describe_motion(motion), lambda: _json_results(motion))
     if motion.solution.columns:
         console.print(text_tables.amplitudes_table(motion.amplitudes()))
 

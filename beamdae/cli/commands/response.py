@@ -15,26 +15,22 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Picture,
     RelativeTolerance,
     Settings,
-    create_integrator,
+    create_periodic_integrator,
     load_configured_model,
     parse_assignments,
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    create_console,
-    print_error,
-    print_written_files,
-    record_results,
+    print_facts,
 )
-from beamdae.cli.output_paths import require_writable
+from beamdae.cli.output_paths import plan_outputs
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
 
 if TYPE_CHECKING:
     from beamdae.results.frequency_response import FrequencyResponse
-
-_DEFAULT_RTOL = 1e-8  # as the default of `frequency_response`
 
 
 def response_command(
@@ -69,6 +65,7 @@ def response_command(
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
     most_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Follow a periodic motion over a parameter, past folds; write the curve as CSV and PNG.
@@ -81,14 +78,9 @@ def response_command(
     file = ModelFile(path)
     model = load_configured_model(file, model_name, settings)
     parameter, ends = _parse_range(over)
-    if rtol is None and integrator == "radau":
-        rtol = _DEFAULT_RTOL
-    method = create_integrator("response", integrator, {"rtol": rtol}, file)
-    name = f"{model.name}_response"
-    table_path, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(("--out", (table_path, picture)))
+    method = create_periodic_integrator("response", integrator, rtol, file)
+    table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture)
     from beamdae.analysis.periodic.periodic_continuation import frequency_response
-    from beamdae.interrupts import Interrupted
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.path_plots import create_response_figure
     from beamdae.results.storage.files import escape_table, write_text
@@ -109,20 +101,15 @@ def response_command(
             partial="return",
         )
     table = escape_table(result.table())
-    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))])
+    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))], (picture_path,))
     _print_results(result, model.name)
-    if result.points and result.status.kind != "interrupted":
+    if picture and result.points and result.status.kind != "interrupted":
         title = f"{model.name}, periodic motions"
         files.write(
-            picture.name, lambda: [save_figure(create_response_figure(result, title), picture)]
+            picture_path.name,
+            lambda: [save_figure(create_response_figure(result, title), picture_path)],
         )
-    print_written_files(create_console(), files.paths)
-    if result.status.kind == "interrupted":
-        raise Interrupted(result.status.sentence)
-    if not result.status.success:
-        print_error(f"failed: {result.status.sentence}")
-    if files.failed or not result.status.success:
-        raise typer.Exit(1)
+    files.finish(result.status)
 
 
 def _parse_range(over: str) -> tuple[str, tuple[float, float]]:
@@ -151,9 +138,7 @@ def _print_results(result: FrequencyResponse, name: str) -> None:
     from beamdae.report.terminal import text_tables
 
     peaks = _find_peaks(result)
-    record_results(lambda: _json_results(result, peaks))
-    console = create_console()
-    console.print(text_tables.fact_list(name, _describe_curve(result)))
+    console = print_facts(name, _describe_curve(result), lambda: _json_results(result, peaks))
     if peaks:
         console.print(text_tables.peaks_table(result.parameter, peaks))
 

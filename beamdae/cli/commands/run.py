@@ -17,6 +17,7 @@ from beamdae.cli.options import (
     ModelPath,
     Out,
     OutputStep,
+    Picture,
     RelativeTolerance,
     Settings,
     Starts,
@@ -26,7 +27,7 @@ from beamdae.cli.options import (
     parse_accuracy,
     parse_start,
 )
-from beamdae.cli.output import create_console, print_error, print_written_files, record_results
+from beamdae.cli.output import create_console, print_error, record_results
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.run_outputs import Run
 from beamdae.errors import BeamdaeError
@@ -92,6 +93,7 @@ def run_command(
             metavar="", help="Write a page (HTML) with charts and an animation of the motion."
         ),
     ] = True,
+    picture: Picture = True,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the final state to this file.")
     ] = None,
@@ -143,12 +145,15 @@ def run_command(
             "exclusive; omit one."
         )
     run = Run(model, method, out / f"{model.name}.csv")
-    other_files = (run.table.with_suffix(".json"), run.picture, run.page)
+    run.files.views = (run.page, run.picture)
+    files = [run.table, run.table.with_suffix(".json")]
+    files += [path for path, is_written in ((run.page, page), (run.picture, picture)) if is_written]
     checkpoints = () if checkpoint is None else (checkpoint,)
-    require_writable(("--out", (run.table, *other_files)), ("--checkpoint", checkpoints))
+    require_writable(("--out", files), ("--checkpoint", checkpoints))
     parts = _previous_parts(run.table, resume_from)
     initial_state = parse_start(start) if resume_from is None else resume_from
-    # The table is written before anything is printed. Pictures take longer than most runs.
+    # The tables are written before anything is printed; the page and the picture are last, because
+    # they take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
         if required_accuracy is None:
             solution = run_outputs.integrate_run(
@@ -168,7 +173,8 @@ def run_command(
         if not signals.is_terminated():
             if page:
                 run_outputs.write_page(run, solution)
-            run_outputs.draw_run(run, solution)
+            if picture:
+                run_outputs.draw_run(run, solution)
     _report_end(run, solution.status)
 
 
@@ -200,7 +206,7 @@ def _require_free_choice(
 
 def _report_end(run: Run, status: Status) -> None:
     """Print the written files and, if the run is incomplete, the reason; set the exit code."""
-    print_written_files(create_console(), run.files.paths)
+    run.files.print_paths()
     if run.checkpoint is not None and run_outputs.can_resume(status):
         record_results(lambda: {"continue": run.checkpoint})
         create_console().print(

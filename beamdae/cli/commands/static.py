@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from dataclasses import asdict
 from pathlib import Path
@@ -10,12 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli import signals
 from beamdae.cli.options import (
     Loads,
     LoadTime,
     ModelName,
     ModelPath,
     Out,
+    Picture,
     Settings,
     Starts,
     load_configured_model,
@@ -24,11 +25,8 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import (
     WrittenFiles,
-    create_console,
-    print_error,
+    print_facts,
     print_warnings,
-    print_written_files,
-    record_results,
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, BeamdaeWarning
@@ -71,46 +69,49 @@ def static_command(
     most_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
     t: LoadTime = 0.0,
     start: Starts = None,
+    picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
     """Compute equilibria of a model under increasing loads; write the path as CSV, JSON and PNG.
 
     Exits with 0 if the path reached its target, 1 if it did not (partial results are written) or
-    the picture failed, and 2 for a usage or model error.
+    the picture failed, 2 for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM; an
+    interrupt ends the path, writes the points so far and skips the picture.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
     name = f"{model.name}_static"
-    table, picture = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(("--out", (table, table.with_suffix(".json"), picture)))
+    table, picture_path = out / f"{name}.csv", out / f"{name}.png"
+    paths = (table, table.with_suffix(".json"), *([picture_path] if picture else []))
+    require_writable(("--out", paths))
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
 
-    with warnings.catch_warnings():
-        # These warnings are printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        result = equilibrium(
-            model,
-            load,
-            _parse_targets(to),
-            control,
-            step,
-            switch or 0,
-            most_points,
-            t,
-            parse_start(start),
-        )
-    files = WrittenFiles([result.to_csv(table), table.with_suffix(".json")])
+    # After the first interrupt, the path so far is written before a further one is raised.
+    with signals.defer_interrupts(immediate=1):
+        with warnings.catch_warnings():
+            # These warnings are printed with the results.
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            result = equilibrium(
+                model,
+                load,
+                _parse_targets(to),
+                control,
+                step,
+                switch or 0,
+                most_points,
+                t,
+                parse_start(start),
+                partial="return",
+            )
+        files = WrittenFiles([result.to_csv(table), table.with_suffix(".json")], (picture_path,))
     _print_results(result, model.name)
-    suffix = "" if result.status.success else f", ended early ({result.status.kind})"
-    title = f"{model.name}, equilibria{suffix}"
-    files.write(picture.name, lambda: [save_path_figure(picture, result, title)])
-    print_written_files(create_console(), files.paths)
-    if not result.status.success:
-        print_error(f"failed: {result.status.sentence}")
-    if files.failed or not result.status.success:
-        raise typer.Exit(1)
+    if picture and result.status.kind != "interrupted":
+        suffix = "" if result.status.success else f", ended early ({result.status.kind})"
+        title = f"{model.name}, equilibria{suffix}"
+        files.write(picture_path.name, lambda: [save_path_figure(picture_path, result, title)])
+    files.finish(result.status)
 
 
 def _parse_targets(options: list[str] | None) -> Any:
@@ -137,15 +138,12 @@ def _parse_targets(options: list[str] | None) -> Any:
 def _print_results(result: Equilibrium, name: str) -> None:
     from beamdae.report.terminal import text_tables
 
-    record_results(lambda: _json_results(result))
-    console = create_console()
-    console.print(text_tables.fact_list(name, path_facts(result)))
+    console = print_facts(name, path_facts(result), lambda: _json_results(result))
     if result.columns:
         console.print(text_tables.range_table(result.columns, None))
     if result.validity:
         console.print(text_tables.validity_table(result.validity))
     print_warnings(console, result.warnings)
-    sys.stdout.flush()
 
 
 def _json_results(result: Equilibrium) -> dict[str, Any]:

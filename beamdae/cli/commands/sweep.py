@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +18,9 @@ from beamdae.cli.options import (
     ModelName,
     Out,
     OutputStep,
+    Page,
     Parquet,
+    Pictures,
     RelativeTolerance,
     Scheduler,
     Settings,
@@ -29,7 +32,9 @@ from beamdae.cli.options import (
 from beamdae.cli.output import create_console, record_results
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
+    PAGE_FILE,
     StudyOutputs,
+    StudyReport,
     apply_limits,
     print_failures,
     results_folder_name,
@@ -40,10 +45,10 @@ from beamdae.errors import BeamdaeError, require_count, suggest
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
-    from beamdae.cli.study_outputs import FileWriters
     from beamdae.model_functions import Model
     from beamdae.studies import Sweep
     from beamdae.studies.execution.study_run import StudyResults
+    from beamdae.studies.sweeps.sweep_results import SweepResults
 
 _VALUE_FORMS = "VALUE,VALUE,... or START:STOP:COUNT or START:STOP:COUNT:log"
 # Values of a range are rounded to this many digits, so that 0.3 is not 0.30000000000000004.
@@ -78,6 +83,8 @@ def sweep_command(
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
+    page: Page = True,
+    picture: Pictures = True,
     out: Out = Path("results"),
 ) -> None:
     """Run a model over all combinations of parameter values; write a table, plots and a page.
@@ -101,9 +108,8 @@ def sweep_command(
 
     study = apply_limits("sweep", sweep, time_limit, t_end, output_step)
     run_and_write(
-        StudyOutputs(study, out / study.name, _file_writers, parquet),
+        StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
         lambda: create_executor("sweep", "--", jobs, scheduler),
-        _print_results,
     )
 
 
@@ -216,24 +222,22 @@ def _sweep_of_file(file: ModelFile, name: str | None) -> Sweep:
     return sweeps[name]
 
 
-def _file_writers(results: StudyResults) -> tuple[FileWriters, FileWriters]:
+def _create_report(results: StudyResults) -> StudyReport:
     from beamdae.studies.sweeps.response_plots import list_response_plots
     from beamdae.studies.sweeps.sweep_results import TABLE_FILE, create_sweep_results
 
     swept, folder = create_sweep_results(results), results.folder
-    writers: FileWriters = {
-        TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)],
-        "report.html": lambda: [swept.page(folder / "report.html")],
-    }
-    plots = list_response_plots(swept.sweep, swept.table, swept.panels(), folder)
-    return writers, plots
+    return StudyReport(
+        partial(_print_results, swept),
+        tables={TABLE_FILE: lambda: [swept.to_csv(folder / TABLE_FILE)]},
+        page={PAGE_FILE: lambda: [swept.page(folder / PAGE_FILE)]},
+        pictures=list_response_plots(swept.sweep, swept.table, swept.panels(), folder),
+    )
 
 
-def _print_results(results: StudyResults) -> None:
+def _print_results(swept: SweepResults) -> None:
     from beamdae.report.terminal import text_tables
-    from beamdae.studies.sweeps.sweep_results import create_sweep_results
 
-    swept = create_sweep_results(results)
     table = swept.table
     record_results(
         lambda: {
@@ -244,7 +248,7 @@ def _print_results(results: StudyResults) -> None:
         }
     )
     console = create_console()
-    console.print(results.study.name, style="bold")
+    console.print(swept.sweep.name, style="bold")
     n_success = int((table["status"] == "ok").sum())
     console.print(f"{len(table)} cases, {n_success} reached the end time", style="dim")
     if len(table) <= MAX_SCREEN_ROWS:
@@ -252,4 +256,4 @@ def _print_results(results: StudyResults) -> None:
     n_warnings = int((table["warnings"] != "").sum())
     if n_warnings:
         console.print(f"warnings in {n_warnings} of {len(table)} cases; see sweep.csv")
-    print_failures(results)
+    print_failures(swept.results)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.model_files.example_files import resolve_path
 from beamdae.cli.model_files.user_errors import describe_error
+from beamdae.cli.startup import import_equations
 from beamdae.errors import (
     BeamdaeError,
     is_valid_path,
@@ -184,7 +185,7 @@ def translate_errors(call: str, path: Path) -> Iterator[None]:
 def _import_file(path: Path) -> ModuleType:
     code = _compile_file(path)
     # Import first: the model file, or a file in its folder, may shadow modules used by beamdae.
-    import beamdae.simulation  # noqa: F401
+    import_equations()
 
     name = f"beamdae_model_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path.absolute())
@@ -206,7 +207,10 @@ def _import_file(path: Path) -> ModuleType:
 def _compile_file(path: Path) -> CodeType:
     """Compile a file in its declared encoding, by default UTF-8."""
     if not is_valid_path(str(path)):
-        raise BeamdaeError(f"path: {short_repr(str(path))} is not a valid file name.")
+        raise BeamdaeError(
+            f"path: {short_repr(str(path))} is not a valid file name; use at most 4096 "
+            "printable characters."
+        )
     if path.suffix != ".py":
         raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
     try:

@@ -26,11 +26,12 @@ from beamdae.equations.equations_of_motion import (
     PartCoordinates,
     PartStatements,
 )
-from beamdae.equations.singular_laws import collect_varying_laws
+from beamdae.equations.singular_laws import collect_unbounded_laws
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
+from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
@@ -143,9 +144,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         ranges=ranges,
         observables=snapshot.observables,
         coordinate_map=coordinate_map,
-        laws=collect_varying_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
+        laws=collect_unbounded_laws([*parts, *filter(None, [mechanism.gravity_laws])]),
         events=[*mechanism.events, *(event for part in parts for event in part.events)],
         configurations=configurations,
+        inputs=mechanism.inputs,
+        controllers=select_controllers(parts),
     )
     equations = replace(equations, mechanism=snapshot, statements=tuple(statements))
     if mechanism.redundant == MINIMUM_NORM:
@@ -194,9 +197,10 @@ def _part_coordinates(
         PartCoordinates(
             part.name,
             coordinate_map.slice_of(part),
-            largest_distance(np.asarray(part.outline, float)) or length,
+            part.scale or largest_distance(np.asarray(part.outline, float)) or length,
             part.rigid_coordinate_count,
             part.frame_follows_section,
+            part.is_state,
         )
         for part in parts
         if coordinate_map.sizes[id(part)]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -21,8 +22,10 @@ from beamdae.equations.assembly.statement_checks import (
 )
 from beamdae.equations.equations_of_motion import (
     Configurations,
+    ControllerTerm,
     EquationsOfMotion,
     EventTerm,
+    InputTerm,
     Observable,
     PartCoordinates,
     RangeTerm,
@@ -37,12 +40,16 @@ from beamdae.equations.structure import (
 )
 from beamdae.errors import BeamdaeError, require_name, short_repr, suggest
 from beamdae.parts.attachments import Attachment
+from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import DIRECTIONS, Event
+from beamdae.parts.laws import Law
 from beamdae.parts.observables import as_quantity
+from beamdae.parts.signals import Input
 from beamdae.read_only import ReadOnlyDict, read_only_copy
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
-from beamdae.symbolic.kernel_groups import generalize_quantity, group_by_kernel
+from beamdae.symbolic.kernel_groups import Statement, generalize_quantity, group_by_kernel
 from beamdae.symbolic.rotations import RotatedOperator, factor_operator
+from beamdae.symbolic.signals import SignalNumbers, bind_laws, bind_signals, find_signals
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import (
     SX,
@@ -76,6 +83,8 @@ def build_equations(
     laws: tuple[PartLaw, ...] = (),
     events: Sequence[Event] = (),
     configurations: Configurations | None = None,
+    inputs: Mapping[str, Input] | None = None,
+    controllers: Sequence[Controller] = (),
 ) -> EquationsOfMotion:
     """Build equations of motion from the statements of parts.
 
@@ -88,6 +97,10 @@ def build_equations(
     BeamdaeError
         If observables, events or multipliers do not fit the parts, or headers occur twice.
     """
+    inputs = {} if inputs is None else inputs
+    laws_of_inputs = select_input_laws(inputs)
+    forces = [statement.with_laws(laws_of_inputs) for statement in forces]
+    constraints = [statement.with_laws(laws_of_inputs) for statement in constraints]
     numbers = NumberStore()
     multipliers = [
         Variable(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers
@@ -107,7 +120,7 @@ def build_equations(
         rotated = RotatedOperator(operator, None, np.zeros((0, count)))
         if group.kernel.reused and depends_on is None:
             rotated = factor_operator(operator, count)
-        data = numbers.store(np.concatenate([group.data, rotated.data]))
+        data = numbers.store_copies(np.concatenate([group.data, rotated.data]), members)
         force_rows = None if depends_on is None else build_selection(depends_on, len(multipliers))
         force_terms.append(
             ForceTerm(group.kernel, rotated.selection, rotated.rotation, data, count, force_rows)
@@ -120,27 +133,39 @@ def build_equations(
             ConstraintTerm(
                 group.kernel,
                 coordinate_map.global_operator(pieces),
-                numbers.store(group.data),
+                numbers.store_copies(group.data, [constraints[k] for k in group.members]),
                 build_selection(own_rows, len(multipliers)),
                 group.data.shape[1],
             )
         )
 
     def observe(name: str, quantity: Quantity) -> Observable:
-        return build_observable(name, quantity, coordinate_map, numbers, rows)
+        return build_observable(name, quantity, coordinate_map, numbers, rows, laws_of_inputs)
 
     observable_terms = [observe(name, quantity) for name, quantity in observables.items()]
     require_unique_headers(coordinates, multipliers, observable_terms)
     event_terms = _build_event_terms(events, observable_terms, observe)
+    controller_terms = tuple(
+        ControllerTerm(
+            controller,
+            coordinate_map.slice_of(controller),
+            tuple(observe(controller.name, quantity) for quantity in controller.quantities),
+        )
+        for controller in controllers
+    )
     structure = Structure(
-        len(coordinates), len(multipliers), tuple(force_terms), tuple(constraint_terms)
+        len(coordinates),
+        len(multipliers),
+        tuple(force_terms),
+        tuple(constraint_terms),
+        tuple(k for part in parts if part.is_state for k in range(part.rows.start, part.rows.stop)),
     )
     return EquationsOfMotion(
         coordinates=coordinates,
         multipliers=tuple(multipliers),
         q0=read_only_copy(q0),
         v0=read_only_copy(v0),
-        p=read_only_copy(numbers.all),
+        p=read_only_copy(numbers.all(inputs)),
         length=length,
         parts=parts,
         breakpoints=breakpoints,
@@ -152,7 +177,14 @@ def build_equations(
         laws=laws,
         events=event_terms,
         configurations=configurations,
+        inputs=numbers.input_terms(inputs),
+        controllers=controller_terms,
     )
+
+
+def select_input_laws(inputs: Mapping[str, Input]) -> dict[str, Law]:
+    """Return the laws of the inputs that are not numbers, by name of the input."""
+    return {name: x.law for name, x in inputs.items() if x.law is not None}
 
 
 def build_observable(
@@ -161,6 +193,7 @@ def build_observable(
     coordinate_map: CoordinateMap,
     numbers: NumberStore,
     rows: dict[str, slice],
+    laws_of_inputs: Mapping[str, Law] = MappingProxyType({}),
 ) -> Observable:
     """Return the observable of a quantity; append the numbers of the quantity to `numbers`.
 
@@ -179,6 +212,7 @@ def build_observable(
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
     operator = coordinate_map.global_operator(quantity.pieces)
     data = np.asarray(quantity.data, float)
+    signal_numbers: tuple[SignalNumbers, ...] = ()
     require_columns_fit(name, quantity.columns)
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
@@ -187,6 +221,12 @@ def build_observable(
     else:
         local = Local(*sizes)
         values = call_part(name, "expression", lambda: ca.densify(SX(expression(local))))
+        if signals := find_signals(values):
+            binding = bind_signals(local, [values], signals)
+            signal_numbers, local = binding.numbers, binding.local
+            data = np.append(data, binding.data)
+            (values,) = bind_laws(local, binding.outputs, signal_numbers, laws_of_inputs)
+            operator = coordinate_map.global_operator([*quantity.pieces, *binding.pieces])
         kernel, more = generalize_quantity(QuantityKernel(local, values))
     if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
@@ -195,6 +235,7 @@ def build_observable(
             f"shape {kernel.values.shape}."
         )
     data_slice = numbers.store(np.concatenate([data, more]))
+    numbers.record_inputs(signal_numbers, data_slice.start)
     return Observable(name, quantity.columns, kernel.function, operator, data_slice, lam_rows)
 
 
@@ -228,12 +269,16 @@ def add_observable(
     for row, multiplier in enumerate(e.lam_names):
         part = multiplier.rpartition(".")[0]
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
-    new_observable = build_observable(name, quantity, coordinate_map, numbers, rows)
+    laws_of_inputs = select_input_laws(mechanism.inputs)
+    new_observable = build_observable(name, quantity, coordinate_map, numbers, rows, laws_of_inputs)
     observables = (*e.observables, new_observable)
     require_unique_headers(e.coordinates, e.multipliers, observables)
     observed = copy(mechanism)
     observed.observables = ReadOnlyDict({**mechanism.observables, name: quantity})
-    return replace(e, observables=observables, p=read_only_copy(numbers.all), mechanism=observed)
+    added = {term.name: term.indices for term in numbers.input_terms(mechanism.inputs)}
+    inputs = tuple(x._replace(indices=(*x.indices, *added[x.name])) for x in e.inputs)
+    p = read_only_copy(numbers.all(mechanism.inputs))
+    return replace(e, observables=observables, p=p, inputs=inputs, mechanism=observed)
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
@@ -301,11 +346,18 @@ class NumberStore:
     def __init__(self, initial_numbers: Array | None = None) -> None:
         self._arrays: list[Array] = [] if initial_numbers is None else [initial_numbers]
         self._end = sum(map(len, self._arrays))
+        self._inputs: dict[str, list[int]] = {}
 
-    @property
-    def all(self) -> Array:
-        """All numbers stored so far."""
-        return np.concatenate([np.zeros(0), *self._arrays])
+    def all(self, inputs: Mapping[str, Input]) -> Array:
+        """Return all numbers stored so far, with the values of `inputs`."""
+        p = np.concatenate([np.zeros(0), *self._arrays])
+        for name, indices in self._inputs.items():
+            if name not in inputs:
+                raise BeamdaeError(
+                    f"{name}: the input is not part of this mechanism; add it with mech.input."
+                )
+            p[indices] = inputs[name].data[0]
+        return p
 
     def store(self, values: Array) -> slice:
         """Append `values` column by column; return their slice of p."""
@@ -313,3 +365,26 @@ class NumberStore:
         self._arrays.append(np.asarray(values, float).ravel(order="F"))
         self._end += len(self._arrays[-1])
         return slice(begin, self._end)
+
+    def store_copies(self, values: Array, statements: Sequence[Statement]) -> slice:
+        """Append the data of the copies of statements, one column per copy; return their slice."""
+        data = self.store(values)
+        column = 0
+        for statement in statements:
+            for _ in range(statement.data.shape[1]):
+                self.record_inputs(statement.signals, data.start + column * len(values))
+                column += 1
+        return data
+
+    def record_inputs(self, signals: Sequence[SignalNumbers], begin: int) -> None:
+        """Record the indices in p of the numbers of inputs; the data begin at index `begin`."""
+        for signal, rows in signals:
+            if isinstance(signal, Input) and rows.stop > rows.start:
+                self._inputs.setdefault(signal.name, []).append(begin + rows.start)
+
+    def input_terms(self, inputs: Mapping[str, Input]) -> tuple[InputTerm, ...]:
+        """Return the inputs with the indices of their numbers in p."""
+        return tuple(
+            InputTerm(name, x.unit, x.reference, tuple(self._inputs.get(name, ())), x.law)
+            for name, x in inputs.items()
+        )

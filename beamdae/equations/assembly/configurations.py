@@ -33,7 +33,7 @@ from beamdae.parts.part import Part
 Array = np.ndarray
 
 # Fields taken from the equations of all parts, so that scales do not change during a run.
-_SHARED_FIELDS = ("q0", "v0", "length", "parts")
+_SHARED_FIELDS = ("q0", "v0", "length", "parts", "controllers")
 
 
 @dataclass(eq=False)
@@ -121,6 +121,15 @@ class MechanismConfigurations:
         q: Array,
     ) -> Configuration:
         """Return the configuration after the actions of an event at `time` and positions `q`."""
+        inactive, frozen_gaps = self.switch_parts(now, event, time, q)
+        if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
+            return replace(now)
+        return self.configuration_without(whole, inactive, frozen_gaps)
+
+    def switch_parts(
+        self, now: Configuration, event: EventTerm, time: Array, q: Array
+    ) -> tuple[frozenset[str], FrozenGaps]:
+        """Return the inactive parts and frozen gaps after an event at `time` and positions `q`."""
         inactive, frozen_gaps = now.inactive, dict(now.frozen_gaps)
         for switch in select_switches(event.do):
             inactive = inactive.difference(switch.on).union(switch.off)
@@ -132,9 +141,7 @@ class MechanismConfigurations:
                 if name in follows_event:
                     gap = FrozenGap((), event.name, float(time[0]))
                 frozen_gaps[name] = self._freeze_gap(name, gap, time, q)
-        if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
-            return replace(now)
-        return self.configuration_without(whole, inactive, frozen_gaps)
+        return inactive, frozen_gaps
 
     def impact_equations(
         self, whole: EquationsOfMotion, now: Configuration, event: str, impacts: Iterable[Impact]

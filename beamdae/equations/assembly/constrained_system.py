@@ -21,9 +21,9 @@ from beamdae.equations.assembly.expressions import (
     parse_names,
     parse_numbers,
 )
-from beamdae.equations.assembly.statement_checks import require_unique, require_unit
+from beamdae.equations.assembly.statement_checks import require_unique
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartCoordinates
-from beamdae.equations.singular_laws import select_varying_laws
+from beamdae.equations.singular_laws import select_unbounded_laws
 from beamdae.errors import (
     BeamdaeError,
     require_entries,
@@ -31,6 +31,7 @@ from beamdae.errors import (
     require_name,
     require_positive,
     require_sequence,
+    require_unit,
     set_fields,
     short_repr,
 )
@@ -227,7 +228,7 @@ class ConstrainedSystem(HasOrigin):
             observables=self._observables(coordinates, piece, constraints),
             events=self.events,
             coordinate_map=CoordinateMap({id(self): n}),
-            laws=select_varying_laws(laws),
+            laws=select_unbounded_laws(laws),
         )
 
     @cached_property

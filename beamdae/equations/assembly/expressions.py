@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.equations.assembly.statement_checks import require_unit
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -19,6 +18,7 @@ from beamdae.errors import (
     require_finite,
     require_name,
     require_sequence,
+    require_unit,
     short_repr,
 )
 from beamdae.parts.laws import Law, as_law
@@ -192,7 +192,12 @@ def _parse_parameters(kind: Any, parameters: Any) -> dict[Any, float | Law]:
     for symbol, value in entries.items():
         name = symbol.name()
         if isinstance(value, Law) or callable(value):
-            values[symbol] = as_law(name, value)
+            law = values[symbol] = as_law(name, value)
+            if law.ranges:
+                raise BeamdaeError(
+                    f"{name}: a {KIND} does not support tables with outside='error'; pass "
+                    "outside='hold'."
+                )
         else:
             values[symbol] = require_finite(KIND, f"the parameter {name}", value)
     return values

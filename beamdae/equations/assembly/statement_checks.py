@@ -12,6 +12,7 @@ from beamdae.errors import (
     BeamdaeError,
     format_exception,
     require_sequence,
+    require_unit,
     short_repr,
 )
 from beamdae.parts.laws import Law
@@ -70,19 +71,6 @@ def require_body_fits(part: Part) -> None:
             raise BeamdaeError(
                 f"{part.name}: breakpoints of laws must be finite, got {law.breakpoints}."
             )
-
-
-def require_unit(part: str, unit: Any) -> None:
-    """Reject units that are not nonempty printable strings, and angle units other than "rad".
-
-    Units with leading or trailing spaces are rejected, too.
-    """
-    if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise BeamdaeError(
-            f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
-        )
-    if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
-        raise BeamdaeError(f"{part}: angles must be in 'rad', got {short_repr(unit)}.")
 
 
 def require_unique(part: str, what: str, names: Iterable[str]) -> None:

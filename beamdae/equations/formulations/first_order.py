@@ -39,7 +39,7 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.errors import require_choice
 from beamdae.native.loop_functions import combine
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
@@ -207,9 +207,9 @@ def formulate_first_order(
         If there is no form of this name.
     """
     form = FORMULATIONS[require_choice("formulation", "name", name, FIRST_ORDER)]
-    pattern, jacobian = _plan_jacobian(equations.structure, name, apart)
+    pattern, jacobian = plan_jacobian(equations.structure, name, apart)
     return FirstOrderForm(
-        equations, form, pattern, (_plan_residual(equations.structure, name), jacobian)
+        equations, form, pattern, (plan_residual(equations.structure, name), jacobian)
     )
 
 
@@ -272,15 +272,16 @@ def _input_layout(structure: Structure, form: Formulation) -> InputLayout:
     return InputLayout(q=0, v=n, a=size + n, lam=lam, mu=lam + m)
 
 
-@cache_on_owner
-def _plan_residual(structure: Structure, name: str) -> SumPlan:
+@share_plans
+def plan_residual(structure: Structure, name: str) -> SumPlan:
+    """Return the plan of the residual of a form, without q' - v; inputs are (y, y')."""
     form, n = FORMULATIONS[name], structure.n
     layout = _input_layout(structure, form)
     return assemble_residual(structure, layout, form.levels, form.stabilized, dynamic=n).vector()
 
 
-@cache_on_owner
-def _plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
+@share_plans
+def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_array, SumPlan]:
     """Return pattern and plan of dR/dy + c dR/dy' or, if `apart`, of both derivatives."""
     form = FORMULATIONS[name]
     n, m, size = structure.n, structure.m, _size(structure, form)

@@ -15,7 +15,7 @@ from beamdae.equations.formulations.sums import (
     assemble_residual,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, share_plans
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.force_kernel import STIFFNESS
 from beamdae.symbolic.kernel_sums import (
@@ -38,7 +38,7 @@ class StaticSums:
     pattern: sp.csc_array
 
 
-@cache_on_owner
+@share_plans
 def plan_static_sums(structure: Structure) -> StaticSums:
     """Return the plans that evaluate the static residual and its tangent."""
     n, m, total = structure.n, structure.m, create_matrix_sum()

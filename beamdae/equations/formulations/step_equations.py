@@ -21,7 +21,7 @@ from beamdae.equations.formulations.sums import (
     create_matrix_sum,
     select_holonomic,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
@@ -214,14 +214,36 @@ def evaluate_step_matrix(
     evaluate_sum(form.matrix, form.motion, result)
 
 
+def evaluate_matrix_at_state(
+    form: StepBuffers,
+    t: float,
+    branch: float,
+    at: StepPrediction,
+    x: Array,
+    row: Array,
+    result: Array,
+) -> None:
+    """Write the non-zeros of the iteration matrix at the state (q, v, a, lam) in `row`.
+
+    `at` and `x` are overwritten.
+    """
+    n = form.n
+    combine(at.q, (1.0,), (row[:n],))
+    combine(at.v, (1.0,), (row[n : 2 * n],))
+    combine(at.a, (1.0,), (row[2 * n : 3 * n],))
+    fill(x[:n], 0.0)
+    combine(x[n:], (at.coefficients[2],), (row[3 * n :],))
+    evaluate_step_matrix(form, t, branch, at, x, result)
+
+
 @cache_on_owner
 def formulate_step(equations: EquationsOfMotion, stabilized: bool) -> StepEquations:
     """Return the step equations of the index-3 form or of the stabilized index-2 form."""
-    return StepEquations(equations, stabilized, *_plan_step_sums(equations.structure, stabilized))
+    return StepEquations(equations, stabilized, *plan_step_sums(equations.structure, stabilized))
 
 
-@cache_on_owner
-def _plan_step_sums(
+@share_plans
+def plan_step_sums(
     structure: Structure, stabilized: bool
 ) -> tuple[sp.csc_array, tuple[SumPlan, SumPlan, SumPlan]]:
     """Return the pattern of the iteration matrix and the sums of `StepEquations`."""

@@ -257,12 +257,13 @@ def add_saddle_point(
 ) -> None:
     """Add the matrix [[K, G^T + dF/dlam], [G, 0]].
 
-    K is the sum of the derivatives of F listed in the only entry of `sums`, times their factors
-    (see `ForceKernel.tangent_kernel`), and, if `with_reaction_stiffness`, of d(G^T lam)/dq.
+    K is the sum of the derivatives of F listed in `sums`, times their factors (see
+    `ForceKernel.tangent_kernel`), and, if `with_reaction_stiffness`, of d(G^T lam)/dq.
     """
     n = structure.n
     for term, copies in add_tangents(total, structure, layout, sums):
-        total.add_matrix(copies, 0, term.operator, term.operator, (0, 0))
+        for output in range(len(sums)):
+            total.add_matrix(copies, output, term.operator, term.operator, (0, 0))
         if term.rows is not None:
             total.add_matrix(copies, len(sums), term.operator, term.rows, (0, n))
     levels = (0,) if with_reaction_stiffness else ()

@@ -12,8 +12,19 @@ import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
+    plan_jacobian,
+    plan_residual,
+)
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.symbolic.directional_sums import directional_plan
+from beamdae.symbolic.kernel_sums import (
+    SumPlan,
+    evaluate_sum,
+    set_matrix_factors,
+    set_time,
 )
 
 Array = np.ndarray
@@ -61,11 +72,58 @@ class Tangent(NamedTuple):
 
 def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
     """Return the `Tangent` at a state and `time` = (t, branch), exact up to rounding."""
-    form = formulate_first_order(e, "index3", apart=True)
+    form = _formulate(e)
     y, rates = form.pack(state)
-    pattern = form.pattern
-    nonzeros = np.zeros(2 * pattern.nnz)
+    nonzeros = np.zeros(2 * form.pattern.nnz)
     evaluate_jacobian_parts(form.buffers(), time[0], time[1], y, rates, nonzeros)
+    return _create_tangent(form, nonzeros, form.residual(time, y, rates))
+
+
+def differentiate_tangent(
+    e: EquationsOfMotion,
+    time: Array,
+    state: State,
+    along: State,
+    dp: Array,
+    plans: tuple[SumPlan, SumPlan] | None = None,
+) -> Tangent:
+    """Return the derivative of the `Tangent` along a direction of the state and of the numbers p.
+
+    The derivative is exact up to rounding: the kernels are differentiated. `plans` are directional
+    derivatives of `plan_tangent`, if operators depend on the direction.
+    """
+    form = _formulate(e)
+    inputs = np.concatenate([*form.pack(state), *form.pack(along), dp])
+    residual, nonzeros = np.zeros(form.size), np.zeros(2 * form.pattern.nnz)
+    residual_plan, tangent_plan = plans or _plan_directional_sums(e.structure)
+    total = tangent_plan.sum(False, e.p)
+    set_matrix_factors(total, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    for each, result in ((residual_plan.sum(False, e.p), residual), (total, nonzeros)):
+        set_time(each, *time)
+        evaluate_sum(each, inputs, result)
+    return _create_tangent(form, nonzeros, residual)
+
+
+def _formulate(e: EquationsOfMotion) -> FirstOrderForm:
+    return formulate_first_order(e, "index3", apart=True)
+
+
+@cache_on_owner
+def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
+    """Return the directional derivatives of the residual and the Jacobian of the form."""
+    size = 2 * (2 * structure.n + structure.m)
+    residual, jacobian = plan_tangent(structure)
+    return directional_plan(residual, size), directional_plan(jacobian, size)
+
+
+def plan_tangent(structure: Structure) -> tuple[SumPlan, SumPlan]:
+    """Return the plans of the residual and of the matrices of `compute_tangent`."""
+    return plan_residual(structure, "index3"), plan_jacobian(structure, "index3", True)[1]
+
+
+def _create_tangent(form: FirstOrderForm, nonzeros: Array, residual: Array) -> Tangent:
+    """Return the matrices from the non-zeros of dR/dy and of dR/dy'."""
+    e, pattern = form.equations, form.pattern
     by_y, by_rates = (
         sp.csc_array((x, pattern.indices, pattern.indptr), shape=pattern.shape).tocsr()
         for x in np.split(nonzeros, 2)
@@ -78,5 +136,5 @@ def compute_tangent(e: EquationsOfMotion, time: Array, state: State) -> Tangent:
         reactions=sp.csc_array(by_y[v][:, lam]),
         position_jacobian=sp.csc_array(by_y[lam][:, q]),
         velocity_jacobian=sp.csc_array(by_y[lam][:, v]),
-        residual=form.residual(time, y, rates)[e.n :],
+        residual=residual[e.n :],
     )

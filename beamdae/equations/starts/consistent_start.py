@@ -9,11 +9,13 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
-from beamdae.equations.starts.least_strain import minimize_strain
-from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
+from beamdae.equations.starts.rigid_motions import compute_rigid_motions
+from beamdae.equations.starts.state_evaluator import Recent, StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import (
     Factorization,
@@ -26,6 +28,9 @@ Array = np.ndarray
 _MAX_POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
+# Bodies can begin to move rigidly if at most this fraction of the driver velocities remains as an
+# error.
+_RIGID_START_TOLERANCE = 1e-6
 _MAX_LAW_JUMP = 1e-3  # relative to min(1, length); allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
@@ -42,13 +47,17 @@ class ConsistencySolver(StateEvaluator):
     """Makes states of a mechanism consistent, at the start and at breakpoints.
 
     Newton's method closes the joints with the least change of positions, velocities are projected
-    in the metric of the mass matrix, and accelerations and multipliers solve the saddle-point
-    system
+    in the metric of the mass matrix (but see `start_state`), and accelerations and multipliers
+    solve the saddle-point system
 
         [[M, G^T], [G, 0]] (a, lam) = (f, gamma),
 
     where f = -F and gamma = -g_ddot at a = 0 and lam = 0. With friction in joints, F depends on
     lam, and Newton's method solves this system.
+
+    The rates of first-order states x follow from the other coordinates: x' = f(t, q, v, x). Their
+    second derivatives are set to zero: only generalized-alpha uses them, whose errors of order two
+    are then smaller than with exact values, also for fast states off their slow motion.
 
     Times are arrays (t, branch) with t [s]. Do not share an instance between threads.
     """
@@ -56,6 +65,10 @@ class ConsistencySolver(StateEvaluator):
     @cached_property
     def _solver(self) -> Factorization:
         return create_factorization(self.sums.saddle_pattern)
+
+    @cached_property
+    def _recent_factors(self) -> Recent:
+        return Recent()
 
     def state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state nearest to (q, v).
@@ -72,7 +85,35 @@ class ConsistencySolver(StateEvaluator):
         q = self._close_positions(time, np.array(q, float))
         require_independent_constraints(self, time, q)
         v = self._project_velocities(time, q, np.array(v, float))
+        v = self.with_state_rates(time, q, v)
         return State(q, v, *self.acceleration(time, q, v))
+
+    def with_state_rates(self, time: Array, q: Array, v: Array) -> Array:
+        """Return velocities with the rates x' = f(t, q, v, x) of the first-order states."""
+        states = self.equations.states
+        if not len(states):
+            return v
+        # The rows of these states are x' - f.
+        v = v.copy()
+        v[states] -= self.force(time, q, v)[states]
+        return v
+
+    def start_state(self, time: Array, q: Array, v: Array) -> State:
+        """Return the consistent state at the start of a run.
+
+        Drivers set bodies without velocity in rigid motion if the joints allow it, with the least
+        kinetic energy: a driver at constant speed turns a whole beam, not only its root, which
+        would make the beam whip. If any of the bodies that joints connect has a velocity in `v`,
+        the velocities of all of these bodies are projected as in `state`, because a joint may stop
+        a moving body by an impact.
+
+        Raises
+        ------
+        BeamdaeError
+            As `state`.
+        """
+        q = self._close_positions(time, np.array(q, float))
+        return self.state(time, q, self._add_rigid_velocities(time, q, np.array(v, float)))
 
     def acceleration(
         self, time: Array, q: Array, v: Array, stiff_time: float = 0.0
@@ -206,7 +247,9 @@ class ConsistencySolver(StateEvaluator):
                 return q
             require_independent_constraints(self, time, q)
             solver, _ = self._factorize(time, q, zeros, _CLOSING_COEFFICIENTS)
-            q = q + solver.solve(np.concatenate([zeros, -g]))[: e.n]
+            change = solver.solve(np.concatenate([zeros, -g]))[: e.n]
+            change[e.states] = 0.0
+            q = q + change
         worst = int(np.argmax(np.abs(g)))
         raise BeamdaeError(
             f"{e.lam_names[worst]}: the joints cannot be closed at t = {time[0]:g} s "
@@ -214,6 +257,48 @@ class ConsistencySolver(StateEvaluator):
             f"{_MAX_POSITION_ITERATIONS} iterations; check the dimensions of the "
             "parts and the start values."
         )
+
+    def _add_rigid_velocities(self, time: Array, q: Array, v: Array) -> Array:
+        """Add rigid-body velocities that follow the drivers to groups of bodies at rest.
+
+        A group consists of bodies that joints connect. It stays at rest if joints prevent the
+        motion.
+        """
+        e, rest = self.equations, np.zeros(self.equations.n)
+        g_dot = self.constraint_levels(time, q, rest)[1]
+        if not np.any(g_dot):
+            return v
+        gradients = sp.csr_array(self.constraint_matrix(time, q))
+        groups, groups_of_rows = self._connected_groups(gradients)
+        driven = np.setdiff1d(groups_of_rows[g_dot != 0.0], groups[v != 0.0])
+        if not len(driven):
+            return v
+        motions = e.position_scales[:, None] * compute_rigid_motions(e, q)
+        _, _, mass = self.linearize_forces(time, self.rest_state(q))
+        for group in driven:
+            moves, rows = groups == group, np.flatnonzero(groups_of_rows == group)
+            shapes = motions[:, np.any(motions[moves] != 0.0, axis=0)]
+            # Motions of rigid bodies are not altered by the projection of velocities.
+            if shapes.shape[1] < np.sum(moves):
+                v = v + _rigid_velocities(shapes, mass, gradients[rows], g_dot[rows])
+        return v
+
+    def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
+        """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
+
+        Parts and constraints connect their coordinates; `gradients` is G.
+        """
+        n, m = self.equations.n, self.equations.m
+        parts = [np.arange(n)[part.rows] for part in self.equations.parts]
+        joints = gradients.tocoo()
+        first = np.concatenate([joints.col, *parts])
+        second = np.concatenate(
+            [n + joints.row, *(np.full(len(x), n + m + k) for k, x in enumerate(parts))]
+        )
+        size = n + m + len(parts)
+        graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+        groups = connected_components(graph, directed=False)[1]
+        return groups[:n], groups[n : n + m]
 
     def _project_velocities(self, time: Array, q: Array, v: Array) -> Array:
         e = self.equations
@@ -226,7 +311,20 @@ class ConsistencySolver(StateEvaluator):
     def _factorize(
         self, time: Array, q: Array, v: Array, coefficients: tuple[float, float, float]
     ) -> tuple[Factorization, Array]:
-        """Factorize the saddle-point matrix; return the solver and F."""
+        """Factorize the saddle-point matrix; return the solver and F.
+
+        The solver keeps the factors of the last call if all arguments are the same.
+        """
+        force = self._recent_factors.get(
+            np.concatenate([time, q, v, coefficients]),
+            lambda: self._renew_factors(time, q, v, coefficients),
+        )
+        return self._solver, force
+
+    def _renew_factors(
+        self, time: Array, q: Array, v: Array, coefficients: tuple[float, float, float]
+    ) -> Array:
+        """Factorize the saddle-point matrix; return F."""
         e, solver, pattern = self.equations, self._solver, self.sums.saddle_pattern
         force = self.force(time, q, v)
         nonzeros = self.saddle_matrix(time, q, v, None, coefficients)
@@ -253,7 +351,7 @@ class ConsistencySolver(StateEvaluator):
                 f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
                 f"at t = {time[0]:g} s; add mass or a joint."
             ) from None
-        return solver, force
+        return force
 
     def _solve_with_friction(
         self, time: Array, q: Array, v: Array, gamma: Array, stiff_time: float
@@ -310,3 +408,22 @@ def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
         return 0.0, 0
     values, vectors = la.eigh(dense, subset_by_index=(0, 0))
     return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
+
+
+def _rigid_velocities(
+    motions: Array, mass: sp.csc_array, gradients: sp.csr_array, g_dot: Array
+) -> Array:
+    """Return the velocities (n,) in the span of `motions` with gradients @ v = -g_dot, or zeros.
+
+    Of the possible velocities, these have the least kinetic energy.
+    """
+    weight, rows = motions.T @ (mass @ motions), gradients @ motions
+    # Independent of units; rows that no rigid motion affects are zero.
+    lengths = np.linalg.norm(rows, axis=1)
+    lengths[lengths == 0.0] = 1.0
+    weight, rows = weight / np.max(weight), rows / lengths[:, None]
+    v = motions @ solve_least_change(sp.csc_array(weight), sp.csc_array(rows), -g_dot / lengths)
+    remaining = np.abs(gradients @ v + g_dot)
+    # False also if no solution was found, for which the velocities are not finite.
+    is_possible = np.max(remaining) <= _RIGID_START_TOLERANCE * np.max(np.abs(g_dot))
+    return v if is_possible else np.zeros(len(motions))

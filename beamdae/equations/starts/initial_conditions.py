@@ -16,8 +16,9 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
-from beamdae.equations.starts.steady_rotation import find_steady_rotation
+from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotation_velocities
 from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.parts.rotation import Rotation
 from beamdae.symbolic.sparse_operators import build_selection
@@ -56,6 +57,13 @@ def apply_initial_conditions(
     start = require_start("start", start)
     if start == AS_DRAWN:
         return equations
+    with single_threaded:
+        return _solve_initial_conditions(equations, start, t)
+
+
+def _solve_initial_conditions(
+    equations: EquationsOfMotion, start: Any, t: float
+) -> EquationsOfMotion:
     time = time_on_branch(equations.breakpoints, t)
     # Redundant constraints make the closing problem singular.
     reduction = remove_redundant_constraints(equations, time) if equations.redundant else None
@@ -81,9 +89,22 @@ def apply_initial_conditions(
 
 def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> tuple[Array, Array]:
     """Return the positions and velocities of a steady rotation that the joints allow."""
-    state, _ = find_steady_rotation(e, time, rotation, frozen_forces=True)
-    g_dot = ConsistencySolver(e).constraint_levels(time, state.q, state.v)[1]
-    size = max(1.0, e.length, float(np.max(np.abs(state.v), initial=0.0)))
+    solver = ConsistencySolver(e)
+    # Checked first: about another center or at another speed, no steady state may exist.
+    q = solver.state(time, e.q0, np.zeros(e.n)).q
+    _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation))
+    state, _ = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
+    _require_rotation(solver, time, rotation, state.q, state.v)
+    return state.q, state.v
+
+
+def _require_rotation(
+    solver: ConsistencySolver, time: Array, rotation: Rotation, q: Array, v: Array
+) -> None:
+    """Reject a rotation that joints or drivers do not allow."""
+    e = solver.equations
+    g_dot = solver.constraint_levels(time, q, v)[1]
+    size = max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
     worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
     if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * size:
         raise BeamdaeError(
@@ -91,7 +112,6 @@ def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> t
             f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
             "rad/s); use the speed of the driver and its center."
         )
-    return state.q, state.v
 
 
 def _split_by_kind(

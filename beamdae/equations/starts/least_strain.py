@@ -99,6 +99,7 @@ def minimize_strain(
         elastic = evaluator.force(time, best, zeros, zeros) - reference
         gaps, rows = constraints(best)
         force = -(mass @ (best - begin) + square * elastic)
+        force[evaluator.equations.states] = 0.0
         change = solve_least_change(mass + square * stiffness, rows, -gaps, force)
         size = float(np.max(np.abs(change) / scale))
         if not np.isfinite(size):

@@ -138,16 +138,19 @@ def drop_dependent_constraints(
     rows = analyze_constraint_rank(StateEvaluator(equations), time, equations.q0).rows
     if not len(rows.dependent):
         return None
-    independent, structure = rows.independent, equations.structure
-    joints = tuple(
-        replace(joint, rows=joint.rows[:, independent].tocsr()) for joint in structure.joints
-    )
-    reduced = replace(
+    reduced = keep_constraints(equations, rows.independent)
+    return ReducedEquations(equations, reduced, rows.independent, rows.dependent)
+
+
+def keep_constraints(equations: EquationsOfMotion, kept: Array) -> EquationsOfMotion:
+    """Return equations with these constraints only, and without observables."""
+    structure = equations.structure
+    joints = tuple(replace(joint, rows=joint.rows[:, kept].tocsr()) for joint in structure.joints)
+    return replace(
         equations,
-        multipliers=tuple(equations.multipliers[k] for k in independent),
+        multipliers=tuple(equations.multipliers[k] for k in kept),
         observables=(),
         structure=intern_structure(
-            Structure(structure.n, len(independent), structure.forces, joints)
+            Structure(structure.n, len(kept), structure.forces, joints, structure.states)
         ),
     )
-    return ReducedEquations(equations, reduced, independent, rows.dependent)

@@ -121,7 +121,7 @@ class GradientFlow:
         multipliers.
         """
         time, q, n = self.static.time, self.begin, len(self.begin)
-        mass = self.solver.linearize_forces(time, self.solver.rest_state(q))[2]
+        mass = self.solver.mass_matrix(time, q)
         gradient = self.solver.constraint_matrix(time, q)
         no_reactions = np.zeros(gradient.shape[0])
         force = self.static.residual(q, no_reactions)[:n]
@@ -135,8 +135,11 @@ class GradientFlow:
         Returns None if the matrix is singular or `size` exceeds `_MAX_STEP`.
         """
         static, n, m = self.static, len(q), len(lam)
-        mass = self.solver.linearize_forces(static.time, self.solver.rest_state(q))[2]
-        weight = sp.block_diag([mass / square, sp.csc_array((m, m))], format="csc")
+        mass = self.solver.mass_matrix(static.time, q)
+        # No inertia in the rows and columns of the multipliers.
+        ends = np.append(mass.indptr, np.full(m, mass.indptr[-1]))
+        entries = (mass.data * (1.0 / square), mass.indices, ends)
+        weight = sp.csc_array(entries, shape=(n + m, n + m))
         try:
             solve = splu(sp.csc_array(static.matrix(q, lam) + weight)).solve
         except RuntimeError:

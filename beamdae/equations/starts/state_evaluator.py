@@ -5,6 +5,7 @@ CasADi's virtual machine evaluates these quantities, because a run needs them on
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +21,7 @@ from beamdae.equations.formulations.sums import (
     assemble_motion,
     create_matrix_sum,
 )
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, share_plans
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
     Sum,
@@ -29,6 +30,7 @@ from beamdae.symbolic.kernel_sums import (
     set_matrix_factors,
     set_time,
 )
+from beamdae.symbolic.local_symbols import C_A
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -82,7 +84,7 @@ class StateSums:
     block: ForceBlock
 
 
-@cache_on_owner
+@share_plans
 def plan_state_sums(structure: Structure) -> StateSums:
     """Return the plans of the sums that `StateEvaluator` needs, and the matrix patterns."""
     n, m = structure.n, structure.m
@@ -92,8 +94,13 @@ def plan_state_sums(structure: Structure) -> StateSums:
         jacobian.add_matrix(copies, GRADIENT, joint.rows, joint.operator, (0, 0))
     gradient_pattern, gradients = jacobian.matrix((m, n))
     total = create_matrix_sum()
-    sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
+    # As in the Jacobians of Radau, so that both use the same kernels: deriving a kernel takes
+    # longer than all evaluations at single states.
+    sums: Tangents = ((STIFFNESS,), (DAMPING,), (MASS,))
     add_saddle_point(total, structure, layout, sums, with_reaction_stiffness=False)
+    # First-order states have no inertia; a unit diagonal separates them from the accelerations.
+    for row in structure.states:
+        total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
     motion = assemble_motion(structure, layout).vector()
     return StateSums(
@@ -111,6 +118,23 @@ def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
     key, mirror_key = columns * n + rows, rows * n + columns
     mirrored = np.minimum(np.searchsorted(key, mirror_key), len(key) - 1)
     return ForceBlock(block, entries, columns, np.where(key[mirrored] == mirror_key, mirrored, -1))
+
+
+class Recent:
+    """Result of a function at its last argument: a restart asks for the same state repeatedly."""
+
+    def __init__(self) -> None:
+        self._argument: Array | None = None
+        self._result = np.zeros(0)
+
+    def get(self, argument: Array, compute: Callable[[], Array]) -> Array:
+        """Return a copy of the result of `compute`, called only if `argument` has changed."""
+        if self._argument is None or not np.array_equal(argument, self._argument):
+            # An exception leaves no result.
+            self._argument = None
+            self._result = compute()
+            self._argument = argument
+        return self._result.copy()
 
 
 @dataclass(frozen=True)
@@ -133,6 +157,10 @@ class StateEvaluator:
         return self.sums.motion.sum(False, self.equations.p)
 
     @cached_property
+    def _recent_motion(self) -> Recent:
+        return Recent()
+
+    @cached_property
     def _gradients(self) -> Sum:
         return self.sums.gradients.sum(False, self.equations.p)
 
@@ -150,7 +178,7 @@ class StateEvaluator:
     ) -> Array:
         """Return g (0 if nonholonomic), g_dot and g_ddot, (3, m); omitted arguments are zero."""
         n, m = self.equations.n, self.equations.m
-        return self._evaluate(self._motion, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
+        return self._evaluate_motion(time, q, v, a)[n:].reshape(3, m)
 
     def position_gaps(self, time: Array, q: Array) -> Array:
         """Return g, the gap of each constraint, (m,); 0 if the constraint is nonholonomic."""
@@ -165,8 +193,25 @@ class StateEvaluator:
         lam: Array | None = None,
     ) -> Array:
         """Return F, (n,); omitted arguments are zero."""
-        n, m = self.equations.n, self.equations.m
-        return self._evaluate(self._motion, time, (q, v, a), n + 3 * m, lam)[:n]
+        return self._evaluate_motion(time, q, v, a, lam)[: self.equations.n]
+
+    def _evaluate_motion(
+        self,
+        time: Array,
+        q: Array,
+        v: Array | None,
+        a: Array | None,
+        lam: Array | None = None,
+    ) -> Array:
+        """Return F and the three levels of constraints, (n + 3 m,)."""
+
+        def compute() -> Array:
+            size = self.equations.n + 3 * self.equations.m
+            return self._evaluate(self._motion, time, (q, v, a), size, lam)
+
+        if a is not None or lam is not None or v is None:
+            return compute()
+        return self._recent_motion.get(np.concatenate([time, q, v]), compute)
 
     def gradients(self, time: Array, q: Array) -> Array:
         """Return the non-zeros of G on `sums.gradient_pattern`, (nnz,)."""
@@ -189,17 +234,35 @@ class StateEvaluator:
     ) -> Array:
         """Return the non-zeros of [[c0 K + c1 C + c2 M, G^T + dF/dlam], [G, 0]].
 
-        K, C and M are dF/dq, dF/dv and dF/da; the pattern is `sums.saddle_pattern`.
+        K, C and M are dF/dq, dF/dv and dF/da, where M has a unit diagonal for first-order states;
+        the pattern is `sums.saddle_pattern`.
         """
         set_matrix_factors(self._saddle, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
         return self._evaluate(self._saddle, time, (q, v, a), self.sums.saddle_pattern.nnz, lam)
 
-    def linearize_forces(self, time: Array, state: State) -> tuple[sp.csc_array, ...]:
-        """Return stiffness dF/dq, damping dF/dv and mass dF/da at lam = 0, each sparse (n, n)."""
+    def linearize_forces(
+        self, time: Array, state: State
+    ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
+        """Return stiffness dF/dq, damping dF/dv and mass dF/da at lam = 0, each sparse (n, n).
+
+        First-order states are constant: their rows and columns are zero, except for a unit mass.
+        """
         q, v, a, _ = state
-        return tuple(
+        stiffness, damping, mass = (
             self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
         )
+        if len(self.equations.states):
+            moving = np.ones(self.equations.n)
+            moving[self.equations.states] = 0.0
+            keep = sp.diags_array(moving)
+            stiffness, damping = (sp.csc_array(keep @ x @ keep) for x in (stiffness, damping))
+        return stiffness, damping, mass
+
+    def mass_matrix(self, time: Array, q: Array) -> sp.csc_array:
+        """Return the mass matrix dF/da at rest at positions `q`, sparse (n, n)."""
+        rest = self.rest_state(q)
+        nonzeros = self.saddle_matrix(time, q, rest.v, rest.a, _UNIT_COEFFICIENTS[2])
+        return self.sums.block.matrix(nonzeros)
 
     def _evaluate(
         self,

@@ -186,8 +186,9 @@ def find_steady_rotation(
             if step < _MIN_SPEED_STEP:
                 raise BeamdaeError(
                     f"rotation: no steady state was found at {rotation.speed:g} rad/s "
-                    f"about the center {rotation.center} [m]; the search from rest ended "
-                    f"at {share * rotation.speed:g} rad/s, so use a lower speed."
+                    f"about the center {rotation.center} [m] (the search from rest ended at "
+                    f"{share * rotation.speed:g} rad/s); check that the mechanism turns about "
+                    "this center, or use a lower speed."
                 )
             continue
         (q, lam), share, step = solution, next_share, 2.0 * step
@@ -196,6 +197,12 @@ def find_steady_rotation(
         _require_rotating_forces(e, time, frame, rotation, state)
     tangent = compute_tangent(e, time, state)
     return state, _to_rotating_frame(tangent, frame, rotation.speed)
+
+
+def rotation_velocities(e: EquationsOfMotion, q: Array, rotation: Rotation) -> Array:
+    """Return the velocities (n,) of a rigid rotation of the whole mechanism at positions q."""
+    frame = RotatingCoordinates.from_equations(e)
+    return _rotating_state(frame, rotation, rotation.speed, q, np.zeros(e.m)).v
 
 
 def _rotating_state(

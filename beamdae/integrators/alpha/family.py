@@ -19,7 +19,7 @@ FAMILIES = ("generalized-alpha", "hht", "newmark")
 JERK_INTERVAL = 1e-2
 # `stiff_time` of the initial accelerations, relative to the step: the start ignores vibrations
 # that the step does not resolve.
-_STIFF_TIME = 0.5
+STIFF_TIME = 0.5
 
 
 class AlphaParameters(NamedTuple):
@@ -123,7 +123,7 @@ class AlphaStart:
             return Motion(q, v, ddq, ddq.copy(), lam, h)
         interval = JERK_INTERVAL * h
         jerk = self.solver.evaluate_normal_jerk(time, state, interval)
-        stiff_time = _STIFF_TIME * h
+        stiff_time = STIFF_TIME * h
         ddq, _ = self.solver.acceleration(time, state.q, state.v, stiff_time=stiff_time)
         if self.index3:
             position_jerk = jerk

@@ -50,6 +50,9 @@ _TOLERANCE_FACTOR = 4.0
 _ONE_SIDED_FACTOR = 0.125
 
 
+FORMULATIONS = ("index3", "stabilized-index2")
+
+
 @dataclass(frozen=True)
 class GeneralizedAlpha(Integrator):
     """Second-order one-step integrator with adjustable damping of high frequencies.
@@ -140,9 +143,7 @@ class GeneralizedAlpha(Integrator):
                 f"GeneralizedAlpha: rho_inf must lie in [{least:g}, 1]{where}, "
                 f"got {self.rho_inf:g}."
             )
-        require_choice(
-            "GeneralizedAlpha", "formulation", self.formulation, ("index3", "stabilized-index2")
-        )
+        require_choice("GeneralizedAlpha", "formulation", self.formulation, FORMULATIONS)
         require_choice("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
         require_choice(
             "GeneralizedAlpha", "linear_solver", self.linear_solver, ("auto", "dense", "sparse")

@@ -14,7 +14,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import InputLayout, assemble_accelerations
 from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, share_plans
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.native.loop_functions import combine, factorize, fill, solve
@@ -30,7 +30,7 @@ from beamdae.symbolic.kernel_sums import (
 Array = np.ndarray
 
 
-@cache_on_owner
+@share_plans
 def _plan_accelerations(structure: Structure) -> SumPlan:
     n = structure.n
     return assemble_accelerations(structure, InputLayout(q=0, v=n, a=2 * n, lam=3 * n)).vector()

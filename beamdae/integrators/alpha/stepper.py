@@ -21,7 +21,12 @@ from beamdae.integrators.alpha.step_loop import (
 )
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.integrators.method import STEPS_PER_CHECK, StepError, count_equal_steps
+from beamdae.integrators.method import (
+    STEPS_PER_CHECK,
+    StepError,
+    allocate_rows,
+    count_equal_steps,
+)
 from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
@@ -29,7 +34,7 @@ Array = np.ndarray
 
 # Rounding error of an increment, relative to the scale of its coordinate or to the size of the
 # mechanism. A value ten times larger would change the sixth digit of long runs.
-_INCREMENT_ROUNDING = 1e-15
+INCREMENT_ROUNDING = 1e-15
 # Shortest adaptive step, relative to the duration of the run.
 _MIN_STEP_SHARE = 1e-12
 # Longest first step, relative to its smooth interval.
@@ -99,13 +104,13 @@ class AlphaStepper:
                 a_n=np.zeros(n),
                 lam_n=np.zeros(m),
                 x=np.zeros(form.size),
-                first_iterate=np.zeros(form.size),
+                first_multipliers=np.zeros(form.size - n),
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
-                rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
+                rows=allocate_rows(1 + 3 * n + m),
                 newton_tolerance=newton_tolerance,
-                min_correction_limit=_INCREMENT_ROUNDING * max(1.0, size),
+                min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
                 max_step=max_step,
                 min_step=min_step,
@@ -153,7 +158,7 @@ class AlphaStepper:
             If no step is possible.
         """
         run = self._run
-        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
+        run.most, run.filled = min(most, len(run.rows)), 0
         if self._code >= 0:
             while (code := self._step_loop()) == FIRST_STEP:
                 self._set_initial_motion(run.next_step)

@@ -48,8 +48,9 @@ class AlphaWorkspace:
         Values at the start of the step.
     step_ratio
         Ratio of the step to the previous step; 0 in the first step.
-    x, first_iterate, change, nonzeros
-        Unknowns, their first iterate, their correction, and the non-zeros of the matrix.
+    x, first_multipliers, change, nonzeros
+        Unknowns, first iterate of those beside the increments, correction of the unknowns, and the
+        non-zeros of the matrix.
     weights
         Reciprocal scales of the coordinates.
     rows, filled, most
@@ -91,7 +92,7 @@ class AlphaWorkspace:
     a_n: Array
     lam_n: Array
     x: Array
-    first_iterate: Array
+    first_multipliers: Array
     change: Array
     nonzeros: Array
     weights: Array

@@ -47,11 +47,10 @@ def apply_impact(
     equations, solver = impact.equations, ConsistencySolver(impact.equations)
     names = equations.lam_names
     rates = solver.constraint_levels(time, state.q, state.v)[1]
-    restitution = np.array([impact.restitution.get(name, 0.0) for name in names])
-    opening = np.array([name in impact.gaps for name in names]) & (rates <= 0.0)
-    (active,) = np.nonzero(~opening)
-    if not any(names[k] in impact.restitution for k in active):
+    active = select_active_constraints(impact, rates)
+    if not len(active):
         return state.v, {}
+    restitution = impact.coefficients
     require_independent_constraints(solver, time, state.q)
     unforced = State(state.q, state.v, np.zeros(equations.n), np.zeros(equations.m))
     gradient = sp.csc_array(solver.constraint_matrix(time, state.q)[active])
@@ -62,3 +61,16 @@ def apply_impact(
         -(1.0 + restitution[active]) * rates[active],
     )
     return state.v + change, impulses
+
+
+def select_active_constraints(impact: ImpactEquations, rates: Array) -> Array:
+    """Return the indices of the constraints that act in an impact, empty if no body is stopped.
+
+    `rates` are the rates of the constraints before the impact, (m,).
+    """
+    names = impact.equations.lam_names
+    opening = np.array([name in impact.gaps for name in names], bool) & (rates <= 0.0)
+    (active,) = np.nonzero(~opening)
+    if not any(names[k] in impact.restitution for k in active):
+        return active[:0]
+    return active

@@ -19,7 +19,7 @@ from beamdae.integrators.ida.callbacks import (
     residual_callback,
     take_ida_steps,
 )
-from beamdae.integrators.method import STEPS_PER_CHECK
+from beamdae.integrators.method import allocate_rows
 from beamdae.native.linear_solver import LinearSolver
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.return_codes import DONE, FULL
@@ -96,7 +96,7 @@ class CompiledIda:
             newton,
             SundialsFunctions(*(getattr(functions, name) for name in SundialsFunctions.__slots__)),
             has_impulses=int(form.formulation.impulses),
-            rows=np.zeros((STEPS_PER_CHECK, 1 + 3 * n + m)),
+            rows=allocate_rows(1 + 3 * n + m),
             orders=np.zeros(_MAX_ORDER + 1, np.int64),
             limiting_counts=np.zeros(form.size, np.int64),
             weights=weights,
@@ -141,7 +141,7 @@ class CompiledIda:
         An exception during the renewal of pivots, such as KeyboardInterrupt, is raised here.
         """
         run = self._run
-        run.most, run.filled = min(most, STEPS_PER_CHECK), 0
+        run.most, run.filled = min(most, len(run.rows)), 0
         # Steps before a failure are returned first; the next call returns no rows.
         if self.code in (DONE, FULL):
             self.code = self._loop()

@@ -13,7 +13,6 @@ import contextlib
 import sys
 import threading
 import warnings
-from importlib.metadata import version
 from types import TracebackType
 from typing import Any, TextIO
 
@@ -34,6 +33,7 @@ from beamdae.integrators.ida.callbacks import (
 from beamdae.linear.factorizations import DENSE_LIMIT
 from beamdae.memory import require_memory
 from beamdae.native.return_codes import DONE
+from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -86,7 +86,9 @@ class SksundaeCallbacks:
         if self._expected_iterate is not None:
             self._check_shared_vectors(t, y)
         self._residual_vector = out
-        evaluate_preconditioned(self.newton, t, y, yp, out)
+        if evaluate_preconditioned(self.newton, t, y, yp, out) != DONE:
+            # IDA computes new factors or retries with a smaller step.
+            out[:] = np.nan
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, c: float, out: Array) -> None:
         """Factorize dR/dy + c dR/dy', and write the identity into `out` if this succeeds."""
@@ -122,7 +124,7 @@ class SksundaeCallbacks:
         size = float(np.max(np.abs(self._residual_vector))) + float(np.max(np.abs(expected)))
         if np.max(np.abs(y - expected)) > _ITERATE_ROUNDING * size:
             raise BeamdaeError(
-                f"Ida: scikit-sundae {version('scikit-sundae')} copies the vectors of "
+                f"Ida: scikit-sundae {installed_version('scikit-sundae')} copies the vectors of "
                 "IDA instead of sharing them; run pip install "
                 "'scikit-sundae>=1.2,<1.3'."
             )
@@ -200,6 +202,7 @@ class SksundaeIda:
         self._stop = next_stop_time(self._t, result.t, self._end)
         self._t = result.t
         self._callbacks.accepted_steps += 1
+        self._callbacks.newton.age += 1
         return np.concatenate([[result.t], *self._form.unpack(result.y, result.yp)])[None]
 
     @property

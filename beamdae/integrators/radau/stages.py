@@ -12,12 +12,19 @@ import math
 import numpy as np
 
 from beamdae.equations.formulations.first_order import evaluate_jacobian_parts, evaluate_residual
+from beamdae.equations.formulations.kinematic_reduction import (
+    expand_solution,
+    reduce_right,
+    reduce_unknowns,
+)
 from beamdae.integrators.radau.coefficients import (
     COMPLEX_EIGENVALUE,
     EMBEDDED,
     POLYNOMIAL,
+    RATE_BLOCKS,
     RATES,
     REAL_EIGENVALUE,
+    START,
     T_INVERSE,
     TO_COMPLEX,
     UNIFORM,
@@ -28,8 +35,10 @@ from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
     factorize,
+    fill,
     max_norm,
     minimum,
+    pick,
     scatter,
     solve,
     split_complex,
@@ -51,23 +60,27 @@ _STAGNATION_RATE = 0.5
 
 def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     """Solve for the stages of a step `h` [s]; `renew` requests new factors. Return the code."""
-    _predict_stages(run, h)
+    predict_stages(run, h)
     set_stages(run, h)
     velocities = run.iteration_weights[run.form.n :]
     minimum(velocities, run.velocity_weights, h, run.velocity_rounding_weights)
     if renew:
-        code = _factorize_matrices(run, h)
+        code = factorize_matrices(run, h)
         if code != DONE:
             return code
     return _iterate_newton(run, h)
 
 
-def _predict_stages(run: RadauWorkspace, h: float) -> None:
-    """Predict W from the last collocation polynomial, or with constant y' in a first step."""
+def predict_stages(run: RadauWorkspace, h: float) -> None:
+    """Predict W from the last collocation polynomial, or with constant y' in a first step.
+
+    Where no correction by joints enters q' = v, velocities are derivatives of predicted positions.
+    """
     w, last_w, extrapolation = run.w, run.last_w, run.extrapolation
     if run.step_size.last_step == 0.0:
         for i in range(3):
             combine(w[i], (h * UNIFORM[i],), (run.yp,))
+        derive_velocities(run, h)
         return
     for i in range(3):
         for j in range(3):
@@ -82,6 +95,17 @@ def _predict_stages(run: RadauWorkspace, h: float) -> None:
     for i in range(3):
         factors = (extrapolation[i, 0], extrapolation[i, 1], extrapolation[i, 2])
         combine(w[i], factors, (last_w[0], last_w[1], last_w[2]))
+    derive_velocities(run, h)
+
+
+def derive_velocities(run: RadauWorkspace, h: float) -> None:
+    """Set the defined velocities of the stages to the derivatives of their positions."""
+    n, w, at = run.form.n, run.w, run.reduction
+    known = (w[0][:n], w[1][:n], w[2][:n], run.y[n : 2 * n])
+    for i in range(3):
+        factors = (RATE_BLOCKS[i, 0] / h, RATE_BLOCKS[i, 1] / h, RATE_BLOCKS[i, 2] / h, -START[i])
+        combine(run.velocities, factors, known)
+        pick(w[i], at.defined_velocities, run.velocities, at.defined, 0, at.defined.size)
 
 
 def set_stages(run: RadauWorkspace, h: float) -> None:
@@ -93,14 +117,15 @@ def set_stages(run: RadauWorkspace, h: float) -> None:
         combine(run.rates[i], factors, (w[0], w[1], w[2]))
 
 
-def _factorize_matrices(run: RadauWorkspace, h: float) -> int:
+def factorize_matrices(run: RadauWorkspace, h: float) -> int:
     """Factorize both matrices at the second stage, which lies between the other two."""
     form, t, y, yp = run.form, run.t + C[1] * h, run.stages[1], run.rates[1]
-    jacobians = (_state_jacobian(run), _rate_jacobian(run))
     run.factors_step = 0.0
     evaluate_jacobian_parts(form, t, run.branch, y, yp, run.jacobian)
-    combine(run.real_nonzeros, (1.0, REAL_EIGENVALUE / h), jacobians)
-    combine(run.complex_nonzeros, (1.0, COMPLEX_EIGENVALUE / h), jacobians)
+    parts = (_jacobian_part(run, 0), _jacobian_part(run, 1), _jacobian_part(run, 2))
+    rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
+    combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
+    combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
     real_code = factorize(run.real_solver, run.real_nonzeros)
     complex_code = factorize(run.complex_solver, run.complex_nonzeros)
     if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
@@ -114,17 +139,14 @@ def _factorize_matrices(run: RadauWorkspace, h: float) -> int:
     return DONE
 
 
-def _state_jacobian(run: RadauWorkspace) -> Array:
-    return run.jacobian[: run.real_nonzeros.size]
-
-
-def _rate_jacobian(run: RadauWorkspace) -> Array:
-    return run.jacobian[run.real_nonzeros.size :]
+def _jacobian_part(run: RadauWorkspace, power: int) -> Array:
+    """Return the part of the reduced matrix that is multiplied by this power of the rate."""
+    size = run.real_nonzeros.size
+    return run.jacobian[power * size : (power + 1) * size]
 
 
 def _iterate_newton(run: RadauWorkspace, h: float) -> int:
-    w, residuals, weights = run.w, run.stage_residuals, run.iteration_weights
-    real_change, complex_change = run.real_change, run.complex_change
+    residuals, weights = run.stage_residuals, run.iteration_weights
     previous, rate = math.inf, FIRST_RATE
     for k in range(MAX_ITERATIONS):
         run.iterations = k + 1
@@ -134,18 +156,9 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
             t = run.t + C[i] * h
             evaluate_residual(run.form, t, run.branch, run.stages[i], run.rates[i], residuals[i])
         run.residuals += 3
-        factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
-        stage_residuals = (residuals[0], residuals[1], residuals[2])
-        combine(real_change, factors, stage_residuals)
-        combine(complex_change, (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2]), stage_residuals)
-        solve(run.real_solver, real_change)
-        solve(run.complex_solver, complex_change)
-        split_complex(run.complex_real, run.complex_imaginary, complex_change)
-        combine(w[0], (1.0, -1.0), (w[0], real_change))
-        combine(w[1], (1.0, -1.0), (w[1], run.complex_real))
-        combine(w[2], (1.0, -1.0), (w[2], run.complex_imaginary))
-        real_size = max_norm(real_change[: weights.size], weights)
-        complex_size = max_norm(complex_change[: weights.size], weights)
+        correct_stages(run, h)
+        real_size = max_norm(run.real_change[: weights.size], weights)
+        complex_size = max_norm(run.complex_change[: weights.size], weights)
         if not (math.isfinite(real_size) and math.isfinite(complex_size)):
             return NOT_FINITE
         size = max(real_size, complex_size)
@@ -163,6 +176,36 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
     return NOT_CONVERGED
 
 
+def correct_stages(run: RadauWorkspace, h: float) -> None:
+    """Subtract the corrections from W that belong to `run.stage_residuals`."""
+    w, residuals = run.w, run.stage_residuals
+    factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
+    stage_residuals = (residuals[0], residuals[1], residuals[2])
+    combine(run.real_change, factors, stage_residuals)
+    combine(run.complex_change, (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2]), stage_residuals)
+    _solve_real(run, h)
+    _solve_complex(run, h)
+    split_complex(run.complex_real, run.complex_imaginary, run.complex_change)
+    combine(w[0], (1.0, -1.0), (w[0], run.real_change))
+    combine(w[1], (1.0, -1.0), (w[1], run.complex_real))
+    combine(w[2], (1.0, -1.0), (w[2], run.complex_imaginary))
+
+
+def _solve_real(run: RadauWorkspace, h: float) -> None:
+    """Replace `real_change`, whose rows q' = v must hold already, by the solution."""
+    at, n, change, reduced = run.reduction, run.form.n, run.real_change, run.right
+    reduce_right(at, n, change, reduced)
+    solve(run.real_solver, reduced)
+    expand_solution(at, n, REAL_EIGENVALUE / h, reduced, change)
+
+
+def _solve_complex(run: RadauWorkspace, h: float) -> None:
+    at, n, change, reduced = run.reduction, run.form.n, run.complex_change, run.complex_right
+    reduce_right(at, n, change, reduced)
+    solve(run.complex_solver, reduced)
+    expand_solution(at, n, COMPLEX_EIGENVALUE / h, reduced, change)
+
+
 def estimate_error(run: RadauWorkspace, h: float) -> None:
     """Write the error estimate, filtered to damp stiff components, to `run.error`.
 
@@ -175,10 +218,26 @@ def estimate_error(run: RadauWorkspace, h: float) -> None:
     components.
     """
     w, error, difference, n = run.w, run.error, run.difference, run.form.n
-    factors = (h / REAL_EIGENVALUE, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2])
-    combine(difference, factors, (run.yp, w[0], w[1], w[2]))
-    scatter(error, run.entry_rows, _rate_jacobian(run), difference, run.entry_columns)
-    combine(error, (REAL_EIGENVALUE / h,), (error,))
-    scatter(run.real_change, run.entry_rows, _state_jacobian(run), difference, run.entry_columns)
-    combine(error[2 * n :], (1.0,), (run.real_change[2 * n :],))
-    solve(run.real_solver, error)
+    at, rows, columns, rate = run.reduction, run.entry_rows, run.entry_columns, REAL_EIGENVALUE / h
+    velocities, right, vector, product = run.velocities, run.right, run.vector, run.product
+    combine(
+        difference, (1.0 / rate, EMBEDDED[0], EMBEDDED[1], EMBEDDED[2]), (run.yp, w[0], w[1], w[2])
+    )
+    # In rows q' = v, the right-hand side is rate * e_q. The reduced equations require zeros there:
+    # x_v + rate * e_q replaces x_v, and e_v + rate * e_q replaces e_v in the other rows.
+    combine(velocities, (1.0, rate), (difference[n : 2 * n], difference[:n]))
+    fill(vector, 0.0)
+    combine(vector[:n], (1.0,), (velocities,))
+    # The parts of R_y in the rows of constraints, and of (gamma/h) R_y' in the others.
+    scatter(right, rows, _jacobian_part(run, 2), vector, columns)
+    scatter(run.constraint_errors, rows, _jacobian_part(run, 1), vector, columns)
+    reduce_unknowns(at, n, difference, vector)
+    scatter(product, rows, _jacobian_part(run, 1), vector, columns)
+    combine(right, (rate, rate), (right, product))
+    scatter(product, rows, _jacobian_part(run, 0), vector, columns)
+    first = n + at.corrected.size
+    combine(right[first:], (1.0, 1.0), (run.constraint_errors[first:], product[first:]))
+    solve(run.real_solver, right)
+    expand_solution(at, n, rate, right, error)
+    combine(velocities, (rate, -rate), (right[:n], difference[:n]))
+    pick(error, at.defined_velocities, velocities, at.defined, 0, at.defined.size)

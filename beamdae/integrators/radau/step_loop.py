@@ -101,8 +101,10 @@ def _accept_step(run: RadauWorkspace, h: float, error: float) -> None:
     candidate = min(factor * h, size.newton_limit)
     keep = h <= candidate and candidate <= _KEPT_GROWTH * h and _can_reuse_factors(run, h)
     size.next_step = h if keep else candidate
+    # After a rejected attempt, its failure explains why the next step may be too small.
+    if size.is_retry == 0:
+        run.failure_code = TOO_SMALL
     size.last_step, size.last_error, size.is_retry = h, error, 0
-    run.failure_code = TOO_SMALL
 
 
 def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:

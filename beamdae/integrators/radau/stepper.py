@@ -7,12 +7,17 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     FirstOrderBuffers,
     FirstOrderForm,
     formulate_first_order,
+)
+from beamdae.equations.formulations.kinematic_reduction import (
+    KinematicReduction,
+    reduce_kinematics,
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
@@ -32,7 +37,7 @@ from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
 
-_FORM = "stabilized-index1"
+STABILIZED_FORM = "stabilized-index1"
 _ORDER = 5
 # Shortest step, relative to the larger time of an interval; shorter steps are lost in rounding.
 _MIN_STEP_SHARE = 1e-12
@@ -44,7 +49,8 @@ _FAILURES = {
     "this time",
     NOT_FINITE: RESIDUAL_NOT_FINITE,
     SINGULAR: MATRIX_SINGULAR,
-    ERROR_TOO_LARGE: "the error test failed at the smallest step; loosen rtol",
+    ERROR_TOO_LARGE: "the error test failed at the smallest step; check laws and start values, or "
+    "loosen rtol",
     TOO_SMALL: "the step is too small to advance time; check laws and start values",
 }
 
@@ -155,7 +161,7 @@ class RadauStepper:
         linear_solver: str,
         plan: RunPlan,
     ) -> None:
-        self._form = form = formulate_first_order(plan.equations, _FORM, apart=True)
+        self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
         self._scales = scales = motion_scales(plan)
         self._control = resolve_error_control(
             error_control,
@@ -170,13 +176,18 @@ class RadauStepper:
         is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
         self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, tested, is_one_sided)
         longest = plan.longest_step("Radau", max_step)
-        real = plan.matrix("Radau", form.pattern)
-        complex_ = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
+        pattern, jacobian, reduction = reduce_kinematics(form)
+        real = plan.matrix("Radau", pattern)
+        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
 
-        def make_workspace(native: bool) -> RadauWorkspace:
-            return _make_workspace(
+        def make_run(native: bool) -> RadauWorkspace:
+            buffers = form.buffers(native)
+            buffers.jacobian = jacobian.sum(native, plan.equations.p)
+            return make_workspace(
                 form,
-                form.buffers(native),
+                buffers,
+                pattern,
+                reduction,
                 (real.make_solver(native, linear_solver), real.nonzeros),
                 (complex_.make_solver(native, linear_solver), complex_.nonzeros),
                 tolerance,
@@ -186,7 +197,7 @@ class RadauStepper:
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
             return [(run.real_solver, real), (run.complex_solver, complex_)]
 
-        self._step_loop = StepLoop(take_radau_steps, make_workspace, matrices, form.is_native)
+        self._step_loop = StepLoop(take_radau_steps, make_run, matrices, form.is_native)
         self._run = self._step_loop.work
 
     @property
@@ -226,7 +237,9 @@ class RadauStepper:
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
         size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
         size.newton_limit = size.longest
-        size.next_step = min(self._scales.first_step(self._tolerance.local, state), size.longest)
+        # A long run with a law that changes fast may ask for a first step too small for the clock.
+        first = max(self._scales.first_step(self._tolerance.local, state), size.smallest)
+        size.next_step = min(first, size.longest)
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
     def advance(self, most: int) -> Array:
@@ -246,9 +259,11 @@ class RadauStepper:
         return run.rows[: run.filled]
 
 
-def _make_workspace(
+def make_workspace(
     form: FirstOrderForm,
     buffers: FirstOrderBuffers,
+    pattern: sp.csc_array,
+    reduction: KinematicReduction,
     real: tuple[Any, Array],
     complex_: tuple[Any, Array],
     tolerance: StepTolerance,
@@ -256,11 +271,13 @@ def _make_workspace(
 ) -> RadauWorkspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size
+    reduced_size = pattern.shape[0]
     positions, velocities = tolerance.iteration_weights
     return RadauWorkspace(
         form=buffers,
         real_solver=real[0],
         complex_solver=complex_[0],
+        reduction=reduction,
         step_size=StepSizeState(longest),
         y=np.zeros(size),
         yp=np.zeros(size),
@@ -273,14 +290,20 @@ def _make_workspace(
         complex_change=np.zeros(size, complex),
         complex_real=np.zeros(size),
         complex_imaginary=np.zeros(size),
+        right=np.zeros(reduced_size),
+        complex_right=np.zeros(reduced_size, complex),
         extrapolation=np.zeros((3, 3)),
-        jacobian=np.zeros(2 * form.pattern.nnz),
+        velocities=np.zeros(n),
+        jacobian=np.zeros(3 * pattern.nnz + 1),
         real_nonzeros=real[1],
         complex_nonzeros=complex_[1],
-        entry_rows=form.pattern.indices.astype(np.int64),
-        entry_columns=np.repeat(np.arange(size), np.diff(form.pattern.indptr)),
+        entry_rows=pattern.indices.astype(np.int64),
+        entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
         error=np.zeros(size),
         difference=np.zeros(size),
+        vector=np.zeros(reduced_size),
+        product=np.zeros(reduced_size),
+        constraint_errors=np.zeros(reduced_size),
         test_weights=tolerance.test_weights,
         iteration_weights=np.concatenate([positions, velocities]),
         velocity_weights=velocities,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.formulations.first_order import FirstOrderBuffers
+from beamdae.equations.formulations.kinematic_reduction import KinematicReduction
 
 Array = np.ndarray
 
@@ -60,6 +61,8 @@ class RadauWorkspace:
         Residual and Jacobian of the first-order form.
     real_solver, complex_solver
         Linear solvers of the real and the complex Newton equations.
+    reduction
+        Unknowns and equations of these systems.
     step_size
         State of the step size control.
     y, yp
@@ -71,16 +74,20 @@ class RadauWorkspace:
     real_change, complex_change, complex_real, complex_imaginary
         Right-hand sides and solutions of Newton's equations, and the real and imaginary parts of
         the complex solution.
-    extrapolation
-        Matrix that predicts W from `last_w`.
+    right, complex_right
+        Right-hand sides and solutions of the reduced equations.
+    extrapolation, velocities
+        Matrix that predicts W from `last_w`, and velocities derived from positions.
     jacobian
-        Non-zeros of R_y, then of R_y', at the last factorization.
+        Parts of the reduced matrices at the last factorization, see `reduce_kinematics`.
     real_nonzeros, complex_nonzeros
-        Non-zeros of the real and the complex matrix.
+        Non-zeros of the reduced matrices.
     entry_rows, entry_columns
         Row and column indices of these non-zeros.
     error, difference
         Error estimate, and difference between the embedded solution and the step.
+    vector, product, constraint_errors
+        Work arrays of the reduced equations.
     test_weights
         Weights of the components of (q, v) in the error test.
     iteration_weights
@@ -103,12 +110,14 @@ class RadauWorkspace:
         Numbers of residual evaluations (three per iteration), of Jacobian evaluations, of failed
         Newton iterations and of rejected steps.
     failure_code
-        Code of the last rejected attempt at the current step, or TOO_SMALL if there is none.
+        Code of the last rejected attempt at the current or the previous step, or TOO_SMALL if there
+        is none.
     """
 
     form: FirstOrderBuffers
     real_solver: Any
     complex_solver: Any
+    reduction: KinematicReduction
     step_size: StepSizeState
     y: Array
     yp: Array
@@ -121,7 +130,10 @@ class RadauWorkspace:
     complex_change: Array
     complex_real: Array
     complex_imaginary: Array
+    right: Array
+    complex_right: Array
     extrapolation: Array
+    velocities: Array
     jacobian: Array
     real_nonzeros: Array
     complex_nonzeros: Array
@@ -129,6 +141,9 @@ class RadauWorkspace:
     entry_columns: Array
     error: Array
     difference: Array
+    vector: Array
+    product: Array
+    constraint_errors: Array
     test_weights: Array
     iteration_weights: Array
     velocity_weights: Array

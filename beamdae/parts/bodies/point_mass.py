@@ -20,12 +20,13 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, require_attachment, require_movable
 from beamdae.parts.part import Drawing, Part
+from beamdae.read_only import read_only
 from beamdae.symbolic.formula import Formula, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 Array = np.ndarray
 
-_ALL_ROWS = sp.eye_array(2, format="csr")
+_ALL_ROWS = read_only(sp.eye_array(2, format="csr"))
 
 
 def _free_particle(q: SX, numbers: Any) -> tuple[SX, SX]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -23,13 +22,14 @@ from beamdae.errors import (
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.bodies import plane_shapes
 from beamdae.parts.part import Drawing, Part
-from beamdae.symbolic.formula import Formula
+from beamdae.read_only import read_only
+from beamdae.symbolic.formula import Formula, cache_kernels
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Piece, Variable
 
 Array = np.ndarray
 
-_NO_ROWS = sp.csr_array((0, 0))
-_ALL_ROWS = sp.eye_array(3, format="csr")
+_NO_ROWS = read_only(sp.csr_array((0, 0)))
+_ALL_ROWS = read_only(sp.eye_array(3, format="csr"))
 
 
 def _fixed_point(q: SX, point: Any) -> tuple[SX, SX]:
@@ -40,7 +40,7 @@ def _body_point(q: SX, arm: Any) -> tuple[SX, SX]:
     return q[:2] + rotate(q[2], arm), q[2]
 
 
-@cache
+@cache_kernels
 def _rigid_body_kernel() -> ForceKernel:
     """Return the inertia and weight of a rigid body; the data are mass, inertia and gravity."""
     local = Local(3, 4)

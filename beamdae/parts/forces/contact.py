@@ -20,10 +20,11 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.forces.smooth import positive_part, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
-from beamdae.parts.part import Part, SurfaceGap
+from beamdae.parts.part import SurfaceGap
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -131,7 +132,7 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact(Part):
+class Contact(ObservableLoad):
     """Contact of a point with a surface, modeled by a penalty force that never pulls.
 
     At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
@@ -286,6 +287,16 @@ class Contact(Part):
     def exerts_moments(self) -> bool:
         """False: a contact exerts a force on a point."""
         return False
+
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """The point and the attachment of the surface, by the names "point" and "surface"."""
+        return {"point": LoadedPoint(self.point, 0), "surface": LoadedPoint(self.surface.on, 1)}
+
+    @property
+    def observed_points(self) -> tuple[str, ...]:
+        """Name of the point."""
+        return ("point",)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the normal force and the friction force as one statement."""

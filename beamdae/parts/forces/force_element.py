@@ -22,7 +22,8 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.part import Part
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.tables import Table
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -117,7 +118,11 @@ class UserLaw:
         BeamdaeError
             If the call of the law fails or does not return one number per entry.
         """
+        arguments: tuple[Any, ...]
         arguments = (x, rate) if self.rows == 1 else (as_vector(x), as_vector(rate))
+        if isinstance(self.law, Table):
+            # A table of the deformation alone.
+            arguments = arguments[: len(self.law.axes)]
         value = evaluate_formula(self.part, "law", self.law, *arguments)
         return require_column(self.part, "law", value, self.rows)
 
@@ -241,7 +246,7 @@ class ForceValues(_ElementExpression):
 
 
 @dataclass(frozen=True, eq=False)
-class ForceElement(Part):
+class ForceElement(ObservableLoad):
     """Force between two attachments that depends on a deformation and its rate.
 
     A subclass defines the deformation and the law.
@@ -305,6 +310,11 @@ class ForceElement(Part):
     def exerts_moments(self) -> bool:
         """True for elements whose response includes a moment."""
         return any(column.unit == "N m" for column in type(self)._force_columns)
+
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """Both points, by the names "a" and "b"."""
+        return {"a": LoadedPoint(self.a, 0), "b": LoadedPoint(self.b, 1)}
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the forces on both bodies."""

@@ -20,7 +20,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.part import Part
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import (
     SX,
@@ -150,7 +150,7 @@ def _load_column(part: str, load: Any) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class ForceLaw(Part):
+class ForceLaw(ObservableLoad):
     """Forces and moments on attachments as a formula of their motion and of time.
 
     In the energy balance, the law is a load, unless `energy` or `dissipative` is given.
@@ -252,6 +252,18 @@ class ForceLaw(Part):
     @cached_property
     def _arguments(self) -> tuple[Any, ...]:
         return (self.name, self.on, self.law, self.energy, self.dissipative)
+
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """The attachments, by the name "on" or, if there are several, "1", "2", ..."""
+        if len(self.on) == 1:
+            return {"on": LoadedPoint(self.on[0], 0)}
+        return {str(k + 1): LoadedPoint(at, k) for k, at in enumerate(self.on)}
+
+    @property
+    def observed_points(self) -> tuple[str, ...]:
+        """Names of all points."""
+        return tuple(self.loaded_points)
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the loads of the law as one statement."""

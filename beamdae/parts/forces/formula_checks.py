@@ -15,7 +15,9 @@ from beamdae.errors import (
     format_exception,
     short_repr,
 )
+from beamdae.symbolic.signals import as_expression, find_signals
 from beamdae.symbolic.statements import SX
+from beamdae.symbolic.table_calls import inside_formula
 
 # Operations with jumps; np.maximum and np.abs only have kinks.
 _JUMP_OPERATIONS = {
@@ -34,6 +36,7 @@ def as_vector(column: SX) -> np.ndarray:
 
 def list_entries(value: Any) -> list[Any]:
     """Return the entries of the value of a formula as a list, of one entry for a number."""
+    value = as_expression(value)
     if isinstance(value, (ca.SX, ca.DM)):
         return [value[k] for k in range(value.numel())]
     if isinstance(value, np.ndarray):
@@ -62,7 +65,8 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
         with warnings.catch_warnings():
             # CasADi 3.8 warns about NumPy functions of its symbols; see `beamdae.parts.laws`.
             warnings.simplefilter("ignore", FutureWarning)
-            return function(*symbols)
+            with inside_formula():
+                return function(*symbols)
     except BeamdaeError:
         raise
     except Exception as problem:
@@ -93,7 +97,8 @@ def require_continuous_formula(
     arguments
         Description of these symbols in messages.
     """
-    symbol_hashes = {x.element_hash() for symbol in symbols for x in ca.symvar(SX(symbol))}
+    signals = (signal.value_symbol for signal in find_signals(value))
+    symbol_hashes = {x.element_hash() for y in (*symbols, *signals) for x in ca.symvar(SX(y))}
     other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in symbol_hashes]
     if other_symbols:
         raise BeamdaeError(

@@ -19,8 +19,8 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.parts.attachments import require_angle, rotate
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.joints.joint import Joint, Revolute
-from beamdae.parts.part import Part
 from beamdae.symbolic.formula import (
     FormulaExpression,
     build_formula_kernel,
@@ -116,7 +116,7 @@ class _FrictionReaction:
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(Part):
+class Friction(ObservableLoad):
     """Regularized Coulomb friction in a hinge or a guide, with Stribeck effect.
 
     F = coefficient |N| tanh(v / regularization) (1 + (static / coefficient - 1)
@@ -275,6 +275,15 @@ class Friction(Part):
         return Quantity(
             (first, Variable("v", "m/s")), pieces, values, data, self.joint.name, self.joint
         )
+
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """Both points of the joint, by the names "a" and "b"."""
+        return {"a": LoadedPoint(self.joint.a, 0), "b": LoadedPoint(self.joint.b, 1)}
+
+    @property
+    def _joint(self) -> Joint:
+        return self.joint
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the friction force as one statement."""

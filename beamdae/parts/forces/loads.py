@@ -18,8 +18,8 @@ from beamdae.parts.attachments import (
     require_movable,
     rotate,
 )
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.laws import Law, as_law
-from beamdae.parts.part import Part
 from beamdae.symbolic.formula import build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
@@ -58,7 +58,7 @@ def load_statement(
 
 
 @dataclass(frozen=True, eq=False)
-class Force(Part):
+class Force(ObservableLoad):
     """Force on an attachment with components (Fx, Fy) [N] that follow time laws.
 
     Parameters
@@ -123,6 +123,11 @@ class Force(Part):
         """False: the load is a force."""
         return False
 
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """The attachment, by the name "on"."""
+        return {"on": LoadedPoint(self.on, 0)}
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the force as one statement."""
         kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
@@ -130,7 +135,7 @@ class Force(Part):
 
 
 @dataclass(frozen=True, eq=False)
-class Moment(Part):
+class Moment(ObservableLoad):
     """Moment [N m] on an attachment that follows a time law; counter-clockwise is positive.
 
     Parameters
@@ -174,6 +179,11 @@ class Moment(Part):
     def with_constant_laws(self, values: Sequence[float]) -> Moment:
         """Return a copy of the load with a constant moment [N m]."""
         return replace(self, law=values[0])
+
+    @property
+    def loaded_points(self) -> dict[str, LoadedPoint]:
+        """The attachment, by the name "on"."""
+        return {"on": LoadedPoint(self.on, 0)}
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the moment as one statement."""

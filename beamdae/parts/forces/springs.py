@@ -102,8 +102,9 @@ class SpringDamper(_SpringLaw):
     preload
         Tension at the free length [N].
     law
-        Tension [N] as a formula `law(elongation, rate)` in place of the coefficients. In the energy
-        balance, the value at zero rate is a load, and the remainder is damping.
+        Tension [N] as a formula `law(elongation, rate)` in place of the coefficients, or a `table`
+        of the elongation or of both. In the energy balance, the value at zero rate is a load, and
+        the remainder is damping.
     energy
         Potential [J] of the law at zero rate, a formula of the elongation. If given, the value at
         zero rate is elastic instead of a load.

@@ -15,6 +15,7 @@ from beamdae.parts.joints.guides import project_along, require_direction
 from beamdae.parts.joints.joint import Joint
 from beamdae.parts.joints.kinematic_constraint import PlacedPoint, PointFunction
 from beamdae.parts.laws import Law, as_law
+from beamdae.symbolic.signals import find_signals, with_references
 from beamdae.symbolic.statements import SX, Local, Quantity, Variable, rebuilt_for_mesh
 
 
@@ -61,12 +62,14 @@ class DrivenJoint(Joint):
         """Reaction (force [N] or moment [N m]) and power [W] supplied by the driver."""
         assert self.gap is not None
         gap = self._point_function(self.gap)
-        build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, self.is_relative)
+        # The law of an input is not part of the formula.
+        law_may_change = self.is_relative or bool(find_signals(self.laws[0](SX.zeros(2))))
+        build = _ReactionAndPower(gap.sizes, gap.n_parameters, gap.function, law_may_change)
         return self.observe(build, (*self.reaction.columns, Variable("power", "W")))
 
     @property
     def _initial_value(self) -> float:
-        return float(ca.evalf(self.laws[0](SX.zeros(2))))
+        return float(ca.evalf(with_references(self.laws[0](SX.zeros(2)))))
 
 
 @dataclass(frozen=True, eq=False)

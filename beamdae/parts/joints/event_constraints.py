@@ -15,6 +15,7 @@ from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
+from beamdae.symbolic.signals import with_references
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -110,8 +111,8 @@ class _GapOffsets(PointFunction):
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
 def _offset_function(expression: FormulaExpression, size: int, n_data: int) -> RowFunction:
     local = Local(size, n_data)
-    inputs = [local.time, local.q, local.data]
-    return RowFunction(ca.Function("offsets", inputs, [ca.densify(expression(local))]))
+    inputs, values = [local.time, local.q, local.data], with_references(expression(local))
+    return RowFunction(ca.Function("offsets", inputs, [ca.densify(values)]))
 
 
 def evaluate_frozen_gap(

@@ -31,7 +31,8 @@ def meeting_tolerance(a: Attachment, b: Attachment) -> float:
 def require_meeting(part: str, a: Attachment, b: Attachment) -> None:
     """Raise BeamdaeError unless two points coincide in the reference configuration."""
     distance = float(np.hypot(*np.subtract(b.point, a.point)))
-    if distance > meeting_tolerance(a, b):
+    # Most points coincide exactly; then the sizes of the bodies are not needed.
+    if distance > 0.0 and distance > meeting_tolerance(a, b):
         raise BeamdaeError(
             f"{part}: the two points must coincide in the reference configuration, but "
             f"{a} and {b} are {distance:.6g} m apart."

@@ -45,6 +45,20 @@ _LEGEND_ROW_HEIGHT = 0.19  # [inch]
 MAX_PANELS = 12
 _RESOLUTION = 150  # of picture files [dots per inch]
 
+# Sizes in a figure of panels [inch]. Sizes of texts are fixed because measuring all texts, as the
+# constrained layout of Matplotlib does, takes longer than drawing the figure.
+_AXES_WIDTH, _AXES_HEIGHT = 3.7, 1.75
+_LEFT_MARGIN = 0.92  # for a y label and tick labels of eight characters
+_RIGHT_MARGIN = 0.2  # for half of the last tick label
+_TICK_LABELS_HEIGHT = 0.22
+_X_LABEL_HEIGHT = 0.22
+_PANEL_TITLE_HEIGHT = 0.3
+_HEADING_LINE_HEIGHT = 0.2
+_MARGIN = 0.08
+_Y_LABEL_DISTANCE = 0.68  # from the axes to the middle of the y label
+_X_LABEL_DISTANCE = 0.27  # from the axes to the top of the x label
+_POWER_DISTANCE = 0.6  # from the axes to the start of their power of ten, left of the title
+
 # Larger values overflow when Matplotlib computes the range of an axis.
 MAX_DRAWABLE = 1e300
 # A column is considered constant if its range is at or below one of these limits.
@@ -89,8 +103,14 @@ def characteristic_columns(table: Columns) -> list[str]:
     return (motions or candidates)[:3]
 
 
-def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figure, list[Axes]]:
-    """Create a figure with panels over time, arranged in up to two columns.
+def create_panels(
+    number: int,
+    title: str,
+    what: str = "columns",
+    x_label: str | None = "t [s]",
+    constrained: bool = False,
+) -> tuple[Figure, list[Axes]]:
+    """Create a figure with panels, arranged in up to two columns.
 
     At most twelve panels are created. If panels are omitted, the title states the numbers.
 
@@ -102,6 +122,11 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
         Title of the figure.
     what
         Name of the panel content in the title, for example "columns".
+    x_label
+        Label below the lowest panels; None leaves space for a label below each panel.
+    constrained
+        If True, measure all texts to arrange the panels, for tick labels that may be long or
+        rotated and for color bars. This takes as long as drawing the figure.
     """
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
@@ -109,15 +134,37 @@ def create_panels(number: int, title: str, what: str = "columns") -> tuple[Figur
     requested, number = number, min(number, MAX_PANELS)
     columns = 1 if number == 1 else 2
     rows = max(math.ceil(number / columns), 1)
-    figure = Figure(figsize=(4.6 * columns + 0.6, 2.3 * rows + 1.2), layout="constrained")
-    axes = [figure.add_subplot(rows, columns, k + 1) for k in range(number)]
-    for axis in axes[-columns:]:
-        axis.set_xlabel("t [s]")
-    if not axes:
-        figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
     # Shown above the panels because legends are placed below.
     omission = [f"{number} of {requested} {what}"] if requested > number else []
-    figure.suptitle("\n".join(filter(None, [wrap_title(title), *omission])), fontsize=11)
+    heading = "\n".join(filter(None, [wrap_title(title), *omission]))
+
+    top = _MARGIN + _PANEL_TITLE_HEIGHT
+    top += _HEADING_LINE_HEIGHT * (heading.count("\n") + 1) if heading else 0.0
+    bottom = _TICK_LABELS_HEIGHT + _X_LABEL_HEIGHT + _MARGIN
+    row_gap = _PANEL_TITLE_HEIGHT + _TICK_LABELS_HEIGHT
+    row_gap += 0.0 if x_label is not None else _X_LABEL_HEIGHT
+    column_gap = _LEFT_MARGIN + _RIGHT_MARGIN
+    width = columns * (_AXES_WIDTH + column_gap)
+    height = rows * _AXES_HEIGHT + (rows - 1) * row_gap + top + bottom
+    figure = Figure(figsize=(width, height))
+    figure.set_layout_engine("constrained" if constrained else "none")
+    if not constrained:
+        figure.subplots_adjust(
+            left=_LEFT_MARGIN / width,
+            right=1.0 - _RIGHT_MARGIN / width,
+            bottom=bottom / height,
+            top=1.0 - top / height,
+            wspace=column_gap / _AXES_WIDTH,
+            hspace=row_gap / _AXES_HEIGHT,
+        )
+    axes = [figure.add_subplot(rows, columns, k + 1) for k in range(number)]
+    # The last row may have one panel; the panel above its empty place is labeled instead.
+    for axis in axes[-columns:]:
+        axis.set_xlabel(x_label or "")
+    if not axes:
+        figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
+    if heading:
+        figure.suptitle(heading, fontsize=11, y=1.0 - _MARGIN / height)
     return figure, axes
 
 
@@ -128,12 +175,20 @@ def wrap_title(title: str, line: int = _TITLE_LINE_LETTERS) -> str:
 
 def format_axis(axis: Axes, title: str, ylabel: str) -> None:
     """Set title, y label, grid and ticks of an axis."""
-    axis.set_title(title, fontsize=10)
+    from beamdae.report.pictures.tick_labels import format_ticks
+
+    is_arranged = axis.figure.get_layout_engine() is not None
+    axis.set_title(title, fontsize=10, y=None if is_arranged else 1.0)
     axis.set_ylabel(shorten_text(ylabel, MAX_LABEL_LETTERS))
+    if not is_arranged:
+        # Matplotlib would measure all tick labels to place the texts beside them.
+        width, height = axis.bbox.width / axis.figure.dpi, axis.bbox.height / axis.figure.dpi
+        axis.yaxis.set_label_coords(-_Y_LABEL_DISTANCE / width, 0.5)
+        axis.xaxis.set_label_coords(0.5, -_X_LABEL_DISTANCE / height)
+        axis.yaxis.get_offset_text().set_x(-_POWER_DISTANCE / width)
     axis.grid(color="0.9", lw=0.6)
     axis.margins(x=0.0)
-    if axis.get_yscale() == "linear":
-        axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
+    format_ticks(axis.yaxis)
     axis.tick_params(labelsize=9, which="both")
     axis.yaxis.get_offset_text().set_fontsize(9)
     axis.spines[["top", "right"]].set_visible(False)
@@ -157,7 +212,7 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
     widest = _LEGEND_LETTER_WIDTH * max(map(len, names), default=1) + _LEGEND_LINE_WIDTH
     columns = max(1, min(len(names), int(width / widest)))
     rows = math.ceil(len(names) / columns)
-    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
+    _add_space_below(figure, _LEGEND_ROW_HEIGHT * rows)
     legend = figure.legend(
         handles=[Line2D([], [], **style) for style in entries.values()],
         labels=[""] * len(names),
@@ -168,6 +223,18 @@ def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None
         handlelength=3.0,
     )
     set_legend_names(legend, names)
+
+
+def _add_space_below(figure: Figure, height: float) -> None:
+    """Increase the height of a figure [inch] and keep the sizes of its panels."""
+    before = figure.get_figheight()
+    after = before + height
+    figure.set_figheight(after)
+    if figure.get_layout_engine() is None:
+        top, bottom = figure.subplotpars.top, figure.subplotpars.bottom
+        figure.subplots_adjust(
+            top=1.0 - (1.0 - top) * before / after, bottom=(bottom * before + height) / after
+        )
 
 
 def set_legend_names(legend: Legend, names: Sequence[str]) -> None:
@@ -222,5 +289,21 @@ def save_figure(figure: Figure, path: Path) -> Path:
     with atomic_write(path) as scratch, warnings.catch_warnings():
         # Characters missing from the font are drawn as boxes; tables show them correctly.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
+        if kind == "png":
+            _write_png(figure, scratch)
+        else:
+            figure.savefig(scratch, dpi=_RESOLUTION, format=kind)
     return path
+
+
+def _write_png(figure: Figure, path: Path) -> None:
+    """Write a figure in PNG format; `Figure.savefig` would draw it twice."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas, resolution = figure.canvas, figure.dpi
+    try:
+        figure.set_dpi(_RESOLUTION)
+        FigureCanvasAgg(figure).print_png(path)
+    finally:
+        figure.set_dpi(resolution)
+        figure.set_canvas(canvas)

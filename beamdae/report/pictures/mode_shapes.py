@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
+from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count, short_repr
@@ -47,8 +47,6 @@ Array = np.ndarray
 _MAX_COLUMNS = 3
 # Largest displacement of a displayed mode, relative to the extent of the mechanism.
 _RELATIVE_AMPLITUDE = 0.12
-# Multiples of the rotational speed drawn in a Campbell diagram.
-_SPEED_MULTIPLES = (1, 2, 3, 4)
 # Width and limits of the height of a panel, and height of its title [inch].
 _PANEL_WIDTH = 3.2
 _MIN_PANEL_HEIGHT = 0.8
@@ -201,6 +199,8 @@ def animate_mode(
 def draw_campbell(diagram: Campbell) -> Plot:
     """Plot natural frequencies and multiples of the rotational speed over the rotational speed.
 
+    Circles mark the resonances where they are equal; see `Campbell.resonances`.
+
     Parameters
     ----------
     diagram
@@ -226,19 +226,34 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
             "draw_campbell: diagram must be a result of beamdae.campbell, "
             f"got {short_repr(diagram)}."
         )
-    figure = _create_figure((6.4, 4.8), f"{title}; dashed: multiples of the speed")
+    figure = _create_figure(
+        (6.4, 4.8), f"{title}; dashed: multiples of the speed, circles: resonances"
+    )
     axis = figure.add_subplot()
     order = np.argsort(diagram.speeds)
     speeds, frequencies = diagram.speeds[order], diagram.frequencies[order]
     highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
     revolutions = np.abs(speeds) / (2.0 * np.pi)
-    for multiple in _SPEED_MULTIPLES:
+    for multiple in SPEED_MULTIPLES:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
         if line[-1] <= highest:
-            axis.annotate(f" {multiple}", (speeds[-1], line[-1]), color="0.4", va="center")
+            label = (speeds[-1], line[-1])
+            axis.annotate(f" {multiple}\u00d7", label, color="0.4", va="center")
     for k, values in enumerate(frequencies.T):
-        axis.plot(speeds, values, color=COLORS[k % len(COLORS)], lw=1.4, marker=".", ms=4)
+        color = COLORS[k % len(COLORS)]
+        axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
+        label = (speeds[0], values[0])
+        axis.annotate(f"mode {k + 1}", label, (3, 3), color=color, textcoords="offset points")
+    resonances = diagram.resonances()
+    axis.plot(
+        resonances["speed [rad/s]"],
+        resonances["frequency [Hz]"],
+        "o",
+        color="0.2",
+        mfc="none",
+        ms=7,
+    )
     format_axis(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
     axis.set_xlabel("speed [rad/s]")

@@ -70,9 +70,11 @@ def plot_path(equilibrium: Equilibrium, names: Sequence[str]) -> Plot:
 def _create_path_figure(
     equilibrium: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()
 ) -> Figure:
+    from beamdae.report.pictures.tick_labels import format_ticks
+
     names = names or [c for c in varying_columns(columns) if _is_varying(equilibrium, c)]
     factors, is_unstable = equilibrium.factors.sum(axis=1), _find_unstable_segments(equilibrium)
-    figure, axes = create_panels(len(names), title)
+    figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):
         values = columns[name]
         for unstable, segments in groupby(range(len(values) - 1), is_unstable.__getitem__):
@@ -84,6 +86,7 @@ def _create_path_figure(
             axis.plot(values[point.row], factors[point.row], **_marker_style(point.kind))
         format_axis(axis, "", "load factor [-]")
         axis.margins(x=0.03)
+        format_ticks(axis.xaxis)
         axis.locator_params(axis="x", nbins=_MAX_TICKS)
         axis.set_xlabel(shorten_text(name, MAX_LABEL_LETTERS))
     entries: dict[str, dict[str, Any]] = {}
@@ -142,7 +145,7 @@ def create_response_figure(response: FrequencyResponse, title: str) -> Figure:
     """
     curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
     names = varying_columns(mask_huge_values(curves))
-    figure, axes = create_panels(len(names), title)
+    figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):
         _draw_response(axis, response, name)
     return figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -100,23 +100,30 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
         If `what` is invalid, the run has no mechanism or no beams, or strain or stress is requested
         and a section does not define its height.
     """
+    return _color_beams(name, what, _evaluate_beams(solution, times))
+
+
+class _BeamStrains(NamedTuple):
+    """Strains and strain rates (rows, sections, 3) along a beam, and the rows of the frames."""
+
+    beam: Beam
+    places: list[float]
+    strains: Array
+    rates: Array
+    frame_rows: Array
+
+
+def _color_beams(name: str, what: Any, beams: Sequence[_BeamStrains]) -> BeamColors:
     what = require_choice(name, "color", what, tuple(_QUANTITIES))
-    mechanism = solution.equations.mechanism
-    parts = [] if mechanism is None else mechanism.parts.values()
-    beams = [part for part in parts if isinstance(part, Beam)]
-    if mechanism is None or not beams:
+    if not beams:
         raise BeamdaeError(
             f"{name}: color {what!r} requires a beam, but the mechanism has none; omit color."
         )
-    all_times = np.unique(np.concatenate([times, solution.t]))
-    _, state = solution.trajectory.at(all_times)
-    sections, frame_rows = count_beam_sections(mechanism), np.searchsorted(all_times, times)
-    coordinates, values_by_beam, largest = map_coordinates(mechanism), dict[str, Array](), 0.0
-    for beam in beams:
-        columns = coordinates.slice_of(beam)
-        values = _evaluate(beam, what, sections, state.q[:, columns], state.v[:, columns])
+    values_by_beam, largest = dict[str, Array](), 0.0
+    for x in beams:
+        values = _compute_quantity(what, x)
         largest = max(largest, float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)))
-        values_by_beam[beam.name] = values[frame_rows]
+        values_by_beam[x.beam.name] = values[x.frame_rows]
     quantity = _QUANTITIES[what]
     if quantity.unit == "-":
         factor, unit = (1e-3, "10⁻³") if largest < _MAX_SMALL_STRAIN else (1.0, "-")
@@ -143,32 +150,52 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     BeamdaeError
         If `first` cannot be computed.
     """
-    colors = [] if first is None else [compute_beam_colors("animate", solution, first, times)]
+    beams = _evaluate_beams(solution, times)
+    colors = [] if first is None else [_color_beams("animate", first, beams)]
     for what in (x for x in ("stress", "M") if x != first):
         try:
-            colors.append(compute_beam_colors("animate", solution, what, times))
+            colors.append(_color_beams("animate", what, beams))
         except BeamdaeError:
             continue
     return colors
 
 
-def _evaluate(beam: Beam, what: str, sections: int, q: Array, v: Array) -> Array:
-    """Return the quantity (rows, sections) along a beam, given rows of its coordinates."""
-    places = np.linspace(0.0, beam.length, sections).tolist()
-    strain_terms = [beam.kinematics.strains(s) for s in places]
-    functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
+def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamStrains]:
+    """Return the strains of all beams at `times` and at the output times."""
+    mechanism = solution.equations.mechanism
+    parts = [] if mechanism is None else mechanism.parts.values()
+    beams = [part for part in parts if isinstance(part, Beam)]
+    if mechanism is None or not beams:
+        return []
+    all_times = np.unique(np.concatenate([times, solution.t]))
+    _, state = solution.trajectory.at(all_times)
+    sections, frame_rows = count_beam_sections(mechanism), np.searchsorted(all_times, times)
+    coordinates = map_coordinates(mechanism)
     rows = max(MAX_EVALUATIONS // sections, 1)
-    strains_rates = np.concatenate(
-        [
-            evaluate_sections(
-                strains_and_rates, functions, *(x[k : k + rows] for x in (q, v, 0.0 * q))
-            )
-            for k in range(0, len(q), rows)
-        ]
-    )
+    strains = []
+    for beam in beams:
+        columns = coordinates.slice_of(beam)
+        q, v = state.q[:, columns], state.v[:, columns]
+        places = np.linspace(0.0, beam.length, sections).tolist()
+        strain_terms = [beam.kinematics.strains(s) for s in places]
+        functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
+        values = np.concatenate(
+            [
+                evaluate_sections(
+                    strains_and_rates, functions, *(x[k : k + rows] for x in (q, v, 0.0 * q))
+                )
+                for k in range(0, len(q), rows)
+            ]
+        )
+        strains.append(_BeamStrains(beam, places, values[..., :3], values[..., 3:], frame_rows))
+    return strains
+
+
+def _compute_quantity(what: str, beam_strains: _BeamStrains) -> Array:
+    """Return the quantity (rows, sections) along a beam."""
+    beam, places, strains, rates, _ = beam_strains
     local = [beam.section.at(s) for s in places]
     damping = np.array([x.damping for x in local])[:, None]
-    strains, rates = strains_rates[..., :3], strains_rates[..., 3:]
     strains = strains + (0.0 if what == "strain" else damping * rates)
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)

@@ -283,6 +283,21 @@ def peaks_table(parameter: str, peaks: Iterable[Mapping[str, Any]]) -> Responsiv
     return ResponsiveTable("peak of", columns, rows, "--json")
 
 
+def estimates_table(table: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of estimates and their 95 % intervals, given `Fit.table()`."""
+    columns = [
+        Column("value"),
+        Column("standard\ndeviation"),
+        Column("lower\n95 %", 1),
+        Column("upper\n95 %", 1),
+    ]
+    rows = [
+        (str(name), *(format_number(x, 5 if k != 1 else 2) for k, x in enumerate(row)))
+        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
+    ]
+    return ResponsiveTable("estimate of", columns, rows, "the CSV file")
+
+
 def modes_table(table: pd.DataFrame) -> ResponsiveTable:
     """Return a table of frequencies, damping and moving parts, given `Modes.table()`."""
     columns = [

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
+from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -25,6 +26,9 @@ _ERROR_AFTER_HALVING = 0.2
 # off by tens of percent for any material; beyond, the axis may even be inverted.
 MAX_UNREPORTED_STRAIN = 0.5
 _SAMPLE_COUNT = 400  # number of times at which beams are checked
+# Above this size of the sampled positions [bytes], freed memory is returned to the system. It is
+# three times as large.
+_MAX_RETAINED_BYTES = 5e7
 _DEFECT_SAMPLE_COUNT = 16  # times of the largest rotations at which exact strains are evaluated
 
 # Error of deflections over the relative change of the deformation by exact strains. The error grows
@@ -95,7 +99,10 @@ def measure_beam_ranges_of_run(
     if not equations.ranges:
         return ()
     q = sample_positions(trajectory)
-    return tuple(_beam_range(term, q, _estimate_error_of_run) for term in equations.ranges)
+    ranges = tuple(_beam_range(term, q, _estimate_error_of_run) for term in equations.ranges)
+    if q.nbytes > _MAX_RETAINED_BYTES:
+        release_freed_memory()
+    return ranges
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
@@ -107,7 +114,7 @@ def sample_positions(trajectory: Trajectory) -> Array:
     """Return the coordinates (k, n) at the times of a run at which strains are checked."""
     # Sampled at equally spaced times because the steps of Radau may be too long.
     times = np.linspace(trajectory.intervals[0].t[0], trajectory.end, _SAMPLE_COUNT)
-    return trajectory.at(np.unique(times))[1].q
+    return trajectory.positions_at(np.unique(times))
 
 
 def strain_warnings(
@@ -150,24 +157,26 @@ def _beam_range(
 
 
 def _estimate_error_of_run(term: RangeTerm, q: Array) -> float:
-    oscillations = count_oscillations(term.rotations(q))
-    factor = _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * oscillations
-    return factor * relative_change_by_exact_strains(term, q)
+    rotations = term.rotations(q)
+    factor = _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
+    return factor * relative_change_by_exact_strains(term, q, rotations)
 
 
 def _estimate_error_of_equilibria(term: RangeTerm, q: Array) -> float:
     return _ERROR_OF_EQUILIBRIUM * relative_change_by_exact_strains(term, q)
 
 
-def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
+def relative_change_by_exact_strains(
+    term: RangeTerm, q: Array, rotations: Array | None = None
+) -> float:
     """Return the change of the deformation with exact strains / the largest deformation [-].
 
     The beam is considered alone, under unchanged loads; see `RangeTerm.deformation_changes`. The
     result is the larger of the ratios for displacements and for rotations, because under bending
-    moments only the displacements change.
+    moments only the displacements change. `rotations` defaults to `term.rotations(q)`.
     """
-    rotations = np.max(np.abs(term.rotations(q)), axis=1)
-    samples = np.argsort(rotations)[-_DEFECT_SAMPLE_COUNT:]
+    rotations = term.rotations(q) if rotations is None else rotations
+    samples = np.argsort(np.max(np.abs(rotations), axis=1))[-_DEFECT_SAMPLE_COUNT:]
     deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(q[samples]))
     deformed = deformations > 0.0
     return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))

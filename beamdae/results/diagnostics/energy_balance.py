@@ -80,7 +80,7 @@ class EnergyLedger:
     Attributes
     ----------
     trajectory
-        The run.
+        The run, without states if only some of its steps are stored.
     length
         Length of the mechanism [m].
     energies, powers, norms
@@ -110,10 +110,13 @@ class EnergyLedger:
             active = equations if configuration is None else configuration.equations
             if configuration is not None:
                 state = state._replace(lam=configuration.select_multipliers(state.lam))
-            if id(active) not in functions:
-                functions[id(active)] = measures.balance_rows(active)
-            values = np.split(functions[id(active)](interval.times, *state), [3, 6], axis=1)
-            energies, powers, norms = map(np.ascontiguousarray, values)
+            if interval.record is not None:
+                values = interval.record.values
+            else:
+                if id(active) not in functions:
+                    functions[id(active)] = measures.balance_rows(active)
+                values = functions[id(active)](interval.times, *state)
+            energies, powers, norms = map(np.ascontiguousarray, np.split(values, [3, 6], axis=1))
             if rows:
                 jump = energies[0] - rows[-1][0][-1]
                 if configuration is previous:
@@ -125,10 +128,11 @@ class EnergyLedger:
                     work = work - np.array([0.0, 0.0, jump.sum()])
             previous = configuration
             rows.append((energies, powers, norms))
-            works.append(work + interval.integrate_to_steps(powers))
+            works.append(work + interval.grid.integrate_to_steps(powers))
             work = works[-1][-1]
         all_energies, all_powers, all_norms = zip(*rows, strict=True)
-        return cls(trajectory, equations.length, all_energies, all_powers, all_norms, tuple(works))
+        steps = Trajectory(tuple(interval.grid for interval in trajectory.intervals))
+        return cls(steps, equations.length, all_energies, all_powers, all_norms, tuple(works))
 
     def at(self, times: Array) -> Array:
         """Return the ledger (k, 7) at ascending times (k,) [s].

@@ -99,6 +99,7 @@ def recover_section_forces(
             f"{beam.name}: t must contain ascending times of the run ({first:g} to "
             f"{last:g} s), got {short_repr(t)}."
         )
+    trajectory.warn_between_rows(beam.name, times)
     if s is None:
         branch_times, state = trajectory.at(times)
         groups = _group_rows(trajectory, times)

@@ -26,6 +26,7 @@ from beamdae.errors import (
     path_as_text,
     short_repr,
 )
+from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Status
 
 if TYPE_CHECKING:
@@ -132,6 +133,18 @@ def _quote_cell(value: Any) -> str:
     # The writer needs the line terminator to quote cells that contain it.
     csv.writer(cell, lineterminator=os.linesep).writerow([value])
     return cell.getvalue().removesuffix(os.linesep)
+
+
+def write_escaped_table(path: str | Path, table: pd.DataFrame) -> Path:
+    """Write a table to the CSV file of a method `to_csv` and return the path; see `escape_table`.
+
+    Raises
+    ------
+    BeamdaeError
+        If the path is invalid or the file cannot be written.
+    """
+    text = escape_table(table).to_csv(index=False, lineterminator="\n")
+    return write_text(require_file_path("to_csv", path), text)
 
 
 def escape_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -311,12 +324,5 @@ def versions() -> dict[str, str]:
 
     The version of a package that is missing is "not installed".
     """
-    from importlib.metadata import PackageNotFoundError, version
-
-    installed = {}
-    for name in ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy"):
-        try:
-            installed[name] = version(name)
-        except PackageNotFoundError:
-            installed[name] = _NOT_INSTALLED
-    return installed
+    names = ("beamdae", "casadi", "scikit-sundae", "numpy", "scipy")
+    return {name: installed_version(name) or _NOT_INSTALLED for name in names}

@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.equations.assembly.configurations import Configuration
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, State
+from beamdae.equations.measures import N_BALANCE_VALUES
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.event_records import DOWN, UP, EventRecord
@@ -33,7 +34,7 @@ from beamdae.results.storage.schema import (
     start_value,
     text,
 )
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
 Array = np.ndarray
 
@@ -69,7 +70,8 @@ PLAIN = record(
         "begun": sequence(text),
         "start": optional(record({"told": text, "moves": flag})),
         "versions": mapping(text),
-    }
+    },
+    {"recorded": sequence(integer(0, _MAX_STAGES))},
 )
 
 
@@ -80,7 +82,7 @@ class PackedRun(NamedTuple):
     ----------
     arrays
         Output times, nodes of all intervals and the states there, times and states of the events,
-        and the start.
+        the start, and the `StepRecord` of long runs.
     plain
         The remaining data as JSON-compatible values.
     """
@@ -117,6 +119,17 @@ def pack_run(run: RunData) -> PackedRun:
         "versions": run.versions,
         "start": None,
     }
+    step_records = [interval.record for interval in intervals]
+    if any(step_records):
+        # Nodes per step; 0 for intervals that store all steps.
+        plain["recorded"] = [0 if x is None else x.nodes_per_step for x in step_records]
+        present = [x for x in step_records if x is not None]
+        sizes_of_records = (0 if x is None else len(x.nodes) for x in step_records)
+        arrays |= {
+            "record ends": np.cumsum([0, *sizes_of_records]),
+            "record nodes": np.concatenate([x.nodes for x in present]),
+            "record values": np.concatenate([x.values for x in present]),
+        }
     if e.start is not None:
         arrays |= {"start q": e.start.q, "start v": e.start.v}
         plain["start"] = {"told": e.start.description, "moves": e.start.moves}
@@ -188,16 +201,32 @@ def unpack_trajectory(packed: PackedRun, equations: EquationsOfMotion | None = N
                 float(branch),
                 nodes_per_step,
                 None if equations is None else _unpack_configuration(equations, active),
+                step_record,
             )
-            for (first, last), branch, nodes_per_step, active in zip(
+            for (first, last), branch, nodes_per_step, active, step_record in zip(
                 pairwise(arrays["ends"].tolist()),
                 arrays["branches"],
                 plain["per step"],
                 plain["active"],
+                _unpack_step_records(packed),
                 strict=True,
             )
         )
     )
+
+
+def _unpack_step_records(packed: PackedRun) -> list[StepRecord | None]:
+    arrays, plain = packed
+    if "recorded" not in plain:
+        return [None] * len(plain["active"])
+    return [
+        StepRecord(arrays["record nodes"][first:last], arrays["record values"][first:last], count)
+        if count
+        else None
+        for (first, last), count in zip(
+            pairwise(arrays["record ends"].tolist()), plain["recorded"], strict=True
+        )
+    ]
 
 
 def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
@@ -214,6 +243,12 @@ def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
     }
     if plain["start"] is not None:
         rules |= {"start q": ArrayRule(("n",)), "start v": ArrayRule(("n",))}
+    if "recorded" in plain:
+        rules |= {
+            "record ends": ArrayRule((intervals + 1,), "i"),
+            "record nodes": ArrayRule(("record nodes",)),
+            "record values": ArrayRule(("record nodes", N_BALANCE_VALUES), finite=False),
+        }
     for prefix, rows in (("", "nodes"), ("event ", events)):
         rules |= {f"{prefix}{name}": ArrayRule((rows, "n")) for name in ("q", "v", "a")}
         rules[f"{prefix}lam"] = ArrayRule((rows, "m"))
@@ -242,12 +277,31 @@ def require_consistent(packed: PackedRun) -> None:
         raise FieldError("must ascend within each interval and continue the previous one", "nodes")
     if (((np.diff(ends) - 1) % np.array(plain["per step"])) != 0).any():
         raise FieldError("must divide the number of nodes after the first", "per step")
+    if "recorded" in plain:
+        _require_consistent_records(arrays, plain)
     rounding = SAME_TIME * abs(nodes[-1])
     for name, times in (("t", t), ("event times", arrays["event times"][:, 0])):
         if len(times) and not (
             nodes[0] - rounding <= times.min() and times.max() <= nodes[-1] + rounding
         ):
             raise FieldError(f"must lie within the run, {nodes[0]:g} to {nodes[-1]:g} s", name)
+
+
+def _require_consistent_records(arrays: dict[str, Array], plain: dict[str, Any]) -> None:
+    """Raise FieldError unless the records of steps belong to the intervals."""
+    ends, record_ends, nodes = (arrays[x] for x in ("ends", "record ends", "record nodes"))
+    require_equal("recorded", len(plain["recorded"]), "the number of intervals", len(ends) - 1)
+    if record_ends[0] != 0 or record_ends[-1] != len(nodes) or (np.diff(record_ends) < 0).any():
+        raise FieldError(f"must ascend from 0 to {len(nodes)}", "record ends")
+    for k, count in enumerate(plain["recorded"]):
+        t = nodes[record_ends[k] : record_ends[k + 1]]
+        if not count and not len(t):
+            continue
+        stored = arrays["nodes"][ends[k] : ends[k + 1]]
+        if not (count and len(t) and (np.diff(t) > 0.0).all() and (len(t) - 1) % count == 0):
+            raise FieldError("must ascend and contain complete steps", "record nodes")
+        if t[0] != stored[0] or t[-1] != stored[-1]:
+            raise FieldError("must cover the interval", "record nodes")
 
 
 def _stack_states(

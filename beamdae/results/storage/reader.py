@@ -121,7 +121,10 @@ def _require_regular(mode: int) -> None:
 def _open_bounded(path: Path, kind: FileKind, most: int) -> Iterator[tuple[BinaryIO, int]]:
     """Yield the file and its size [bytes], at most `most`."""
     if not is_valid_path(str(path)):
-        raise BeamdaeError(f"path: {short_repr(str(path))} is not a valid file name.")
+        raise BeamdaeError(
+            f"path: {short_repr(str(path))} is not a valid file name; use at most 4096 "
+            "printable characters."
+        )
     try:
         with open_regular_file(path) as stream:
             size = os.fstat(stream.fileno()).st_size

@@ -146,7 +146,7 @@ def _build_equations(task: Task) -> _BuiltEquations:
 @lru_cache(maxsize=1)
 def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
     with record_file_reads() as reads:
-        equations = as_equations("study", key.case.model(**key.case.parameters))
+        equations = as_equations("study", key.case.model(**key.case.parameters), sampled=True)
     return _BuiltEquations(equations, reads)
 
 

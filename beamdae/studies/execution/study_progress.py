@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamdae.errors import call_progress
 from beamdae.studies.tasks import Outcome, Task
 
 # Expected number of steps: 300 (1e-3 / rtol)^0.25. In the table of runs in the README, the number
@@ -94,7 +95,7 @@ class ProgressCounter:
             last_label=last_label,
             remaining_time=self._estimator.remaining_time,
         )
-        self._report_progress(progress)
+        call_progress(self._report_progress, progress)
 
 
 class TimeEstimator:

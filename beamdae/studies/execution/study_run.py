@@ -11,8 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning
-from beamdae.interrupts import DeferredInterrupts, acknowledge
+from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, ProgressError
+from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
 from beamdae.results.outcome import Status
@@ -221,6 +221,8 @@ def run_study(
     BeamdaeError
         If the folder cannot be written, another process runs a study in the folder, or the model of
         the first case does not observe one of the columns of the study.
+    Exception
+        Any exception of `progress`, with the results so far as the attribute `partial`.
 
     Warns
     -----
@@ -237,10 +239,18 @@ def run_study(
         notes, outcomes = _load_stored_outcomes(plan, store, interrupts)
         for sentence in notes:
             warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
-        interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)
+        interrupted, progress_error = False, None
+        try:
+            interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)
+        except ProgressError as error:
+            progress_error = error.problem
         results = _evaluate_outcomes(plan, folder, outcomes, notes)
         _write_tables(results)
-        return replace(results, interrupted=interrupted or interrupts.received)
+        results = replace(results, interrupted=interrupted or interrupts.received)
+        if progress_error is not None:
+            attach_partial(progress_error, results)
+            raise progress_error
+        return results
 
 
 def _load_stored_outcomes(

@@ -27,6 +27,7 @@ from beamdae.results.storage.schema import (
     sequence,
     text,
 )
+from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.run_values import (
     COUNT_COLUMNS,
     EVENTS_COLUMN,
@@ -41,7 +42,7 @@ from beamdae.studies.run_values import (
     is_event_time,
     is_output,
 )
-from beamdae.studies.store.trajectory_csv import parse_trajectory
+from beamdae.studies.store.trajectory_csv import parse_trajectory, read_times
 from beamdae.studies.tasks import Limits
 
 _ROUNDING_OF_TIMES = 1e-9  # relative difference of the end time and the last row
@@ -129,7 +130,12 @@ _OUTCOME = record(
     {
         "status": record({"kind": choice(*get_args(Kind)), "sentence": text}),
         "values": _check_values,
-        "rows": optional(record({"sha256": text, "columns": sequence(column_name)})),
+        "rows": optional(
+            record(
+                {"sha256": text, "columns": sequence(column_name)},
+                {"measures": mapping(sequence(number(finite=False), [len(MEASURES)]))},
+            )
+        ),
         "frames": optional(_check_frames),
         "read": mapping(optional(text)),
         "limits": record({f.name: number(0.0, optional=True) for f in fields(Limits)}),
@@ -148,20 +154,20 @@ def check_outcome(content: Any) -> None:
         raise FieldError("must be different names", "columns", "rows")
 
 
-def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
-    """Return the trajectory of a record.
+def check_rows(text: bytes, content: dict[str, Any]) -> None:
+    """Check the layout and the times of the trajectory of a record.
 
     Raises
     ------
     FieldError
-        If the columns differ from the record, a cell is neither a number nor empty, or the times do
-        not ascend from 0 to the end time in the record. An unsuccessful run may end earlier.
+        If the columns differ from the record, a cell contains characters that do not occur in
+        numbers, or the times do not ascend from 0 to the end time in the record. An unsuccessful
+        run may end earlier.
     """
     try:
-        table = parse_trajectory(text, TIME, content["rows"]["columns"])
+        times = read_times(text, TIME, content["rows"]["columns"])
     except ValueError as problem:
         raise FieldError(str(problem)) from None
-    times = table.index.to_numpy()
     if not (len(times) and np.isfinite(times).all() and times[0] == 0.0):
         raise FieldError("must contain finite times that begin with 0", TIME)
     require_ascending(TIME, times)
@@ -172,4 +178,17 @@ def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
             raise FieldError(
                 f"must end at {reached:g} s as in the record, got {times[-1]:g} s", TIME
             )
-    return table
+
+
+def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
+    """Return the trajectory of a record.
+
+    Raises
+    ------
+    FieldError
+        If the columns differ from the record, or a cell is neither a number nor empty.
+    """
+    try:
+        return parse_trajectory(text, TIME, content["rows"]["columns"])
+    except ValueError as problem:
+        raise FieldError(str(problem)) from None

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
@@ -27,9 +29,9 @@ from beamdae.results.storage.reader import (
 )
 from beamdae.results.storage.schema import anything, choice, record, text
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.store.record_rules import check_outcome, parse_rows
+from beamdae.studies.store.record_rules import check_outcome, check_rows, parse_rows
 from beamdae.studies.store.trajectory_csv import format_trajectory
-from beamdae.studies.tasks import Outcome, Task
+from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table
 
 _FORMAT = 3
 _KIND = FileKind("record", "run the case again")
@@ -70,7 +72,7 @@ class Store:
         BeamdaeError
             If a file cannot be written. Existing files are not damaged.
         """
-        rows, table = None, outcome.table
+        rows, table = None, shared_table(outcome)
         if table is not None:
             text = outcome.text or format_trajectory(table)
             write_bytes(self.rows_path(task), text)
@@ -79,6 +81,8 @@ class Store:
                 "sha256": hashlib.sha256(text).hexdigest(),
                 # The CSV file escapes some headers.
                 "columns": [str(c) for c in table],
+                # Tables and plots of large studies need only these numbers.
+                "measures": shared_measures(outcome),
             }
             outcome = replace(outcome, file=self.trajectory_path(task).name)
         content = {
@@ -123,16 +127,17 @@ class Store:
             content = self._load_content(task)
             if content is None or not _is_usable(task, content):
                 return None, ""
-            table = None if content["rows"] is None else self._load_rows(task, content)
+            rows = None if content["rows"] is None else self._read_rows(task, content)
         except FileContentError as problem:
             return None, f"{problem.path.name}: {problem.problem}"
         outcome = Outcome(
             Status(**content["status"]),
             content["values"],
-            table,
+            rows,
             content["frames"],
             content["read"],
-            "" if table is None else self.trajectory_path(task).name,
+            "" if rows is None else self.trajectory_path(task).name,
+            _measures={} if rows is None else content["rows"].get("measures"),
         )
         return outcome, ""
 
@@ -148,16 +153,20 @@ class Store:
         require_content(path, _KIND, check_outcome, content)
         return dict(content)
 
-    def _load_rows(self, task: Task, content: dict[str, Any]) -> pd.DataFrame:
-        """Return the trajectory of a task, and restore its file with the readable name."""
-        path, rows = self.rows_path(task), content["rows"]
+    def _read_rows(self, task: Task, content: dict[str, Any]) -> Callable[[], pd.DataFrame]:
+        """Check the trajectory of a task, and restore its file with the readable name.
+
+        Return a function that parses the checked text, because most tables of large studies are not
+        used, and the file may change later.
+        """
+        path = self.rows_path(task)
         csv_text = read_bytes(path, _TRAJECTORY)
-        if hashlib.sha256(csv_text).hexdigest() != rows["sha256"]:
+        if hashlib.sha256(csv_text).hexdigest() != content["rows"]["sha256"]:
             raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
         with translate_field_errors(path, _TRAJECTORY):
-            table = parse_rows(csv_text, content)
+            check_rows(csv_text, content)
         self._link_trajectory(task, csv_text)
-        return table
+        return partial(_parse_rows, path, csv_text, content)
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
         source, path = self.rows_path(task), self.trajectory_path(task)
@@ -179,6 +188,11 @@ class Store:
         """Remove unfinished files left by processes that have ended."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             remove_stale_scratch_files(folder)
+
+
+def _parse_rows(path: Path, csv_text: bytes, content: dict[str, Any]) -> pd.DataFrame:
+    with translate_field_errors(path, _TRAJECTORY):
+        return parse_rows(csv_text, content)
 
 
 def _is_usable(task: Task, content: dict[str, Any]) -> bool:

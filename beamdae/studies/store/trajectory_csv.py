@@ -11,29 +11,67 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.storage.files import escape_cell
+from beamdae.results.storage.number_text import format_rows
 
 _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
+_NUMBER_CHARACTERS = b"0123456789+-.eEnaif,\n"  # and separators
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
     """Return a table of floats as CSV text in UTF-8.
 
     Except for escaped headers (see `escape_cell`), the result equals the output of
-    `DataFrame.to_csv`, which takes twice as long.
+    `DataFrame.to_csv`, which takes ten times as long.
     """
-    text = io.StringIO()
-    text.write(_format_headers(str(table.index.name), [str(c) for c in table]))
-    rows = np.column_stack([table.index, table]).astype(float).tolist()
-    numbers = repr(rows)[2:-2].replace("], [", "\n").replace(", ", ",").replace("nan", "")
-    if rows:
-        text.write(f"{numbers}\n")
-    return text.getvalue().encode(errors="replace")
+    headers = _format_headers(str(table.index.name), [str(c) for c in table])
+    rows = np.column_stack([table.index, table]).astype(float)
+    return (headers + format_rows(rows)).encode(errors="replace")
 
 
 def _format_headers(index: str, columns: Sequence[str]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([index, *map(escape_cell, columns)])
     return text.getvalue()
+
+
+def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray:
+    """Check the layout of a table written by `format_trajectory` and return its times.
+
+    This takes a fifth of the time of `parse_trajectory`, which also converts the other columns.
+
+    Parameters
+    ----------
+    content
+        Content of the file.
+    index, columns
+        Expected headers of the times and of the other columns, not escaped.
+
+    Raises
+    ------
+    ValueError
+        If the headers differ, the rows do not have one cell per column, or a cell contains
+        characters that do not occur in numbers.
+    """
+    body = _require_body(content, index, columns)
+    if body.translate(None, _NUMBER_CHARACTERS):
+        raise ValueError("contains cells that are not numbers")
+    cells = [row.partition(b",")[0] for row in body.splitlines()]
+    try:
+        return np.array([float(cell or b"nan") for cell in cells])
+    except ValueError:
+        raise ValueError("contains cells that are not numbers") from None
+
+
+def _require_body(content: bytes, index: str, columns: Sequence[str]) -> bytes:
+    headers = _format_headers(index, columns).encode(errors="replace")
+    if not content.startswith(headers):
+        raise ValueError("does not begin with the headers of the record")
+    body = content[len(headers) :]
+    separators = (b"," * len(columns) + b"\n") * body.count(b"\n")
+    is_complete = not body or body.endswith(b"\n")
+    if body.translate(None, _NOT_SEPARATORS) != separators or not is_complete:
+        raise ValueError("does not have one cell per column in each row")
+    return body
 
 
 def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.DataFrame:
@@ -51,13 +89,8 @@ def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.D
     ValueError
         If the headers differ, or the rows do not have one number or empty cell per column.
     """
-    headers = _format_headers(index, columns).encode(errors="replace")
-    if not content.startswith(headers):
-        raise ValueError("does not begin with the headers of the record")
-    body = content[len(headers) :]
+    body = _require_body(content, index, columns)
     rows = body.count(b"\n")
-    if body.translate(None, _NOT_SEPARATORS) != (b"," * len(columns) + b"\n") * rows:
-        raise ValueError("does not have one cell per column in each row")
     # Empty cells are nan; a second replacement is needed for neighbors.
     cells = b"," + body.replace(b"\n", b",")
     if b",," in cells:
@@ -70,7 +103,7 @@ def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.D
             numbers = np.fromstring(cells[1:-1], sep=",")
         except (ValueError, DeprecationWarning):
             raise ValueError("contains cells that are not numbers") from None
-    if len(numbers) != rows * (1 + len(columns)) or (rows and not body.endswith(b"\n")):
+    if len(numbers) != rows * (1 + len(columns)):
         raise ValueError("contains cells that are not numbers")
     numbers = numbers.reshape(rows, 1 + len(columns))
     times = pd.Index(numbers[:, 0], name=index)

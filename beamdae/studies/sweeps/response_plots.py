@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _MAX_LEGEND_CURVES = 24
+_MAX_MARKERS = 200  # of a curve; more hide the line, and each is an element of the SVG file
 _MIN_MAP_COVERAGE = 0.5  # fraction of all pairs of values; below it, dots replace cells
 _FAILURE_STYLE: dict[str, Any] = {
     "marker": "x",
@@ -148,7 +149,10 @@ def list_response_plots(
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
     figure = draw().figure
-    return [figures.save_figure(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
+    picture = figures.save_figure(figure, path.with_suffix(".png"))
+    # The layout takes as long as drawing: the second file uses that of the first.
+    figure.set_layout_engine(None)
+    return [picture, figures.save_figure(figure, path.with_suffix(".svg"))]
 
 
 def plot_curves(
@@ -176,7 +180,7 @@ def plot_curves(
     )
     styles = _create_styles(labels, graded)
     failed = (table[STATUS] != "ok").to_numpy()
-    figure, axes = figures.create_panels(len(panels), "")
+    figure, axes = figures.create_panels(len(panels), "", constrained=True)
     for axis, panel in zip(axes, panels, strict=False):
         for group, rows in groups.items():
             for measure, column in panel.lines.items():
@@ -222,6 +226,10 @@ def _draw_curve(
     options: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.4} | style
     if scale.labels:
         options |= {"ls": "none", "ms": 6}
+    elif len(rows) > _MAX_MARKERS:
+        # Points without neighbors would be invisible.
+        gaps = np.isnan(np.concatenate([[np.nan], heights, [np.nan]]))
+        options["markevery"] = np.flatnonzero(~gaps[1:-1] & gaps[:-2] & gaps[2:]).tolist()
     axis.plot(scale.positions[rows], heights, **options)
 
 
@@ -277,7 +285,7 @@ def plot_maps(
         )
     vertical = ParameterScale.of(table, other)
     panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
-    figure, axes = figures.create_panels(len(panels), "")
+    figure, axes = figures.create_panels(len(panels), "", constrained=True)
     for axis, panel in zip(axes, panels, strict=False):
         (column,) = panel.lines.values()
         figures.format_axis(axis, shorten_text(panel.title, figures.MAX_LABEL_LETTERS), "")

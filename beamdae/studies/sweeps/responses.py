@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from beamdae.results.columns import (
     select_columns,
     select_observed_columns,
 )
+from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.execution.study_run import StudyResults
 from beamdae.studies.run_values import WALL_TIME_COLUMN, format_output_column
 from beamdae.studies.sweeps.parameter_study import (
@@ -33,25 +34,9 @@ from beamdae.studies.sweeps.parameter_study import (
     format_setting,
     parameter_column,
 )
-from beamdae.studies.tasks import Outcome
+from beamdae.studies.tasks import Outcome, shared_measures, shared_table
 
 Array = np.ndarray
-
-
-def _time_average(t: Array, x: Array) -> float:
-    """Return the average of `x` over the time `t` by the trapezoidal rule."""
-    if len(t) < 2:
-        return float(x[0])
-    return float(np.sum(0.5 * (x[1:] + x[:-1]) * np.diff(t)) / (t[-1] - t[0]))
-
-
-# Measures of an observed column, as functions of its times and values.
-MEASURES: Mapping[str, Callable[[Array, Array], float]] = {
-    "end": lambda t, x: float(x[-1]),
-    "max": lambda t, x: float(x.max()),
-    "min": lambda t, x: float(x.min()),
-    "RMS": lambda t, x: float(np.sqrt(_time_average(t, x**2))),
-}
 
 
 def measure_columns(header: str) -> dict[str, str]:
@@ -70,8 +55,8 @@ def select_headers(results: StudyResults, study: ParameterStudy) -> list[str]:
     BeamdaeError
         If runs have observed columns, but the study selects a column that no run has.
     """
-    tables = [results.outcome(case).table for case in study.cases]
-    headers = dict.fromkeys(c for x in tables if x is not None for c in observed_columns(x))
+    measures = [shared_measures(results.outcome(case)) for case in study.cases]
+    headers = dict.fromkeys(header for by_column in measures for header in by_column)
     if not study.columns or not headers:
         return list(headers)
     return select_observed_columns(study.name, study.columns, list(headers))
@@ -83,6 +68,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
     Measures are NaN for unsuccessful runs and for columns that a run does not observe.
     """
     headers = select_headers(results, study)
+    measures = [column for header in headers for column in measure_columns(header).values()]
     rows = []
     for case, setting in zip(study.cases, study.settings, strict=True):
         outcome = results.outcome(case)
@@ -91,7 +77,7 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
         row = {
             **{parameter_column(name): value for name, value in setting.items()},
             STATUS: status.kind,
-            **_measure_run(outcome, headers),
+            **dict(zip(measures, _measure_run(outcome, headers), strict=True)),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
             WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
             REASON: "" if status.success else status.sentence,
@@ -104,17 +90,11 @@ def tabulate_responses(results: StudyResults, study: ParameterStudy) -> pd.DataF
     return table[[*first, *(c for c in table if c not in first)]]
 
 
-def _measure_run(outcome: Outcome, headers: list[str]) -> dict[str, float]:
-    table = outcome.table if outcome.status.success else None
-    values: dict[str, float] = {}
-    for header in headers:
-        columns = measure_columns(header)
-        if table is None or header not in table:
-            values |= dict.fromkeys(columns.values(), np.nan)
-            continue
-        t, x = table.index.to_numpy(float), table[header].to_numpy(float)
-        values |= {column: MEASURES[name](t, x) for name, column in columns.items()}
-    return values
+def _measure_run(outcome: Outcome, headers: list[str]) -> list[float]:
+    """Return all measures of each observed column; NaN if the run or the column is missing."""
+    measures = shared_measures(outcome) if outcome.status.success else {}
+    missing = [np.nan] * len(MEASURES)
+    return [value for header in headers for value in measures.get(header, missing)]
 
 
 def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[str]:
@@ -129,9 +109,11 @@ def select_characteristic(results: StudyResults, study: ParameterStudy) -> list[
     headers = select_headers(results, study)
     if study.columns or not headers:
         return headers
-    outcomes = [results.outcome(case) for case in study.cases]
-    tables = [x.table for x in outcomes if x.table is not None and x.status.success]
-    return characteristic_columns(tables[0][observed_columns(tables[0])]) if tables else []
+    for outcome in map(results.outcome, study.cases):
+        table = shared_table(outcome)
+        if table is not None and outcome.status.success:
+            return characteristic_columns(table[observed_columns(table)])
+    return []
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,22 @@ from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     as_real,
-    format_exception,
     is_valid_path,
     path_as_text,
     require_choice,
     require_positive,
+    require_progress,
     short_repr,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
-from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    attach_partial,
+    interruptible,
+)
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as create_model
 from beamdae.read_only import read_only_data
@@ -32,7 +38,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.definition import call_definition
 from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
-from beamdae.studies.execution.study_run import run_study
+from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
     Output,
@@ -87,10 +93,11 @@ class Sweep(ParameterStudy):
         Raises
         ------
         BeamdaeError
-            If an argument is invalid, a column does not exist, `folder` cannot be written, or
-            `progress` fails.
+            If an argument is invalid, a column does not exist, or `folder` cannot be written.
         Interrupted
             If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far.
+        Exception
+            Any exception of `progress`, with the results so far as the attribute `partial`.
 
         Warns
         -----
@@ -99,18 +106,21 @@ class Sweep(ParameterStudy):
         """
         require_choice(self.name, "partial", partial, PARTIAL_RESULTS)
         serial = scheduler is None and as_real(jobs) == 1.0
-        report_progress = _guard_progress(self.name, progress)
-        path = None if folder is None else _require_folder(self.name, folder)
+        require_progress(self.name, progress)
+        path = None if folder is None else require_folder(self.name, folder)
         # A connection to a scheduler is closed by `run_study`.
         executor = SerialPool() if serial else create_executor(self.name, "", jobs, scheduler)
-        if path is None:
-            with TemporaryDirectory(prefix="beamdae-") as scratch:
-                results = run_study(self, Path(scratch), executor, report_progress)
-            swept = create_sweep_results(results)
-            swept = replace(swept, table=swept.table.drop(columns=TRAJECTORY))
-        else:
-            swept = create_sweep_results(run_study(self, path, executor, report_progress))
-            swept.to_csv(path / TABLE_FILE)
+        try:
+            if path is None:
+                with TemporaryDirectory(prefix="beamdae-") as scratch:
+                    results = run_study(self, Path(scratch), executor, progress)
+            else:
+                results = run_study(self, path, executor, progress)
+        except Exception as problem:
+            if isinstance(so_far := getattr(problem, "partial", None), StudyResults):
+                attach_partial(problem, _create_results(so_far, path))
+            raise
+        swept = _create_results(results, path)
         if swept.interrupted and partial == "raise":
             raise Interrupted("interrupted", swept, "run")
         for sentence in list_warnings(swept):
@@ -120,25 +130,17 @@ class Sweep(ParameterStudy):
     __call__ = run
 
 
-def _guard_progress(part: str, progress: Any) -> Callable[[StudyProgress], None] | None:
-    """Return a function that calls the user's `progress` and reports its exceptions as errors."""
-    if progress is None:
-        return None
-    if not callable(progress):
-        raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
-
-    def report_progress(status: StudyProgress) -> None:
-        try:
-            progress(status)
-        except Exception as problem:
-            raise BeamdaeError(
-                f"{part}: progress failed: {format_exception(problem)}."
-            ) from problem
-
-    return report_progress
+def _create_results(results: StudyResults, folder: Path | None) -> SweepResults:
+    """Return the results of a sweep, whose table is written to `folder`."""
+    swept = create_sweep_results(results)
+    if folder is None:
+        return replace(swept, table=swept.table.drop(columns=TRAJECTORY))
+    swept.to_csv(folder / TABLE_FILE)
+    return swept
 
 
-def _require_folder(part: str, folder: Any) -> Path:
+def require_folder(part: str, folder: Any) -> Path:
+    """Return the path of a results folder; messages begin with `part`."""
     text = path_as_text(folder)
     if text is None or not is_valid_path(text) or not text.strip():
         raise BeamdaeError(
@@ -284,11 +286,13 @@ def sweep(
     ------
     BeamdaeError
         If an argument is invalid, a parameter is unknown, has no values or values of the wrong
-        type, a column does not exist, `folder` cannot be written, or `progress` fails. If the model
-        rejects a value, no error is raised; the row of the run contains the reason.
+        type, a column does not exist, or `folder` cannot be written. If the model rejects a value,
+        no error is raised; the row of the run contains the reason.
     Interrupted
         If Ctrl-C ends the sweep; `Interrupted.partial` contains the results so far. Call the sweep
         again with the same `folder` to resume.
+    Exception
+        Any exception of `progress`, with the results so far as the attribute `partial`.
 
     Warns
     -----

@@ -18,7 +18,7 @@ from beamdae.read_only import read_only_data
 from beamdae.report.page.page_file import write_page
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
-from beamdae.results.storage.files import escape_table, require_file_path, write_text
+from beamdae.results.storage.files import require_file_path, write_escaped_table
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
 from beamdae.studies.execution.study_run import StudyResults
@@ -132,13 +132,14 @@ class SweepResults:
         cases = zip(self.sweep.cases, self.sweep.settings, strict=True)
         for row, (case, setting) in enumerate(cases):
             outcome = self.results.outcome(case)
-            if outcome.table is not None:
+            table = outcome.table
+            if table is not None:
                 warning = outcome.values.get(WARNINGS, "")
                 runs[row] = SweepRun(
                     self.sweep.tag(case),
                     setting,
                     outcome.status,
-                    outcome.table,
+                    table,
                     (warning,) if warning else (),
                 )
         return runs
@@ -260,8 +261,7 @@ class SweepResults:
         BeamdaeError
             If the file cannot be written.
         """
-        text = escape_table(self.table).to_csv(index=False, lineterminator="\n")
-        return write_text(require_file_path("to_csv", path), text)
+        return write_escaped_table(path, self.table)
 
     def page(self, path: str | Path) -> Path:
         """Write an HTML page with the table and the curves of the first 200 runs.

@@ -18,6 +18,7 @@ from robustness.inputs.sandbox import (
     Sandbox,
     WorkingCall,
     return_result,
+    write_two_folders_down,
 )
 
 
@@ -388,6 +389,300 @@ def _certify_arguments(sandbox: Sandbox) -> dict[str, Any]:
         "progress": lambda t: None,
         "partial": "raise",
     }
+
+
+_SENSITIVITY_METHOD = bd.GeneralizedAlpha(OUTPUT_STEP, time_limit=RUN_TIME_LIMIT)
+
+
+def _sensitivities(sandbox: Sandbox) -> bd.Sensitivities:
+    return bd.sensitivities(sandbox.swing, "mass", _SENSITIVITY_METHOD, output_step=OUTPUT_STEP)
+
+
+def _equilibrium_sensitivities(sandbox: Sandbox) -> bd.EquilibriumSensitivities:
+    return bd.equilibrium_sensitivities(sandbox.swing, "mass")
+
+
+def _mode_sensitivities(sandbox: Sandbox) -> bd.ModeSensitivities:
+    return bd.mode_sensitivities(sandbox.swing, "mass", "equilibrium")
+
+
+@bd.model(t_end=0.1)
+def _shaken(stiffness=100.0, damping=50.0):
+    """Mass on a spring, shaken ten times per second."""
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), bob.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness, damping))
+    mech.add(bd.Force("shaker", bob.point, (bd.sine(1.0, frequency=10.0), 0.0)))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def _periodic_sensitivities() -> bd.PeriodicSensitivities:
+    return bd.periodic_sensitivities(_shaken, "stiffness", 0.1, bd.Radau(1e-6), settle=1)
+
+
+def _optimization(sandbox: Sandbox) -> bd.Optimization:
+    return bd.optimize(
+        sandbox.swing, bd.Mass(), "mass", (), {"mass": (0.5, 2.0)}, max_evaluations=2
+    )
+
+
+_FIT_DATA = {"t [s]": [0.001, 0.002, 0.004, 0.01], "bob.y": [0.5, 0.4999, 0.4995, 0.499]}
+
+
+def _fit(sandbox: Sandbox) -> bd.Fit:
+    return bd.fit(
+        sandbox.swing, _FIT_DATA, "mass", _SENSITIVITY_METHOD, sigma=1e-3, max_evaluations=1
+    )
+
+
+def _fit_from_several_starts(sandbox: Sandbox, folder: Any, **options: Any) -> bd.Fit:
+    results: list[bd.Fit] = []
+
+    def write(path: Any) -> None:
+        method = _SENSITIVITY_METHOD
+        fit = bd.fit(sandbox.swing, _FIT_DATA, "mass", method, sigma=1e-3, folder=path, **options)
+        results.append(fit)
+
+    write_two_folders_down(sandbox, write, folder)
+    return results[0]
+
+
+EXPORT_CALLS: dict[str, WorkingCall] = {
+    "export_fmu": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "path": "swing.fmu",
+            "step": OUTPUT_STEP,
+            "inputs": [],
+            "outputs": ["bob"],
+            "parameters": ["mass"],
+            "fmi": 2,
+            "rho_inf": 0.8,
+            "newton_tolerance": 1e-6,
+            "start": "as drawn",
+            "t_end": T_END,
+            "platforms": [],
+            "real_time": None,
+            "timed_steps": 0,
+        },
+        return_result,
+        lambda box, path, **arguments: write_two_folders_down(
+            box, lambda at: bd.export_fmu(path=at, **arguments), path
+        ),
+    ),
+}
+
+SENSITIVITY_CALLS: dict[str, WorkingCall] = {
+    "sensitivities": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "by": ["mass"],
+            "integrator": _SENSITIVITY_METHOD,
+            "t_end": T_END,
+            "output_step": OUTPUT_STEP,
+            "parameters": {"spin": 1},
+            "start": {"bob.angle": -1.0},
+        },
+        lambda box, result: result.table(),
+    ),
+    "Sensitivities.to_csv": WorkingCall(
+        lambda box: {"path": "derivatives.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _sensitivities(box).to_csv, path),
+    ),
+    "Sensitivities.sensitivity": WorkingCall(
+        lambda box: {"column": "bob.y", "parameter": "mass"},
+        return_result,
+        lambda box, **names: _sensitivities(box).sensitivity(**names),
+    ),
+    "Sensitivities.at_times": WorkingCall(
+        lambda box: {"times": [0.0, 0.005]},
+        lambda box, result: result.table(),
+        lambda box, times: _sensitivities(box).at_times(times),
+    ),
+    "equilibrium_sensitivities": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "by": ["mass"],
+            "loads": ["gravity"],
+            "to": 1.0,
+            "control": "load",
+            "step": 0.5,
+            "switch": 0,
+            "most_points": 10,
+            "t": 0.0,
+            "start": {"bob.angle": -1.5},
+            "parameters": {"spin": 1},
+        },
+        lambda box, result: (result.table(), result.critical_table()),
+    ),
+    "EquilibriumSensitivities.sensitivity": WorkingCall(
+        lambda box: {"column": "bob.y", "parameter": "mass"},
+        return_result,
+        lambda box, **names: _equilibrium_sensitivities(box).sensitivity(**names),
+    ),
+    "EquilibriumSensitivities.derivative": WorkingCall(
+        lambda box: {"function": lambda path: path.factors[-1], "parameter": "mass"},
+        return_result,
+        lambda box, **arguments: _equilibrium_sensitivities(box).derivative(**arguments),
+    ),
+    "EquilibriumSensitivities.to_csv": WorkingCall(
+        lambda box: {"path": "derivatives.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _equilibrium_sensitivities(box).to_csv, path),
+    ),
+    "mode_sensitivities": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "by": ["mass"],
+            "about": "equilibrium",
+            "n": 1,
+            "damping": True,
+            "t": 0.0,
+            "parameters": {"spin": 1},
+        },
+        lambda box, result: result.table(),
+    ),
+    "ModeSensitivities.sensitivity": WorkingCall(
+        lambda box: {"column": "frequency", "parameter": "mass"},
+        return_result,
+        lambda box, **names: _mode_sensitivities(box).sensitivity(**names),
+    ),
+    "ModeSensitivities.to_csv": WorkingCall(
+        lambda box: {"path": "derivatives.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _mode_sensitivities(box).to_csv, path),
+    ),
+    "periodic_sensitivities": WorkingCall(
+        lambda box: {
+            "model": _shaken,
+            "by": ["stiffness"],
+            "period": 0.1,
+            "integrator": bd.Radau(1e-6),
+            "start": {"bob.x": 1.0},
+            "begin": 0.0,
+            "settle": 1,
+            "tolerance": 1e-4,
+            "period_guess": None,
+            "parameters": {"damping": 50.0},
+        },
+        lambda box, result: result.table(),
+    ),
+    "PeriodicSensitivities.sensitivity": WorkingCall(
+        lambda box: {"column": "bob.x", "parameter": "stiffness"},
+        return_result,
+        lambda box, **names: _periodic_sensitivities().sensitivity(**names),
+    ),
+    "PeriodicSensitivities.to_csv": WorkingCall(
+        lambda box: {"path": "derivatives.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _periodic_sensitivities().to_csv, path),
+    ),
+    "fit": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "data": {"one": _FIT_DATA, "two": _FIT_DATA},
+            "by": ["mass"],
+            "integrator": _SENSITIVITY_METHOD,
+            "sigma": {"bob.y": 1e-3},
+            "parameters": {"spin": 1},
+            "experiments": {"two": {"spin": 2}},
+            "bounds": {"mass": (0.5, 2.0)},
+            "log": ["mass"],
+            "scale": ["bob.y"],
+            "offset": [("one", "bob.y")],
+            "shift": {"bob.y": (-0.001, 0.001)},
+            "start": {"bob.angle": -1.0},
+            "max_evaluations": 2,
+            "seed": 0,
+            "jobs": 1,
+        },
+        lambda box, result: result.table(),
+    ),
+    "fit of several starts": WorkingCall(
+        lambda box: {
+            "bounds": {"mass": (0.5, 2.0)},
+            "max_evaluations": 1,
+            "starts": 2,
+            "seed": 1,
+            "folder": "fit",
+            "jobs": 1,
+            "progress": lambda standing: None,
+        },
+        lambda box, result: result.table(),
+        _fit_from_several_starts,
+    ),
+    "Fit.to_csv": WorkingCall(
+        lambda box: {"path": "fit.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _fit(box).to_csv, path),
+    ),
+    "Fit.page": WorkingCall(
+        lambda box: {"path": "fit.html"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _fit(box).page, path),
+    ),
+    "Fit.prediction": WorkingCall(
+        lambda box: {"column": "bob.y", "experiment": ""},
+        return_result,
+        lambda box, **names: _fit(box).prediction(**names),
+    ),
+    "Fit.profile": WorkingCall(
+        lambda box: {"name": "mass", "max_points": 1},
+        lambda box, result: result.table(),
+        lambda box, **options: _fit(box).profile(**options),
+    ),
+    "gradient": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "objective": bd.EndValue("bob.y") + 0.1 * bd.SmoothMaximum("bob.x"),
+            "by": ["mass"],
+            "integrator": _SENSITIVITY_METHOD,
+            "t_end": T_END,
+            "parameters": {"spin": 1},
+            "start": {"bob.angle": -1.0},
+        },
+        lambda box, result: result.array,
+    ),
+    "optimize": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "objective": bd.EndValue("bob.y") + bd.EndValue("bob.x"),
+            "by": ["mass"],
+            "subject_to": [bd.at_most(bd.Mass(), 3.0)],
+            "bounds": {"mass": (0.5, 2.0)},
+            "integrator": _SENSITIVITY_METHOD,
+            "t_end": T_END,
+            "parameters": {"spin": 1},
+            "start": {"bob.angle": -1.0},
+            "method": "SLSQP",
+            "max_evaluations": 3,
+            "tolerance": 1e-6,
+            "progress": lambda *numbers: None,
+            "partial": "raise",
+        },
+        lambda box, result: (result.table(), result.history()),
+    ),
+    "Optimization.to_csv": WorkingCall(
+        lambda box: {"path": "designs.csv"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _optimization(box).to_csv, path),
+    ),
+    "at_most": WorkingCall(
+        lambda box: {"quantity": bd.Frequency(1), "limit": 2.0}, lambda box, limit: limit.label
+    ),
+    "at_least": WorkingCall(
+        lambda box: {"quantity": bd.EndValue("bob.y"), "limit": 2.0},
+        lambda box, limit: limit.label,
+    ),
+    "LargestOf": WorkingCall(
+        lambda box: {"quantities": [bd.Mass(), bd.EndValue("bob.y")], "exponent": 20.0},
+        lambda box, quantity: quantity.label,
+    ),
+    "Mass": WorkingCall(lambda box: {}, lambda box, quantity: quantity.label),
+}
 
 
 CERTIFICATE_CALLS: dict[str, WorkingCall] = {

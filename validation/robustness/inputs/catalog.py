@@ -17,14 +17,17 @@ import pandas as pd
 import beamdae as bd
 from robustness.inputs.analysis_calls import (
     CERTIFICATE_CALLS,
+    EXPORT_CALLS,
     MODE_CALLS,
     PERIODIC_CALLS,
     SECTION_FORCE_CALLS,
+    SENSITIVITY_CALLS,
     STATIC_CALLS,
 )
 from robustness.inputs.bad_input import NO_BAD_VALUE, BadInput, try_input
 from robustness.inputs.bad_values import BAD_VALUES
 from robustness.inputs.command_line import command_inputs, file_inputs
+from robustness.inputs.control_calls import CONTROL_CALLS
 from robustness.inputs.model_calls import (
     MECHANISM_CALLS,
     NUMBER_CALLS,
@@ -60,6 +63,9 @@ WORKING_CALLS: dict[str, WorkingCall] = (
     | MODE_CALLS
     | SWEEP_CALLS
     | CERTIFICATE_CALLS
+    | SENSITIVITY_CALLS
+    | EXPORT_CALLS
+    | CONTROL_CALLS
 )
 
 # Public names without a working call, with the reason. Bad values replace results where these are
@@ -79,13 +85,21 @@ NOT_CALLABLE = {
     "Check": "result of check",
     "CriticalPoint": "row of Equilibrium.critical",
     "EquationsOfMotion": "result of equations_of_motion",
+    "ExportedFmu": "result of export_fmu",
+    "Gradient": "result of gradient",
+    "Objective": "base class of objectives, whose calls are covered",
+    "ProfileLikelihood": "result of Fit.profile",
     "Frame": "result of frame",
+    "Input": "result of Mechanism.input",
     "Joint": "base class of joints",
     "KnockDown": "result of knock_down",
     "PeriodicMotion": "result of periodic",
     "Plot": "result of plot",
+    "Quantity": "base class of quantities of designs",
     "ResponsePoint": "point of FrequencyResponse",
+    "Sample": "argument of the law of a Controller",
     "SavedRun": "result of load",
+    "Sensor": "result of Mechanism.sensor",
     "Sweep": "result of the decorator sweep",
     "SweepResults": "result of sweep",
 }
@@ -93,10 +107,16 @@ NOT_CALLABLE = {
 RESULT_CLASSES = frozenset(
     {
         "Equilibrium",
+        "EquilibriumSensitivities",
+        "Fit",
         "FrequencyResponse",
         "LinearModel",
+        "ModeSensitivities",
         "Modes",
+        "Optimization",
+        "PeriodicSensitivities",
         "SectionForces",
+        "Sensitivities",
         "Solution",
     }
 )

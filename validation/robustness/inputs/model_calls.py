@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 import beamdae as bd
 from beamdae import catalog
+from beamdae.analysis.gradients.objectives import SampleGrid
 from robustness.inputs.sandbox import (
     KNEE,
     Sandbox,
@@ -214,6 +216,16 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
 }
 
 
+def evaluate_objective(sandbox: Sandbox, objective: bd.Objective) -> list[float]:
+    """Return the values of the terms of an objective for a column that increases with time."""
+    values, t = [], np.linspace(0.0, 1.0, 11)
+    grid = SampleGrid(t, np.full(len(t), 1.0 / len(t)), 0.0, 1.0)
+    for factor, term in (2.0 * objective).terms:
+        times = term.sample_times(grid)
+        values.append(factor * term.evaluate(times, grid.weights)[0])
+    return values
+
+
 # Functions that use the result of a call, by heading or page of the reference.
 _USES: dict[str, Callable[[Sandbox, Any], Any]] = {
     "Bodies": run_with_part,
@@ -224,6 +236,8 @@ _USES: dict[str, Callable[[Sandbox, Any], Any]] = {
     "Observables": run_with_observable,
     "beams": run_with_curve,
     "sections": run_with_section,
+    "Gradients": evaluate_objective,
+    "Optimization": lambda sandbox, quantity: (2.0 * quantity).label,
 }
 _OTHER_USES: dict[str, Callable[[Sandbox, Any], Any]] = {
     "Beam": run_with_part,

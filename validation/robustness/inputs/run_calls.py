@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from robustness.inputs.sandbox import (
     return_result,
     run_study,
     run_with_integrator,
+    write_two_folders_down,
 )
 
 
@@ -153,13 +152,6 @@ def _save_and_load(sandbox: Sandbox, path: Any, model: Any) -> Any:
         file.unlink()
 
 
-def write_two_folders_down(sandbox: Sandbox, write: Callable[[Any], object], path: Any) -> None:
-    """Write from two folders down, because a relative path may lead up."""
-    (sandbox.folder / "deep").mkdir(parents=True)
-    with chdir(sandbox.folder / "deep"):
-        write(path)
-
-
 _LIMITS = {"max_step": None, "max_steps": 1000, "time_limit": RUN_TIME_LIMIT}
 _INTEGRATOR_MEMBERS = ("method", "label", "order", "accuracy")
 
@@ -283,6 +275,7 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "start": "as drawn",
             "accept_changes": False,
             "partial": "raise",
+            "keep_steps": True,
         },
         return_result,
     ),

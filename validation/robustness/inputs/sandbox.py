@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import chdir
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,11 +35,13 @@ _OTHER_NAMES = frozenset(
         "compare",
         "constraint",
         "disk",
+        "drive",
         "end",
         "event",
         "few",
         "ground",
         "joint",
+        "lag",
         "Law",
         "mass",
         "odd",
@@ -168,6 +171,13 @@ class WorkingCall:
     arguments: Callable[[Sandbox], dict[str, Any]]
     use: Callable[[Sandbox, Any], Any]
     call: Callable[..., Any] | None = None
+
+
+def write_two_folders_down(sandbox: Sandbox, write: Callable[[Any], object], path: Any) -> None:
+    """Write from two folders down, because a relative path may lead up."""
+    (sandbox.folder / "deep").mkdir(parents=True)
+    with chdir(sandbox.folder / "deep"):
+        write(path)
 
 
 def return_result(sandbox: Sandbox, result: Any) -> Any:

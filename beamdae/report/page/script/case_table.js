@@ -1,4 +1,7 @@
-// Table of all cases of the group, which users sort by clicking on a column and filter by words.
+// Table of the cases of the group, which users sort by clicking on a column and filter by words.
+// Rows are created when they are scrolled into view or printed: thousands of rows take seconds to open.
+
+const ROWS_PER_STEP = 100;
 
 function listTableColumns() {
   const getters = { error: displayedError, cost: (run) => run.cost };
@@ -20,9 +23,53 @@ function drawCaseTable() {
   const [head, body] = byId("table").children;
   const headers = columns.map(createHeaderCell);
   head.replaceChildren(html("tr", {}, html("th", { "aria-label": "selected" }), ...headers));
-  body.replaceChildren(...groupCases().map(createRow));
-  sortTable();
-  filterTable();
+  body.replaceChildren();
+  state.table = { cases: [], rows: new Map(), texts: new Map() };
+  listCases();
+}
+
+// Sort and filter the cases, and show the first rows.
+function listCases() {
+  const [head, body] = byId("table").children;
+  const words = byId("filter").value.toLowerCase().split(/\s+/);
+  const all = groupCases().sort(compareCases);
+  state.table.cases = all.filter((run) => words.every((word) => searchableText(run).includes(word)));
+  body.replaceChildren();
+  showRows(ROWS_PER_STEP);
+  byId("count").value = `${state.table.cases.length} of ${all.length} cases`;
+  const direction = state.order?.isDescending ? "descending" : "ascending";
+  columns.forEach((column, k) => {
+    const isSorted = state.order?.column === column;
+    head.rows[0].cells[k + 1].setAttribute("aria-sort", isSorted ? direction : "none");
+  });
+}
+
+function showRows(count) {
+  const body = byId("table").tBodies[0];
+  const { cases, rows } = state.table;
+  const added = cases.slice(body.rows.length, body.rows.length + count);
+  for (const run of added.filter((each) => !rows.has(each.id))) rows.set(run.id, createRow(run));
+  body.append(...added.map((run) => rows.get(run.id)));
+  markSelection(body);
+}
+
+// Add rows before the end of the table is in view, and all rows before the page is printed.
+function listenToTable() {
+  const scroll = byId("table").closest(".scroll");
+  scroll.addEventListener("scroll", () => {
+    if (scroll.scrollTop + 2 * scroll.clientHeight > scroll.scrollHeight) showRows(ROWS_PER_STEP);
+  });
+  const showAllRows = () => showRows(Infinity);
+  window.addEventListener("beforeprint", showAllRows);
+  window.matchMedia("print").addEventListener("change", showAllRows);
+}
+
+function searchableText(run) {
+  const { texts } = state.table;
+  if (!texts.has(run.id)) {
+    texts.set(run.id, columns.map((column) => formatCell(run, column)).join(" ").toLowerCase());
+  }
+  return texts.get(run.id);
 }
 
 function createHeaderCell(column) {
@@ -63,19 +110,7 @@ function formatCell(run, column) {
 function sortByColumn(column) {
   const isSame = state.order?.column === column;
   state.order = { column, isDescending: isSame && !state.order.isDescending };
-  sortTable();
-}
-
-function sortTable() {
-  const [head, body] = byId("table").children;
-  const rows = new Map([...body.children].map((row) => [row.dataset.case, row]));
-  const sorted = groupCases().sort(compareCases);
-  body.append(...sorted.map((run) => rows.get(run.id)));
-  const direction = state.order?.isDescending ? "descending" : "ascending";
-  columns.forEach((column, k) => {
-    const isSorted = state.order?.column === column;
-    head.rows[0].cells[k + 1].setAttribute("aria-sort", isSorted ? direction : "none");
-  });
+  listCases();
 }
 
 // Failed cases are sorted last, preceded by cases without a value.
@@ -88,14 +123,4 @@ function compareCases(run, other) {
   const sign = state.order.isDescending ? -1 : 1;
   const areNumbers = typeof a === "number" && typeof b === "number";
   return sign * (areNumbers ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
-}
-
-function filterTable() {
-  const words = byId("filter").value.toLowerCase().split(/\s+/);
-  const rows = [...byId("table").tBodies[0].rows];
-  for (const row of rows) {
-    const text = row.textContent.toLowerCase();
-    row.hidden = !words.every((word) => text.includes(word));
-  }
-  byId("count").value = `${rows.filter((row) => !row.hidden).length} of ${rows.length} cases`;
 }

@@ -7,6 +7,7 @@ const quantities = listQuantities();
 const state = {
   group: null,
   slots: [], // selected cases, see selection.js
+  table: null, // listed cases, and rows and searchable texts by id of the case
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
   choices: {}, // label of the selected choice, by panel
@@ -59,7 +60,8 @@ function showGroup(group) {
 function startPage() {
   drawHeader();
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
-  byId("filter").addEventListener("input", filterTable);
+  byId("filter").addEventListener("input", listCases);
+  listenToTable();
   byId("clear").addEventListener("click", clearSelection);
   listenToPlayer();
   if (page.cases.length) showGroup(page.groups[0]);

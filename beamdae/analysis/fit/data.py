@@ -1,0 +1,356 @@
+"""Measured data of a fit: wide and long tables, CSV files, and several experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdae.equations import measures
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    as_text,
+    format_message,
+    is_valid_path,
+    path_as_text,
+    require_iterable,
+    require_mapping,
+    require_positive,
+    short_repr,
+)
+from beamdae.read_only import read_only_data
+from beamdae.results.storage.files import unescape_cell
+
+Array = np.ndarray
+
+# Columns of long tables. Tables with the first two are long.
+_OBSERVABLE, _VALUE, _EXPERIMENT, _SIGMA = "observable", "value", "experiment", "sigma"
+_TIME_NAMES = (measures.TIME, "time [s]", "time", "t")
+_LONG_COLUMNS = (_EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, _VALUE, _SIGMA)
+# Larger tables are probably raw records, whose fit would take hours and gigabytes.
+_MAX_DATA = 1_000_000
+# Squares of larger values, relative to their standard deviations, could overflow.
+_MAX_MAGNITUDE = 1e75
+# Data without a name of their experiment.
+ONLY_EXPERIMENT = ""
+_ALLOWED = (
+    "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
+    "the path of a CSV file"
+)
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Values of one column that were measured in one experiment.
+
+    Attributes
+    ----------
+    experiment
+        Name of the experiment; "" if the data do not name experiments.
+    column
+        Name of the observed column as in the data.
+    times
+        Times (k,) [s] in ascending order.
+    values
+        Measured values (k,), all finite.
+    sigma
+        Standard deviations (k,) of the errors of the values.
+    """
+
+    experiment: str
+    column: str
+    times: Array
+    values: Array
+    sigma: Array
+
+    @property
+    def label(self) -> str:
+        """Name of the column and, if the data name experiments, of the experiment."""
+        return label_series(self.column, self.experiment)
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """Measured series, and True for `is_sigma_known` if their standard deviations are known."""
+
+    series: tuple[Series, ...]
+    is_sigma_known: bool
+
+    @property
+    def experiments(self) -> tuple[str, ...]:
+        """Names of the experiments, in the order of the data."""
+        return tuple(dict.fromkeys(x.experiment for x in self.series))
+
+    @property
+    def count(self) -> int:
+        """Number of values."""
+        return sum(len(x.values) for x in self.series)
+
+
+def label_series(column: str, experiment: str) -> str:
+    """Return "column" or "column in experiment"."""
+    return f"{column} in {experiment}" if experiment else column
+
+
+def read_data(data: Any, sigma: Any = None) -> FitData:
+    """Return the data of a fit.
+
+    Parameters
+    ----------
+    data
+        Wide table, long table, wide tables by experiment, or path of a CSV file; see `fit`.
+    sigma
+        Standard deviation of all data, or standard deviations by column; None if they are unknown
+        or contained in a long table.
+
+    Raises
+    ------
+    BeamdaeError
+        If the data are incomplete, contain text, do not ascend in time, or contradict `sigma`.
+    """
+    path = None if isinstance(data, Mapping) else path_as_text(data)
+    if path is not None and not (is_valid_path(path) and path.strip()):
+        raise BeamdaeError(f"fit: data must be {_ALLOWED}, got {short_repr(data)}.")
+    name = "data" if path is None else path
+    given = _read_csv(path) if path is not None else data
+    table = _as_columns(given, name)
+    has_sigma = False
+    if _OBSERVABLE in table and _VALUE in table:
+        series, has_sigma = _read_long_table(table, name), _SIGMA in table
+    elif table and all(_is_table(x) for x in table.values()):
+        series = []
+        for experiment, columns in table.items():
+            if not (experiment.strip() and experiment.isprintable()):
+                raise BeamdaeError(
+                    f"fit: an experiment cannot have the name {short_repr(experiment)}; use "
+                    "printable characters."
+                )
+            place = f"the experiment {experiment!r}"
+            series += _read_wide_table(_as_columns(columns, place), place, experiment)
+    else:
+        series = _read_wide_table(table, name, ONLY_EXPERIMENT)
+    count = sum(len(x.values) for x in series)
+    if count > _MAX_DATA:
+        raise BeamdaeError(
+            f"fit: {count} data are more than {_MAX_DATA}; average or omit some of them."
+        )
+    present = [x for x in series if len(x.values)]
+    if not present:
+        raise BeamdaeError(f"fit: {name} contains no values; fill in measured values.")
+    if not has_sigma:
+        return _with_sigma(series, present, sigma)
+    if sigma is not None:
+        raise BeamdaeError(
+            f"fit: sigma is given twice, as an argument and as a column of {name}; omit one."
+        )
+    return FitData(tuple(present), True)
+
+
+def _is_table(value: Any) -> bool:
+    import pandas as pd
+
+    return isinstance(value, (pd.DataFrame, Mapping))
+
+
+def _as_columns(data: Any, name: str) -> dict[str, Any]:
+    """Return the columns of a table by name."""
+    import pandas as pd
+
+    if isinstance(data, pd.DataFrame):
+        repeated = data.columns[data.columns.duplicated()]
+        if len(repeated):
+            raise BeamdaeError(
+                f"fit: {name} contains the column {short_repr(repeated[0])} twice; remove one."
+            )
+        data = {column: data[column].to_numpy() for column in data}
+    return require_mapping("fit", name, data, _ALLOWED)
+
+
+def _read_csv(path: str) -> Any:
+    import pandas as pd
+
+    try:
+        # Names of experiments are texts, even if they are numbers.
+        table = pd.read_csv(
+            Path(path),
+            nrows=_MAX_DATA + 1,
+            skipinitialspace=True,
+            dtype={_EXPERIMENT: str, _OBSERVABLE: str},
+            keep_default_na=True,
+            low_memory=False,
+        )
+    except OSError as problem:
+        reason = problem.strerror or format_message(problem)
+        raise BeamdaeError(
+            f"fit: {short_repr(path)} cannot be read: {reason}; check the path."
+        ) from None
+    except Exception as problem:  # Of several kinds in pandas: encoding, ragged rows, no columns.
+        raise BeamdaeError(
+            f"fit: {path} is not a CSV table: {format_message(problem)}; write a table with a "
+            "header, commas and decimal points."
+        ) from None
+    return table.rename(columns=lambda x: unescape_cell(str(x).strip()))
+
+
+def _as_numbers(values: Any, column: str, name: str) -> Array:
+    """Return a column (k,) as floats; missing values become NaN."""
+    try:
+        numbers = np.asarray(values, float)
+    except Exception:  # Of any kind in conversions of the user's objects.
+        raise BeamdaeError(_describe_text(values, column, name)) from None
+    if numbers.ndim != 1:
+        raise BeamdaeError(
+            f"fit: the column {column!r} of {name} must have one finite number or NaN per time, "
+            f"got {short_repr(values)}."
+        )
+    if np.isinf(numbers).any() or np.any(np.abs(numbers) > _MAX_MAGNITUDE):
+        k = int(np.argmax(np.nan_to_num(np.abs(numbers))))
+        raise BeamdaeError(
+            f"fit: the column {column!r} of {name} must have one finite number or NaN per time, "
+            f"got {numbers[k]:g} in row {k + 1}."
+        )
+    return numbers
+
+
+def _describe_text(values: Any, column: str, name: str) -> str:
+    try:
+        for k, value in enumerate(values):
+            try:
+                float("nan" if value is None else value)
+            except (TypeError, ValueError):
+                return (
+                    f"fit: the column {column!r} of {name} must contain numbers, got "
+                    f"{short_repr(value)} in row {k + 1}; leave missing values empty."
+                )
+    except Exception:  # Of any kind in iterations over the user's objects.
+        pass
+    return f"fit: the column {column!r} of {name} must contain numbers, got {short_repr(values)}."
+
+
+def _require_times(times: Array, name: str) -> None:
+    if not times.size or not np.isfinite(times).all() or times.min() < 0.0:
+        raise BeamdaeError(
+            f"fit: the times of {name} must be finite and ascend, from 0 s or later."
+        )
+
+
+def _find_time(table: Mapping[str, Any], names: Sequence[str]) -> str | None:
+    return next((x for x in names if x in table), None)
+
+
+def _read_wide_table(table: Mapping[str, Any], name: str, experiment: str) -> list[Series]:
+    """Return the series of a table with a column of times and one column per observed column."""
+    time = measures.TIME
+    columns = [column for column in table if column != time]
+    if time not in table or not columns:
+        raise BeamdaeError(
+            f"fit: {name} must contain the column {time!r} and measured columns (or the columns "
+            f"observable, {time}, value), got columns {', '.join(map(repr, table)) or 'none'}."
+        )
+    times = _as_numbers(table[time], time, name)
+    _require_times(times, name)
+    if np.any(np.diff(times) <= 0.0):
+        k = int(np.argmax(np.diff(times) <= 0.0))
+        raise BeamdaeError(
+            f"fit: the times of {name} must be finite and ascend, got {times[k + 1]:g} s after "
+            f"{times[k]:g} s in row {k + 2}; sort the rows and average repeated ones."
+        )
+    series = []
+    for column in columns:
+        values = _as_numbers(table[column], column, name)
+        if values.shape != times.shape:
+            raise BeamdaeError(
+                f"fit: the column {column!r} of {name} must have one finite number or NaN per "
+                f"time, got {len(values)} for {len(times)} times."
+            )
+        present = np.isfinite(values)
+        ones = np.ones(int(present.sum()))
+        series.append(Series(experiment, column, times[present], values[present], ones))
+    return series
+
+
+def _read_long_table(table: Mapping[str, Any], name: str) -> list[Series]:
+    """Return the series of a table with one value per row; their rows may have any order."""
+    unknown = [x for x in table if x not in _LONG_COLUMNS]
+    time = _find_time(table, _TIME_NAMES)
+    if time is None or unknown:
+        problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
+        raise BeamdaeError(
+            f"fit: the long table {name} must have the columns experiment, observable, "
+            f"{measures.TIME}, value, sigma (the first and the last are optional), {problem}."
+        )
+    times = _as_numbers(table[time], time, name)
+    values = _as_numbers(table[_VALUE], _VALUE, name)
+    sigma = _as_numbers(table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
+    names = _as_names(table[_OBSERVABLE], _OBSERVABLE, name)
+    experiments = [ONLY_EXPERIMENT] * len(times)
+    if _EXPERIMENT in table:
+        experiments = _as_names(table[_EXPERIMENT], _EXPERIMENT, name)
+    if not len(times) == len(values) == len(sigma) == len(names) == len(experiments):
+        raise BeamdaeError(f"fit: the columns of {name} must have equal lengths.")
+    present = np.isfinite(values)
+    _require_times(times[present], name)
+    if not np.all(sigma[present] > 0.0):
+        k = int(np.argmax(present & ~(sigma > 0.0)))
+        raise BeamdaeError(
+            f"fit: sigma of {name} must be positive, got {sigma[k]:g} in row {k + 1}; fill in "
+            "all rows, or remove the column."
+        )
+    rows: dict[tuple[str, str], list[int]] = {}
+    for k in np.flatnonzero(present).tolist():
+        rows.setdefault((experiments[k], names[k]), []).append(k)
+    series = []
+    for (experiment, column), selected in rows.items():
+        order = np.array(selected)[np.argsort(times[selected], kind="stable")]
+        repeated = np.flatnonzero(np.diff(times[order]) == 0.0)
+        if len(repeated):
+            k = order[repeated[0] + 1]
+            raise BeamdaeError(
+                f"fit: {name} contains {label_series(column, experiment)} at {times[k]:g} s twice, "
+                f"again in row {k + 1}; average repeated values, or name the experiments."
+            )
+        series.append(Series(experiment, column, times[order], values[order], sigma[order]))
+    return series
+
+
+def _as_names(values: Any, column: str, name: str) -> list[str]:
+    """Return a column of texts; numbers become texts."""
+    what = f"the column {column!r} of {name}"
+    texts = []
+    for k, value in enumerate(require_iterable("fit", what, values, "names")):
+        number = as_real(value)
+        text = as_text(value) or ("" if number is None or number != number else f"{number:g}")
+        if not (text.strip() and text.isprintable()):
+            raise BeamdaeError(
+                f"fit: {what} must contain names, got {short_repr(value)} in row {k + 1}."
+            )
+        texts.append(text.strip())
+    return texts
+
+
+def _with_sigma(series: list[Series], present: list[Series], sigma: Any) -> FitData:
+    """Return the data with the standard deviations of the argument `sigma`; 1 if it is None."""
+    columns = list(dict.fromkeys(x.column for x in series))
+    if sigma is None:
+        if len(columns) > 1:
+            raise BeamdaeError(
+                "fit: sigma is required for several columns, because it determines their weights; "
+                "pass sigma={name: standard deviation}, or a long table with the column sigma."
+            )
+        return FitData(tuple(present), False)
+    if isinstance(sigma, Mapping):
+        sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
+        if set(sigma) != set(columns):
+            raise BeamdaeError(
+                f"fit: sigma must name the columns {', '.join(columns)} of data, got "
+                f"{', '.join(sigma) or 'none'}."
+            )
+        values = {x: require_positive("fit", f"sigma of {x}", sigma[x]) for x in columns}
+    else:
+        values = dict.fromkeys(columns, require_positive("fit", "sigma", sigma))
+    return FitData(tuple(replace(x, sigma=x.sigma * values[x.column]) for x in present), True)

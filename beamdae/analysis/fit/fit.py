@@ -1,0 +1,200 @@
+"""`fit`: parameters of a model function from measured columns, by least squares."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdae import deferred
+from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.result import Fit, create_fit
+from beamdae.analysis.fit.search import search
+from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
+from beamdae.errors import BeamdaeError, BeamdaeWarning, require_count
+from beamdae.integrators import Integrator
+from beamdae.interrupts import interruptible
+from beamdae.model_functions import Model
+from beamdae.simulation import as_equations
+
+_MAX_STARTS = 10_000
+_MAX_SEED = 2**32 - 1
+
+
+@interruptible
+def fit(
+    model: Model,
+    data: Any,
+    by: Sequence[str] | str,
+    integrator: Integrator | None = None,
+    *,
+    sigma: float | Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    experiments: Mapping[str, Mapping[str, Any]] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    log: Sequence[str] = (),
+    scale: Any = (),
+    offset: Any = (),
+    shift: Any = (),
+    start: Any = None,
+    max_evaluations: int = 100,
+    starts: int = 1,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    jobs: int | None = 1,
+    progress: Callable[..., None] | None = None,
+) -> Fit:
+    """Estimate parameters of a model function from measured columns.
+
+    The sum of the squares of (model - data) / sigma is minimized by a trust-region method
+    (`scipy.optimize.least_squares`, method "trf"; Branch, Coleman & Li, SIAM J. Sci. Comput. 21
+    (1999) 1, doi:10.1137/S1064827595289108) with the exact Jacobian of `sensitivities`. Scales and
+    offsets of sensors are eliminated by variable projection (Golub & Pereyra, Inverse Problems 19
+    (2003) R1, doi:10.1088/0266-5611/19/2/201). A search is local: start near the solution, or use
+    several `starts`.
+
+    Parameters
+    ----------
+    model
+        Model function.
+    data
+        A wide table, a long table, wide tables by experiment, or the path of a CSV file. A table is
+        a DataFrame or a dict of columns. A wide table contains the ascending times "t [s]" of the
+        data, from 0 on up to at most ten times the end time of the model, and measured columns with
+        names of observed columns, such as "tip.y [m]" or "tip.y"; missing values are NaN. A long
+        table contains one value per row: the columns "observable" (name of an observed column),
+        "t [s]", "value", and optionally "experiment" and "sigma".
+    by
+        Names of the parameters to estimate. They must be floats.
+    integrator
+        Integrator whose runs can be differentiated; see `sensitivities`. Defaults to `Radau()`. One
+        more run with half the step or a tenth of `rtol` checks the accuracy at the estimates.
+    sigma
+        Standard deviation of the errors of the data, in the units of the columns: a number for
+        all columns, or a dict by the names used in `data`. Required if there are several columns,
+        unless a long table contains it. Defaults to an estimate from the residuals.
+    parameters
+        Values of parameters that differ from the defaults. For those in `by`, the search begins
+        with these values.
+    experiments
+        For each experiment of the data, values of parameters that differ in this experiment, such
+        as another tip mass. All experiments are fitted together.
+    bounds
+        (lower, upper) by name, for some of the parameters.
+    log
+        Names of parameters whose logarithms are varied. They stay positive.
+    scale, offset
+        Columns whose sensors have an unknown scale or offset: the recorded value is
+        scale * y + offset for the observed column y. An entry is the name of a column, with one
+        unknown in all experiments, or a pair (experiment, column), also as "experiment:column".
+        The column "*" stands for all columns, which then have one unknown in common.
+    shift
+        Columns with an unknown delay of the recorded times: the value recorded at t belongs to
+        t - shift. Entries as in `scale`, or a dict of bounds (lower, upper) [s] by entry. Bounds
+        default to the first time of the data in both directions; data may not begin before the
+        upper bound, because the run starts at 0 s.
+    start
+        Start of the runs, see `simulate`.
+    max_evaluations
+        Maximum number of evaluations of a search, each with one run with derivatives per
+        experiment.
+    starts
+        Number of searches. The first one begins with the values in `parameters`, and the others at
+        points of a Latin hypercube between the bounds, which all parameters need; in `log`, the
+        logarithms are distributed evenly. The best result is returned.
+    seed
+        Seed of the random starts.
+    folder
+        Folder that stores the results of finished searches if `starts` is above 1: call `fit` with
+        the same arguments again to resume. Defaults to no stored results.
+    jobs
+        Number of processes for several starts; None means one per core.
+    progress
+        Function that is called with a progress object after each of several searches; see
+        `bd.sweep`.
+
+    Returns
+    -------
+    Fit
+        Estimates with covariance and the runs that fit best.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, the first run fails, or the model cannot be differentiated; see
+        `sensitivities`.
+    Interrupted
+        If Ctrl-C ends the fit. Finished searches are stored in `folder`.
+    Exception
+        Any exception of `progress`. Finished searches are stored in `folder`.
+
+    Warns
+    -----
+    BeamdaeWarning
+        For each sentence in `Fit.warnings`, if the runs with the estimates have warnings, and if a
+        parameter has no effect on the model.
+
+    Examples
+    --------
+    >>> import beamdae as bd, numpy as np
+    >>> @bd.model(t_end=1.0)
+    ... def oscillator(stiffness=30.0):
+    ...     mech = bd.Mechanism()
+    ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.observe("mass", mass.point)
+    ...     return mech
+    >>> t = np.linspace(0.0, 1.0, 21)
+    >>> data = {"t [s]": t, "mass.x": 1.0 + 0.2 / 40.0**0.5 * np.sin(40.0**0.5 * t)}
+    >>> result = bd.fit(oscillator, data, "stiffness")
+    >>> print(f"{result.parameters['stiffness']:.2f} N/m")
+    40.00 N/m
+    """
+    max_evaluations = require_count("fit", "max_evaluations", max_evaluations)
+    starts = require_count("fit", "starts", starts, most=_MAX_STARTS)
+    seed = require_count("fit", "seed", seed, least=0, most=_MAX_SEED)
+    problem = FitProblem(
+        model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
+    )
+    scaling = Scaling(problem, bounds, log)
+    first, table = scaling.first, None
+    if starts > 1:
+        if not all(name in (bounds or {}) for name in problem.names):
+            missing = [name for name in problem.names if name not in (bounds or {})]
+            raise BeamdaeError(
+                f"fit: several starts need bounds of all parameters, but {', '.join(missing)} "
+                "have none; pass bounds={name: (lower, upper)}."
+            )
+        run_starts: Any = deferred.module("studies.fit_starts").run_starts
+        first, table = run_starts(
+            problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
+        )
+    result = create_fit(problem, scaling, search(problem, scaling, first, max_evaluations), table)
+    _warn_of_parameters_without_effect(problem, result)
+    for sentence in result.warnings:
+        warnings.warn(f"fit: {sentence}", BeamdaeWarning, stacklevel=3)
+    for experiment, run in result.sensitivities.items():
+        for sentence in run.solution.warnings:
+            text = f"{experiment}: {sentence}" if experiment else sentence
+            warnings.warn(text, BeamdaeWarning, stacklevel=3)
+    return result
+
+
+def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> None:
+    """Warn of parameters that the model does not use; warnings of the runs are not issued."""
+    idle = [
+        name
+        for name in problem.names
+        if not any(
+            np.any(run.sensitivity(header, name))
+            for run in result.sensitivities.values()
+            for header in run.solution.columns
+        )
+    ]
+    values = {**problem.parameters, **result.parameters}
+    warn_of_idle_parameters(
+        problem.model, values, lambda x: as_equations("fit", x, problem.start), idle
+    )

@@ -1,0 +1,439 @@
+"""The least-squares problem of a fit: residuals and Jacobian at values of the parameters."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.fit.column_rates import column_rates
+from beamdae.analysis.fit.data import FitData, read_data
+from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
+from beamdae.analysis.sensitivities.sensitivities import Sensitivities, sensitivities
+from beamdae.analysis.sensitivities.sensitivity_result import (
+    complete_parameters,
+    require_parameters,
+)
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    as_real,
+    require_mapping,
+    require_names,
+    require_pair,
+    short_repr,
+)
+from beamdae.integrators import Integrator, Radau
+from beamdae.integrators.integrator import refine, require_integrator
+from beamdae.results.columns import select_observed_columns
+from beamdae.simulation import as_equations
+
+Array = np.ndarray
+
+# Data that end after more than this multiple of the end time of the model are in other units.
+_MAX_DURATION = 10.0
+# Data that end after more than this multiple of it cause a warning; delays of sensors do not.
+_MAX_USUAL_DURATION = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Runs at one set of values, compared with the N data.
+
+    Attributes
+    ----------
+    values
+        Values (K,) of the parameters of the model, then of the shifts.
+    runs
+        Run with derivatives by experiment, at the times of the data.
+    residuals
+        Weighted residuals (N,): (model - data) / sigma, with the best scales and offsets.
+    coefficients
+        Best scales, then offsets, (L,).
+    projected_jacobian
+        Exact derivatives (N, K) of `residuals` with respect to `values`, where scales and offsets
+        follow.
+    jacobian
+        Derivatives (N, K + L) of the weighted residuals with respect to `values` and
+        `coefficients` as independent parameters.
+    """
+
+    values: Array
+    runs: Mapping[str, Sensitivities]
+    residuals: Array
+    coefficients: Array
+    projected_jacobian: Array
+    jacobian: Array
+
+
+class FitProblem:
+    """Data and model of a fit, with the derivatives of the residuals.
+
+    Scales and offsets of sensors enter linearly and are eliminated by variable projection (Golub &
+    Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201): with the weighted
+    residuals r = A(x) c + f(x) - d, where x are the parameters of the model and the shifts, and c
+    the scales and offsets, the best c for a given x is c = A^+ (d - f), and
+
+        r' = P (A' c + f') - (A^+)^T A'^T r,    P = 1 - A A^+,
+
+    is the exact derivative of the remaining residuals (the second term is the one that the
+    approximation of Kaufman omits).
+
+    Parameters
+    ----------
+    model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
+        See `fit`.
+
+    Attributes
+    ----------
+    model
+        The model function.
+    names
+        Names of the parameters of the model.
+    data
+        The data.
+    headers
+        Header of the observed column of each series of `data`.
+    sensors
+        Unknown properties of sensors.
+    first_values
+        First values (K,) of the parameters of the model and of the shifts.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        by: Any,
+        integrator: Integrator | None = None,
+        sigma: Any = None,
+        parameters: Any = None,
+        start: Any = None,
+        experiments: Any = None,
+        scale: Any = (),
+        offset: Any = (),
+        shift: Any = (),
+    ) -> None:
+        self.names = require_parameters("fit", model, by)
+        self.model, self.start = model, start
+        self.integrator = require_integrator("fit", Radau() if integrator is None else integrator)
+        self.parameters = complete_parameters("fit", model, parameters)
+        self.data: FitData = read_data(data, sigma)
+        self._settings = self._read_experiments(experiments)
+        self.headers = self._match_columns()
+        self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
+        self.first_values = np.array(
+            [self.parameters[name] for name in self.names]
+            + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]
+        )
+        series = self.data.series
+        self._times = np.concatenate([x.times for x in series])
+        self._values = np.concatenate([x.values for x in series])
+        self._weights = 1.0 / np.concatenate([x.sigma for x in series])
+        self._ends = np.cumsum([0, *(len(x.values) for x in series)])
+        if self.data.count < (count := len(self.variables) + len(self.coefficients)):
+            raise BeamdaeError(
+                f"fit: {self.data.count} data do not determine {count} parameters; add data "
+                "or fit fewer parameters."
+            )
+        self._t_end = self._latest_times()
+
+    @property
+    def last_time(self) -> float:
+        """Longest end time of the runs [s]."""
+        return max(self._t_end.values())
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of the parameters that the search varies: of the model, then shifts."""
+        return (*self.names, *(x.name for x in self.sensors.shifts))
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Names of the parameters that are solved for linearly: scales, then offsets."""
+        return tuple(x.name for x in self._linear)
+
+    @property
+    def _linear(self) -> tuple[Sensor, ...]:
+        return (*self.sensors.scales, *self.sensors.offsets)
+
+    def _read_experiments(self, experiments: Any) -> dict[str, dict[str, Any]]:
+        """Return the values of parameters that each experiment changes."""
+        what = "a dict of values of parameters by experiment"
+        given = require_mapping(
+            "fit", "experiments", {} if experiments is None else experiments, what
+        )
+        known = self.data.experiments
+        for name, values in given.items():
+            if name not in known:
+                raise BeamdaeError(
+                    f"fit: experiments contains {short_repr(name)}, for which there are no data; "
+                    f"the data name {', '.join(filter(None, known)) or 'no experiments'}."
+                )
+            values = require_mapping("fit", f"experiments of {name}", values, "values by name")
+            fitted = next((x for x in values if x in self.names), None)
+            if fitted is not None:
+                raise BeamdaeError(
+                    f"fit: the experiment {name} sets {fitted}, which is in by; remove it from "
+                    "one of them."
+                )
+            given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
+        return {name: given.get(name, {}) for name in known}
+
+    def _match_columns(self) -> tuple[str, ...]:
+        """Return the header of the observed column of each series."""
+        observed: dict[str, list[str]] = {}
+        for experiment, values in self._settings.items():
+            mechanism = self.model(**{**self.parameters, **values})
+            equations = as_equations("fit", mechanism, self.start)
+            observed[experiment] = [x for o in equations.observables for x in o.headers]
+        headers: list[str] = []
+        taken: dict[tuple[str, str], str] = {}
+        for series in self.data.series:
+            name, present = series.column, observed[series.experiment]
+            _require_unit(name, present)
+            selected = select_observed_columns("fit", [name], present)
+            if len(selected) > 1:
+                raise BeamdaeError(
+                    f"fit: the column {name!r} of data stands for several observed columns; name "
+                    f"one of {', '.join(selected)}."
+                )
+            other = taken.setdefault((series.experiment, selected[0]), name)
+            if other != name:
+                raise BeamdaeError(
+                    f"fit: the columns {other!r} and {name!r} of data are the same observed "
+                    "column; remove one."
+                )
+            headers += selected
+        return tuple(headers)
+
+    def _latest_times(self) -> dict[str, float]:
+        """Return the last time at which the run of each experiment may be compared [s]."""
+        latest = self._times.copy()
+        for shift in self.sensors.shifts:
+            latest[shift.rows] -= shift.bounds[0]
+        ends = {
+            experiment: float(latest[self._rows_of(experiment)].max())
+            for experiment in self.data.experiments
+        }
+        if min(ends.values()) <= 0.0:
+            raise BeamdaeError(
+                "fit: the times of data must be finite and ascend, beyond 0 s; add later data."
+            )
+        if (last := self._times.max()) > _MAX_DURATION * self.model.t_end:
+            raise BeamdaeError(
+                f"fit: the data end at {last:g} s, far after the end time of {self.model.name}, "
+                f"{self.model.t_end:g} s; convert the times to seconds, or change t_end of the "
+                "model."
+            )
+        return ends
+
+    @property
+    def duration_warnings(self) -> tuple[str, ...]:
+        """Sentence on data after the end time of the model, or nothing."""
+        last, t_end = self._times.max(), self.model.t_end
+        if last <= _MAX_USUAL_DURATION * t_end:
+            return ()
+        return (
+            f"The data end at {last:g} s, after the end time of {self.model.name}, {t_end:g} s; "
+            "check that their times are in seconds.",
+        )
+
+    def _rows_of(self, experiment: str) -> Array:
+        return np.concatenate(
+            [
+                np.arange(self._ends[k], self._ends[k + 1])
+                for k, x in enumerate(self.data.series)
+                if x.experiment == experiment
+            ]
+        )
+
+    def evaluate(self, values: Array) -> Evaluation:
+        """Run all experiments at the given values (K,) and compare them with the data.
+
+        Raises
+        ------
+        BeamdaeError
+            If a run fails or cannot be differentiated.
+        """
+        times = self._times.copy()
+        shifts = values[len(self.names) :]
+        for shift, value in zip(self.sensors.shifts, shifts, strict=True):
+            times[shift.rows] -= value
+        runs = {x: self._run(x, values, times) for x in self.data.experiments}
+        model, derivatives = self._compare(runs, times)
+        return self._project(values, runs, model, derivatives)
+
+    def step_errors(self, evaluation: Evaluation) -> Array:
+        """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
+
+        Raises
+        ------
+        BeamdaeError
+            If a run fails.
+        """
+        finer = copy.copy(self)
+        finer.integrator = refine(self.integrator)
+        return finer.evaluate(evaluation.values).residuals - evaluation.residuals
+
+    def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
+        t_end = self._t_end[experiment]
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
+        with warnings.catch_warnings():
+            # The warnings of the last run are issued with the result.
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            run = sensitivities(
+                self.model,
+                self.names,
+                self.integrator,
+                t_end,
+                parameters={**self.parameters, **self._settings[experiment], **fitted},
+                start=self.start,
+            )
+            needed = np.unique(times[self._rows_of(experiment)])
+            end = run.solution.trajectory.end
+            if end < t_end:
+                raise BeamdaeError(
+                    f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
+                    f"the last data at {needed[-1]:g} s; omit later data, or do not stop the run."
+                )
+            # Bounds of shifts hold up to rounding.
+            return run.at_times(np.unique(np.clip(needed, 0.0, t_end)))
+
+    def _compare(self, runs: Mapping[str, Sensitivities], times: Array) -> tuple[Array, Array]:
+        """Return the model at the times of the data, (N,), and its derivatives (N, K)."""
+        model = np.empty(len(times))
+        derivatives = np.zeros((len(times), len(self.variables)))
+        rates = {x: column_rates(run.solution) for x, run in runs.items() if self.sensors.shifts}
+        for k, (series, header) in enumerate(zip(self.data.series, self.headers, strict=True)):
+            run, rows = runs[series.experiment], slice(self._ends[k], self._ends[k + 1])
+            at = np.minimum(np.searchsorted(run.t, times[rows]), len(run.t) - 1)
+            model[rows] = run.solution.columns[header][at]
+            for j, name in enumerate(self.names):
+                derivatives[rows, j] = run.sensitivity(header, name).to_numpy()[at]
+            for j, shift in enumerate(self.sensors.shifts, len(self.names)):
+                if rows.start in shift.rows:
+                    derivatives[rows, j] = -rates[series.experiment][header][at]
+        return model, derivatives
+
+    def _project(
+        self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
+    ) -> Evaluation:
+        """Solve for scales and offsets, and differentiate the remaining residuals."""
+        weights, scales = self._weights, self.sensors.scales
+        matrix = np.zeros((len(model), len(self._linear)))
+        is_scaled = np.zeros(len(model), bool)
+        for j, sensor in enumerate(self._linear):
+            is_scale = j < len(scales)
+            matrix[sensor.rows, j] = ((model if is_scale else 1.0) * weights)[sensor.rows]
+            is_scaled[sensor.rows] |= is_scale
+        weighted = derivatives * weights[:, None]
+        remainder = (self._values - np.where(is_scaled, 0.0, model)) * weights
+        # Columns of equal size, so that the rank does not depend on units.
+        sizes = np.linalg.norm(matrix, axis=0)
+        sizes[sizes == 0.0] = 1.0
+        inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
+        coefficients = inverse @ remainder
+        residuals = matrix @ coefficients - remainder
+        factors = np.ones(len(model))
+        for sensor, scale in zip(scales, coefficients, strict=False):
+            factors[sensor.rows] = scale
+        scaled = weighted * factors[:, None]
+        projected = scaled - matrix @ (inverse @ scaled)
+        for j, sensor in enumerate(scales):
+            rows = sensor.rows
+            projected -= np.outer(inverse[j], weighted[rows].T @ residuals[rows])
+        jacobian = np.hstack([scaled, matrix])
+        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
+
+
+def _require_unit(name: str, headers: Sequence[str]) -> None:
+    """Reject a name with another unit than the observed column of the same name."""
+    if name in headers or not name.endswith("]"):
+        return
+    column, _, unit = name.removesuffix("]").rpartition(" [")
+    for header in headers:
+        observed, _, observed_unit = header.removesuffix("]").rpartition(" [")
+        if column == observed:
+            raise BeamdaeError(
+                f"fit: the column {column!r} of data is in {unit}, but the model observes it in "
+                f"{observed_unit}; convert the values and name the column {header!r}."
+            )
+
+
+class Scaling:
+    """Map between the variables x of the search, near 1 or 0, and the values of the parameters.
+
+    Attributes
+    ----------
+    first
+        First variables (K,).
+    limits
+        Lower and upper bounds of the variables, (K,) each.
+    is_log
+        True (K,) for variables that are logarithms.
+    """
+
+    def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
+        names, values = problem.names, problem.first_values
+        logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
+        limits = {} if bounds is None else bounds
+        limits = require_mapping("fit", "bounds", limits, "a dict of (lower, upper) by name")
+        for argument, given in (("log", logarithmic), ("bounds", limits)):
+            unknown = next((name for name in given if name not in names), None)
+            if unknown is not None:
+                raise BeamdaeError(
+                    f"fit: {argument} contains {short_repr(unknown)}, which is not in by; name "
+                    f"one of {', '.join(names)}."
+                )
+        self.is_log = np.array([name in logarithmic for name in problem.variables])
+        for name, value, is_log in zip(problem.variables, values, self.is_log, strict=True):
+            if is_log and not value > 0.0:
+                raise BeamdaeError(
+                    f"fit: the first value of {name} must be positive because it is in log, got "
+                    f"{value:g}; set it in parameters."
+                )
+        lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
+        lower[self.is_log] = 0.0
+        self._size = np.where(values != 0.0, np.abs(values), 1.0)
+        for k, name in enumerate(names):
+            if name not in limits:
+                continue
+            pair = require_pair("fit", f"bounds of {name}", limits[name], "(lower, upper)")
+            least, most = (np.nan if (x := as_real(limit)) is None else x for limit in pair)
+            if not least < most or not least <= values[k] <= most:
+                raise BeamdaeError(
+                    f"fit: bounds of {name} must be (lower, upper) around its first value "
+                    f"{values[k]:g}, got {short_repr(limits[name])}; change the bounds, or set "
+                    "the first value in parameters."
+                )
+            if self.is_log[k] and least < 0.0:
+                raise BeamdaeError(
+                    f"fit: the lower bound of {name} must not be negative because it is in log, "
+                    f"got {least:g}; raise the bound, or remove {name} from log."
+                )
+            lower[k], upper[k] = max(lower[k], least), most
+        for k, shift in enumerate(problem.sensors.shifts, len(names)):
+            lower[k], upper[k] = shift.bounds
+            self._size[k] = shift.size
+        self.first = self.variables(values)
+        self.limits = self.variables(lower), self.variables(upper)
+
+    def variables(self, values: Array) -> Array:
+        """Return the variables of values (K,)."""
+        ratio = values / self._size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.is_log, np.log(ratio), ratio)
+
+    def values(self, x: Array) -> Array:
+        """Return the values of the parameters at x."""
+        # Both branches are evaluated; only logarithms are far below the overflow.
+        return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), x)
+
+    def derivatives(self, x: Array) -> Array:
+        """Return the derivatives of the values with respect to x, (K,)."""
+        return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), 1.0)

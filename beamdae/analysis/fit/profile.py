@@ -1,0 +1,181 @@
+"""Profile likelihoods: the best sum of squares as a function of one parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.search import SearchResult, search
+from beamdae.errors import require_count
+from beamdae.read_only import read_only_data
+from beamdae.results.displays import Plot, load_views
+
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Distance between values, relative to the standard deviation of the parameter.
+_STEP = 0.7
+# First distance, relative to the value, of parameters without a standard deviation. It doubles.
+_FIRST_RELATIVE_STEP = 0.05
+# More points mean that the sum of squares hardly depends on the parameter.
+_MAX_POINTS = 1000
+# Evaluations of each fit of the other parameters, at most. It starts at the neighboring value.
+_MAX_EVALUATIONS = 20
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class ProfileLikelihood:
+    """Profile likelihood of a parameter; see `Fit.profile`.
+
+    Attributes
+    ----------
+    name
+        Name of the parameter.
+    values
+        Values of the parameter (j,), ascending.
+    increases
+        Increase (j,) of the sum of squares over its minimum, with all other parameters fitted; in
+        units of the variance of the errors if `sigma` was estimated. About the square of the
+        distance from the estimate in standard deviations.
+    threshold
+        Increase at the limits of the 95 % interval.
+    interval
+        Limits of the 95 % interval: a bound of the parameter if the interval reaches it, infinite
+        if no limit was found.
+    others
+        Values (j,) of the other parameters by name.
+    """
+
+    name: str
+    values: Array
+    increases: Array
+    threshold: float
+    interval: tuple[float, float]
+    others: Mapping[str, Array] = field(repr=False)
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        return f"<Profile likelihood of {self.name}: 95 % interval {low:.6g} to {high:.6g}>"
+
+    def table(self) -> pd.DataFrame:
+        """Return a table of the values, the increases and the other parameters."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {self.name: self.values, "increase of chi-square": self.increases, **self.others}
+        )
+
+    def plot(self) -> Plot:
+        """Plot the increase of the sum of squares over the parameter, with the threshold.
+
+        Returns
+        -------
+        Plot
+            The figure, displayed by a notebook; `Plot.save` writes it to a file.
+        """
+        return load_views().plot_profile(self)
+
+
+def trace_profile(
+    problem: FitProblem,
+    scaling: Scaling,
+    best: SearchResult,
+    name: str,
+    deviation: float,
+    variance: float,
+    quantile: float,
+    max_points: int,
+) -> ProfileLikelihood:
+    """Return the profile likelihood of a variable.
+
+    Parameters
+    ----------
+    problem, scaling, best
+        The problem, its variables and the result of its search.
+    name
+        Name of the variable.
+    deviation
+        Standard deviation of the variable, which may be infinite.
+    variance
+        Variance of the errors in units of the residuals.
+    quantile
+        Half width of 95 % intervals in standard deviations.
+    max_points
+        Maximum number of values on each side, at most 1000.
+    """
+    max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
+    k = problem.variables.index(name)
+    names = (*problem.variables, *problem.coefficients)
+    free = np.arange(len(problem.variables)) != k
+    threshold = quantile**2
+    estimate = best.evaluation.values
+    lower, upper = (scaling.values(x)[k] for x in scaling.limits)
+
+    def point(result: SearchResult) -> tuple[float, float, Array]:
+        evaluation = result.evaluation
+        increase = (result.chi_square - best.chi_square) / variance
+        all_values = np.concatenate([evaluation.values, evaluation.coefficients])
+        return float(evaluation.values[k]), increase, all_values
+
+    center = point(best)
+    branches = []
+    limits = []
+    for side, bound in ((-1.0, lower), (1.0, upper)):
+        points, last, change = [center], estimate, np.zeros_like(estimate)
+        step = deviation * _STEP
+        if not np.isfinite(step) or step == 0.0:
+            step = _FIRST_RELATIVE_STEP * (abs(estimate[k]) or 1.0)
+        limit = side * np.inf
+        while len(points) <= max_points:
+            value = points[-1][0] + side * step
+            value = max(value, bound) if side < 0.0 else min(value, bound)
+            if value == points[-1][0]:
+                # At the bound, which limits the interval.
+                limit = bound
+                break
+            # Extrapolated, because the best values of the others depend almost linearly on it.
+            first = np.clip(last + change, *(scaling.values(x) for x in scaling.limits))
+            first[k] = value
+            try:
+                result = search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)
+            except (ValueError, ArithmeticError):
+                # The model rejects the value.
+                break
+            change, last = result.evaluation.values - last, result.evaluation.values
+            points.append(point(result))
+            if points[-1][1] >= threshold:
+                limit = _cross(points[-2], points[-1], threshold)
+                break
+            if not np.isfinite(deviation):
+                step *= 2.0
+        branches.append(points[1:])
+        limits.append(float(limit))
+    rows = [*branches[0][::-1], center, *branches[1]]
+    table = np.array([row[2] for row in rows])
+    return ProfileLikelihood(
+        name,
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]),
+        threshold,
+        (limits[0], limits[1]),
+        {other: table[:, j] for j, other in enumerate(names) if other != name},
+    )
+
+
+def _cross(
+    before: tuple[float, float, Array], after: tuple[float, float, Array], threshold: float
+) -> float:
+    """Return the value at which the increase is at the threshold.
+
+    The root of the increase, which is linear for a linear model, is interpolated.
+    """
+    roots = np.sqrt(np.maximum([before[1], after[1]], 0.0))
+    return float(np.interp(np.sqrt(threshold), roots, [before[0], after[0]]))

@@ -1,0 +1,654 @@
+"""Result of a fit: estimates with covariance, predictions, profiles, tables, plots and pages."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import chdtrc, stdtrit
+
+from beamdae import deferred
+from beamdae.analysis.fit.data import Series
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
+from beamdae.analysis.fit.search import SearchResult
+from beamdae.analysis.sensitivities.sensitivities import Sensitivities
+from beamdae.equations import measures
+from beamdae.errors import BeamdaeError, require_choice
+from beamdae.read_only import read_only_data
+from beamdae.results.columns import require_one_column, select_observed_columns
+from beamdae.results.displays import Plot, load_views
+from beamdae.results.solution import Solution
+from beamdae.results.storage.files import require_file_path, write_escaped_table
+
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Quantile of the normal distribution for intervals of 95 %, and its probability.
+_NORMAL_QUANTILE = 1.959964
+_UPPER_PROBABILITY = 0.975
+# Format of numbers in notebooks.
+_DIGITS = "{:.5g}".format
+# Combinations of relative changes of parameters with larger standard deviations are not determined.
+_MAX_RELATIVE_DEVIATION = 1.0
+# Singular values below this ratio to the largest are rounding errors of the derivatives.
+_MIN_SINGULAR_RATIO = 1e-9
+# Changes of parameters below this ratio to their first value are relative to the first value.
+_MIN_RELATIVE_VALUE = 1e-3
+# Estimates that more accurate runs change by more, in standard deviations, depend on the steps.
+_MAX_STEP_ERROR = 0.3
+# Data with smaller errors, relative to their size, are computed: the runs are as accurate.
+_MIN_RELATIVE_SIGMA = 1e-6
+# If larger values of chi-square are less probable, the model does not explain the data.
+_MIN_PROBABILITY = 1e-6
+# Singular values of the Jacobian with columns of unit length at which two estimates have a
+# correlation of 0.99: s^2 = 1 - 0.99.
+_MIN_INDEPENDENCE = 0.1
+# Parameters with smaller shares of a direction are not named.
+_MIN_NAMED_SHARE = 0.05
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """Result of `fit`: estimates with covariance, and what the data do not determine.
+
+    Attributes
+    ----------
+    parameters
+        Estimated values of the parameters of the model by name.
+    sensors
+        Estimated shifts [s], scales and offsets by name, such as "offset of gauge 1".
+    covariance
+        Covariance matrix (k, k) of the estimates in the order of `names`, in their units: the
+        inverse of J^T J, where J is the Jacobian of `residuals`. Variances of parameters that can
+        change without an effect on the fitted columns are infinite.
+    sensitivities
+        Run with the estimates and its derivatives by experiment, at the times of the data. The
+        experiment of data without names of experiments is "".
+    residuals
+        (model - data) / sigma of all data that are not missing, in the order of
+        `residual_table`.
+    sigma
+        Standard deviation of the errors of each fitted column, by header: as given, its root mean
+        square if it varies, or estimated from the residuals if it was not given.
+    is_sigma_known
+        False if `sigma` was estimated from the residuals.
+    evaluations
+        Number of evaluations, each with one run with derivatives per experiment, in the search from
+        the best start.
+    converged
+        True if the search converged.
+    reason
+        Reason for the end of the search.
+    undetermined
+        Sentences that name combinations of parameters which the data do not determine: those with a
+        relative standard deviation above 100 %, and those with correlations above 0.99.
+    at_bounds
+        Names of parameters at a bound, whose standard deviations do not apply.
+    warnings
+        Sentences on estimates that depend on the steps of the runs (a run with half the step or a
+        tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
+        do not explain the data (`sigma` is known, and larger values of chi-square have a
+        probability below 1e-6), or on data that end after the end time of the model.
+    """
+
+    parameters: Mapping[str, float]
+    sensors: Mapping[str, float]
+    covariance: Array
+    sensitivities: Mapping[str, Sensitivities]
+    residuals: Array
+    sigma: Mapping[str, float]
+    is_sigma_known: bool
+    evaluations: int
+    converged: bool
+    reason: str
+    undetermined: tuple[str, ...] = ()
+    at_bounds: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    _information: Information = field(default=None, repr=False)  # type: ignore[assignment]
+    _problem: FitProblem = field(default=None, repr=False)  # type: ignore[assignment]
+    _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
+    _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
+    _starts: Any = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{name} = {value:.6g} +- {deviation:.2g}"
+            for name, value, deviation in zip(
+                self.names, self.values, self.standard_deviations, strict=True
+            )
+        )
+        state = "converged" if self.converged else f"not converged ({self.reason})"
+        bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
+        return " ".join([f"<Fit: {values}; {state}{bounds}>", *self.warnings, *self.undetermined])
+
+    def _repr_html_(self) -> str:
+        state = "converged" if self.converged else f"not converged ({self.reason})"
+        lines = [f"Fit of {self.model_name}: {state}", *self.warnings, *self.undetermined]
+        return "<br>".join(map(html.escape, lines)) + self.table().to_html(float_format=_DIGITS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all estimates: parameters of the model, then properties of sensors."""
+        return (*self.parameters, *self.sensors)
+
+    @property
+    def values(self) -> Array:
+        """All estimates (k,) in the order of `names`."""
+        return np.array([*self.parameters.values(), *self.sensors.values()])
+
+    @property
+    def solution(self) -> Solution:
+        """Run with the estimates, at the times of the data.
+
+        Raises
+        ------
+        BeamdaeError
+            If there are several experiments; see `solutions`.
+        """
+        if len(self.sensitivities) > 1:
+            raise BeamdaeError(
+                f"Fit: there are several experiments ({', '.join(self.sensitivities)}); use "
+                "fit.solutions[name]."
+            )
+        return next(iter(self.sensitivities.values())).solution
+
+    @property
+    def solutions(self) -> dict[str, Solution]:
+        """Runs with the estimates by experiment, at the times of the data."""
+        return {name: run.solution for name, run in self.sensitivities.items()}
+
+    @property
+    def model_name(self) -> str:
+        """Name of the model function."""
+        return self._problem.model.name
+
+    @property
+    def series(self) -> list[tuple[Series, str]]:
+        """Measured series, and the header of the observed column of each."""
+        return list(zip(self._problem.data.series, self._problem.headers, strict=True))
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Standard deviations (k,) of the estimates."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of data minus number of estimates."""
+        return self.residuals.size - len(self.names)
+
+    @property
+    def quantile(self) -> float:
+        """Half width of 95 % intervals in standard deviations.
+
+        1.96 of the normal distribution if `sigma` was given, otherwise that of the t distribution
+        with `degrees_of_freedom`.
+        """
+        if self.is_sigma_known:
+            return _NORMAL_QUANTILE
+        return float(stdtrit(max(self.degrees_of_freedom, 1), _UPPER_PROBABILITY))
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of the squared residuals.
+
+        If the model is right and `sigma` is known, it is near `degrees_of_freedom`.
+        """
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def singular_values(self) -> Array:
+        """Singular values of the Jacobian of the residuals, (k,), in descending order.
+
+        The Jacobian is taken with respect to relative changes of the parameters: 1 / s is the
+        relative standard deviation of the combination of parameters that belongs to s. Changes of
+        offsets are relative to half the range of their data, and changes of shifts to half the
+        width of their bounds.
+        """
+        return self._information.singular
+
+    @property
+    def starts(self) -> pd.DataFrame | None:
+        """Table of all searches with first values, estimates, sum of squares and status.
+
+        None without the argument `starts` of `fit`.
+        """
+        return None if self._starts is None else self._starts.copy()
+
+    def table(self) -> pd.DataFrame:
+        """Return a table of estimates, standard deviations and limits of 95 % intervals.
+
+        The limits are `quantile` standard deviations away from the estimates.
+        """
+        import pandas as pd
+
+        values, deviations = self.values, self.standard_deviations
+        return pd.DataFrame(
+            {
+                "value": values,
+                "standard deviation": deviations,
+                "lower 95 %": values - self.quantile * deviations,
+                "upper 95 %": values + self.quantile * deviations,
+            },
+            index=list(self.names),
+        )
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write `table` as CSV and return the path.
+
+        Raises
+        ------
+        BeamdaeError
+            If the path is invalid or the file cannot be written.
+        """
+        return write_escaped_table(path, self.table().reset_index(names="parameter"))
+
+    def correlations(self) -> pd.DataFrame:
+        """Return the correlation matrix of the estimates."""
+        import pandas as pd
+
+        names, deviations = list(self.names), self.standard_deviations
+        with np.errstate(invalid="ignore"):
+            matrix = self.covariance / np.outer(deviations, deviations)
+        return pd.DataFrame(matrix, index=names, columns=names)
+
+    def residual_table(self) -> pd.DataFrame:
+        """Return a long table of data, model and residuals, one row per measured value.
+
+        "model" contains the recorded values that the model and the sensors predict; "residual" is
+        (model - value) / sigma.
+        """
+        import pandas as pd
+
+        # Estimated standard deviations are the given ones, 1, times the estimate.
+        estimate = 1.0 if self.is_sigma_known else next(iter(self.sigma.values()))
+        tables, end = [], 0
+        for series, header in self.series:
+            begin, end = end, end + len(series.values)
+            residuals, sigma = self.residuals[begin:end], estimate * series.sigma
+            tables.append(
+                pd.DataFrame(
+                    {
+                        "experiment": series.experiment,
+                        "observable": header,
+                        measures.TIME: series.times,
+                        "value": series.values,
+                        "sigma": sigma,
+                        "model": series.values + residuals * sigma,
+                        "residual": residuals,
+                    }
+                )
+            )
+        return pd.concat(tables, ignore_index=True)
+
+    def prediction(self, column: str, experiment: str | None = None) -> pd.DataFrame:
+        """Return an observed column of the model with its uncertainty, over time.
+
+        The variance of the column y is g^T C g, where g are the derivatives of y with respect to
+        the parameters and C their covariance. The uncertainty is that of the true column, without
+        errors of sensors, and to first order in the errors of the parameters.
+
+        Parameters
+        ----------
+        column
+            Header of an observed column, with or without its unit. It need not be fitted.
+        experiment
+            Name of the experiment. May be omitted if there is only one.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns "value", "standard deviation", "lower 95 %" and "upper 95 %", indexed by the
+            times of the data [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the experiment or the column does not exist.
+        """
+        import pandas as pd
+
+        names = list(self.sensitivities)
+        if experiment is None and len(names) == 1:
+            experiment = names[0]
+        run = self.sensitivities[require_choice("prediction", "experiment", experiment, names)]
+        columns = run.solution.columns
+        header = require_one_column(
+            "prediction", column, select_observed_columns("prediction", [column], list(columns))
+        )
+        derivatives = np.zeros((len(run.t), len(self.names)))
+        for k, name in enumerate(self.parameters):
+            derivatives[:, k] = run.sensitivity(header, name)
+        deviations = self._information.standard_deviations(derivatives)
+        value = columns[header]
+        return pd.DataFrame(
+            {
+                "value": value,
+                "standard deviation": deviations,
+                "lower 95 %": value - self.quantile * deviations,
+                "upper 95 %": value + self.quantile * deviations,
+            },
+            index=pd.Index(run.t, name=measures.TIME),
+        )
+
+    def profile(self, name: str, max_points: int = 20) -> ProfileLikelihood:
+        """Return the profile likelihood of a parameter of the model or of a shift.
+
+        The parameter is fixed at several values on both sides of its estimate, and all others are
+        fitted again, until the sum of squares has grown by the square of `quantile`; see Raue et
+        al., Bioinformatics 25 (2009) 1923, doi:10.1093/bioinformatics/btp358. The interval of the
+        profile does without the linear approximation of the interval of `table`.
+
+        Parameters
+        ----------
+        name
+            Name of a parameter in `by`, or of a shift. Scales and offsets have none: given the
+            others, they enter linearly.
+        max_points
+            Maximum number of values on each side of the estimate, at most 1000, each with one fit.
+
+        Raises
+        ------
+        BeamdaeError
+            If there is no such parameter, or a count is invalid.
+        """
+        name = require_choice("profile", "name", name, self._problem.variables)
+        index = self._problem.variables.index(name)
+        deviation = float(self._information.standard_deviations(np.eye(len(self.names)))[index])
+        factor = 1.0 if self.is_sigma_known else next(iter(self.sigma.values())) ** 2
+        return trace_profile(
+            self._problem,
+            self._scaling,
+            self._search,
+            name,
+            deviation,
+            factor,
+            self.quantile,
+            max_points,
+        )
+
+    def plot(self) -> Plot:
+        """Plot data and model, and the residuals in standard deviations, over time.
+
+        Returns
+        -------
+        Plot
+            The figure, displayed by a notebook; `Plot.save` writes it to a file. At most six series
+            are drawn.
+        """
+        return load_views().plot_fit(self)
+
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with estimates, curves of data and model, and the animated motion.
+
+        The data on the page are corrected by the estimated shifts, offsets and scales.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        write: Any = deferred.module("report.fit_page").write_fit_page
+        return Path(write(self, require_file_path("page", path)))
+
+    def sensor_of(self, series: int) -> tuple[float, float, float]:
+        """Return the estimated shift [s], scale and offset of a series, by its number in the data.
+
+        They are 0, 1 and 0 unless they were fitted.
+        """
+        begin = sum(len(x.values) for x, _ in self.series[:series])
+        values = []
+        sensors = self._problem.sensors
+        for kind, default in ((sensors.shifts, 0.0), (sensors.scales, 1.0), (sensors.offsets, 0.0)):
+            fitted = (self.sensors[x.name] for x in kind if begin in x.rows)
+            values.append(next(fitted, default))
+        shift, scale, offset = values
+        return shift, scale, offset
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Singular value decomposition of the Jacobian of the residuals.
+
+    Attributes
+    ----------
+    singular
+        Singular values (k,) for relative changes of the parameters, in descending order.
+    directions
+        Orthonormal relative changes (k, k) of the parameters, one row per singular value.
+    sizes
+        Sizes (k,) to which changes are relative.
+    """
+
+    singular: Array
+    directions: Array
+    sizes: Array
+
+    @classmethod
+    def of(cls, jacobian: Array, sizes: Array) -> Information:
+        """Return the decomposition of a Jacobian (n, k) of weighted residuals."""
+        _, singular, directions = np.linalg.svd(jacobian * sizes, full_matrices=False)
+        return cls(singular, directions, sizes)
+
+    @cached_property
+    def is_dependent(self) -> Array:
+        """True (k,) for directions without an effect on the residuals."""
+        return np.asarray(self.singular <= _MIN_SINGULAR_RATIO * self.singular[0])
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (k, k) of the parameters; undetermined ones have infinite variances."""
+        with np.errstate(divide="ignore"):
+            variances = np.where(self.is_dependent, 0.0, 1.0 / self.singular**2)
+        covariance = (self.directions.T * variances) @ self.directions
+        # Parameters that take part in a direction without any effect are undetermined.
+        shares = np.abs(self.directions[self.is_dependent]).max(axis=0, initial=0.0)
+        for k in np.flatnonzero(shares > _MIN_NAMED_SHARE):
+            covariance[k, k] = np.inf
+        return np.asarray(covariance * np.outer(self.sizes, self.sizes))
+
+    def standard_deviations(self, derivatives: Array) -> Array:
+        """Return the standard deviations (j,) of quantities with derivatives (j, k).
+
+        They are infinite if a direction without an effect on the residuals changes the quantity.
+        """
+        along = (derivatives * self.sizes) @ self.directions.T
+        largest = np.abs(along).max(axis=1, initial=0.0, keepdims=True)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            terms = np.where(np.abs(along) > _MIN_NAMED_SHARE * largest, np.inf, 0.0)
+            terms = np.where(self.is_dependent, terms, along / self.singular)
+        return np.asarray(np.sqrt((terms**2).sum(axis=1)))
+
+    def undetermined(self, texts: Mapping[str, str]) -> tuple[str, ...]:
+        """Return sentences on combinations of parameters that the data do not determine.
+
+        Parameters
+        ----------
+        texts
+            Format of a change by name, for example "stiffness by {:+.2g} %", of which the number
+            is a hundred times the relative change. In the order of the parameters.
+        """
+        sentences, named = [], []
+        for s, direction, dependent in zip(
+            self.singular, self.directions, self.is_dependent, strict=True
+        ):
+            if not dependent and s * _MAX_RELATIVE_DEVIATION >= 1.0:
+                continue
+            # Relative to the largest share, whose sign is positive.
+            direction = direction / direction[np.argmax(np.abs(direction))]
+            shares = [
+                text.format(share)
+                for text, share in zip(texts.values(), direction, strict=True)
+                if abs(share) > _MIN_NAMED_SHARE
+            ]
+            named.append(np.abs(direction) > _MIN_NAMED_SHARE)
+            effect = (
+                "do not change the fitted columns"
+                if dependent
+                else f"have a standard deviation of {100.0 / s:.2g} times these values"
+            )
+            subject = "Changes of" if len(shares) == 1 else "Joint changes of"
+            sentences.append(f"{subject} {', '.join(shares)} {effect}.")
+        for members in self._correlated():
+            if any(np.all(other[members]) for other in named):
+                continue
+            *others, last = (name for name, is_in in zip(texts, members, strict=True) if is_in)
+            sentences.append(
+                f"The data hardly distinguish the effects of {', '.join(others)} and {last} "
+                "(correlation above 0.99)."
+            )
+        return tuple(sentences)
+
+    def _correlated(self) -> list[Array]:
+        """Return the members (k,) of combinations with correlations above 0.99."""
+        jacobian = self.singular[:, None] * self.directions
+        lengths = np.linalg.norm(jacobian, axis=0)
+        lengths[lengths == 0.0] = 1.0
+        _, singular, directions = np.linalg.svd(jacobian / lengths)
+        groups = [
+            np.abs(x) > _MIN_NAMED_SHARE * np.abs(x).max()
+            for s, x in zip(singular, directions, strict=True)
+            if s < _MIN_INDEPENDENCE
+        ]
+        return [x for x in groups if x.sum() > 1]
+
+
+def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:
+    """Return the result at the last values of a search."""
+    evaluation, names = search.evaluation, problem.variables
+    all_names = (*names, *problem.coefficients)
+    estimates = np.concatenate([evaluation.values, evaluation.coefficients])
+    residuals, jacobian = evaluation.residuals, evaluation.jacobian
+    estimate = 1.0
+    sigma = _column_sigma(problem)
+    if not problem.data.is_sigma_known:
+        freedom = max(residuals.size - len(all_names), 1)
+        # Data computed by the model itself have no residuals, but rounding errors.
+        largest = max(float(np.abs(x.values).max()) for x in problem.data.series)
+        rounding = float(np.finfo(float).eps) * (largest or 1.0)
+        estimate = max(float(np.sqrt(residuals @ residuals / freedom)), rounding)
+        residuals, jacobian = residuals / estimate, jacobian / estimate
+        sigma = {name: x * estimate for name, x in sigma.items()}
+    sizes, texts = _sizes(problem, all_names, estimates)
+    information = Information.of(jacobian, sizes)
+    steps = _check_steps(problem, evaluation, estimate)
+    count = len(problem.names)
+    values = dict(zip(all_names, estimates.tolist(), strict=True))
+    return Fit(
+        parameters={name: values[name] for name in all_names[:count]},
+        sensors={name: values[name] for name in all_names[count:]},
+        covariance=information.covariance,
+        sensitivities=dict(evaluation.runs),
+        residuals=residuals,
+        sigma=sigma,
+        is_sigma_known=problem.data.is_sigma_known,
+        evaluations=search.evaluations,
+        converged=search.converged,
+        reason=search.reason,
+        undetermined=information.undetermined(texts),
+        at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
+        warnings=(
+            *problem.duration_warnings,
+            *_check_chi_square(problem, residuals, len(all_names)),
+            *steps,
+        ),
+        _information=information,
+        _problem=problem,
+        _scaling=scaling,
+        _search=search,
+        _starts=starts,
+    )
+
+
+def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+    """Return a warning if the sum of the squared residuals is improbable for the given sigma."""
+    freedom = residuals.size - count
+    if not problem.data.is_sigma_known or freedom < 1:
+        return ()
+    if chdtrc(freedom, residuals @ residuals) >= _MIN_PROBABILITY:
+        return ()
+    return (
+        "The model does not explain the data: chi-square is improbable for the given sigma, and "
+        "the standard deviations do not apply.",
+    )
+
+
+def _check_steps(problem: FitProblem, evaluation: Evaluation, sigma: float) -> tuple[str, ...]:
+    """Return a warning if errors of the steps change estimates.
+
+    The projection of the changes of the residuals onto the columns of the Jacobian is the change of
+    the estimates in standard deviations. `sigma` is the estimated factor of the standard
+    deviations of the data.
+    """
+    largest = max(float(np.abs(x.values / x.sigma).max()) for x in problem.data.series)
+    if sigma <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known:
+        return ()
+    try:
+        changes = problem.step_errors(evaluation)
+    except BeamdaeError:
+        # For example a limit on the number of steps: the estimates are those of the given steps.
+        return ()
+    directions, singular, _ = np.linalg.svd(
+        evaluation.projected_jacobian * np.where(evaluation.values, evaluation.values, 1.0),
+        full_matrices=False,
+    )
+    is_determined = singular > _MIN_SINGULAR_RATIO * singular[0]
+    shift = np.linalg.norm(changes @ directions[:, is_determined])
+    if shift <= _MAX_STEP_ERROR * sigma:
+        return ()
+    what = "a shorter step" if problem.integrator.accuracy.name == "step" else "a smaller rtol"
+    return (f"The steps of the runs change the estimates noticeably; use {what}.",)
+
+
+def _column_sigma(problem: FitProblem) -> dict[str, float]:
+    """Return the root mean square of the standard deviations by header."""
+    by_header: dict[str, list[Array]] = {}
+    for series, header in zip(problem.data.series, problem.headers, strict=True):
+        by_header.setdefault(header, []).append(series.sigma)
+    return {
+        header: float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        for header, parts in by_header.items()
+    }
+
+
+def _sizes(
+    problem: FitProblem, names: tuple[str, ...], estimates: Array
+) -> tuple[Array, dict[str, str]]:
+    """Return the sizes (k,) to which changes are relative, and their formats by name."""
+    sensors = problem.sensors
+    special = {x.name: x for x in (*sensors.shifts, *sensors.offsets)}
+    sizes, texts = [], {}
+    first = dict(zip(problem.names, problem.first_values.tolist(), strict=False))
+    for name, value in zip(names, estimates.tolist(), strict=True):
+        if abs(value) < _MIN_RELATIVE_VALUE * abs(first.get(name, 0.0)):
+            sizes.append(abs(first[name]))
+            texts[name] = f"{name} by {{:+.2g}} % of its first value"
+        elif name in special:
+            what = "range" if special[name].unit != "s" else "width of its bounds"
+            sizes.append(special[name].size)
+            texts[name] = f"{name} by {{:+.2g}} % of half the {what}"
+        else:
+            sizes.append(abs(value) or 1.0)
+            texts[name] = f"{name} by {{:+.2g}} %" if value else f"{name} by {{:+.2g}} / 100"
+    # Names may contain braces, and only the number is formatted.
+    escaped = {
+        name: text.replace(name, name.replace("{", "{{").replace("}", "}}"), 1)
+        for name, text in texts.items()
+    }
+    return np.array(sizes), escaped

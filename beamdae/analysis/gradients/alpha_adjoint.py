@@ -1,0 +1,304 @@
+"""Backward sweep over the steps of a generalized-alpha run: the transpose of `alpha_replay`.
+
+The loop is plain Python over arrays; `native.loops` compiles it if possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.sensitivities.alpha_replay import group_equal_steps
+from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.step_equations import (
+    StepBuffers,
+    StepPrediction,
+    evaluate_matrix_at_state,
+    formulate_step,
+    plan_step_sums,
+)
+from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.alpha.family import (
+    JERK_INTERVAL,
+    AlphaParameters,
+    AlphaStart,
+    family_parameters,
+)
+from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.return_codes import DONE
+from beamdae.results.trajectory import Interval
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.sparse_operators import transpose_pattern
+from beamdae.symbolic.transposed_sums import transposed_plan
+
+Array = np.ndarray
+
+
+@dataclass(slots=True)
+class AdjointWorkspace:
+    """Work arrays of `sweep_backwards`.
+
+    Attributes
+    ----------
+    form, linear, nonzeros
+        Equations of a step, with a sum for the transposed matrix; linear solver and non-zeros of
+        this matrix.
+    transposed, inputs, outputs
+        Gradient of weights . residual, its inputs (motion, weights) and its result (derivatives
+        with respect to the motion and to p).
+    operator_change, operator_inputs, operator_residual, moves_operators
+        Derivative of the residual along a change of the operators of joints, its inputs (motion,
+        zeros) and its result; used if `moves_operators` is 1.
+    alpha_m, alpha_f, gamma, beta
+        Parameters of the method; see `family.AlphaParameters`.
+    prediction, x
+        Buffers of `evaluate_matrix_at_state`.
+    h, branch
+        Step, and a time inside the interval [s].
+    times, rows
+        Times (steps,) [s] and states (q, v, a, lam) (steps, 3n + m) after the steps.
+    seeds
+        Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, 2n + m).
+    q, v, ddq, a
+        Derivatives of the objective with respect to the motion at the end of the current step, as
+        far as it acts through later steps, (n,) each. `a` is the algorithmic acceleration.
+    a_predicted, change
+        Derivative with respect to the predicted `a`, and right-hand side or solution of a step.
+    numbers
+        Derivatives with respect to p, summed over the steps, (n_p,).
+    along_operators
+        Derivative along the change of the operators of joints.
+    first
+        Number of steps before the steps of equal length that are transposed together.
+    step
+        Number of steps that remain.
+    """
+
+    form: StepBuffers
+    linear: Any
+    nonzeros: Array
+    transposed: Sum
+    inputs: Array
+    outputs: Array
+    operator_change: Sum
+    operator_inputs: Array
+    operator_residual: Array
+    moves_operators: int
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+    prediction: StepPrediction
+    x: Array
+    h: float
+    branch: float
+    times: Array
+    rows: Array
+    seeds: Array
+    q: Array
+    v: Array
+    ddq: Array
+    a: Array
+    a_predicted: Array
+    change: Array
+    numbers: Array
+    along_operators: float
+    first: int
+    step: int
+
+
+def sweep_backwards(run: AdjointWorkspace) -> int:
+    """Transpose steps of equal length, the last one first; return DONE, NEW_PIVOTS or SINGULAR.
+
+    Each step solves a linear system with the transposed iteration matrix at the end of the step.
+    The solution weights the residual, whose gradient contributes to the derivatives with respect to
+    p and to the motion before the step.
+    """
+    n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
+    at, x, c = run.prediction, run.x, run.prediction.coefficients
+    motion = 4 * n + 2 * m
+    inputs, outputs, change = run.inputs, run.outputs, run.change
+    q, v, ddq, a, a_predicted = run.q, run.v, run.ddq, run.a, run.a_predicted
+    factor = 1.0 / (1.0 - run.alpha_m)
+    while run.step > run.first:
+        t, row, seed = run.times[run.step - 1], run.rows[run.step - 1], run.seeds[run.step - 1]
+        evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
+        code = factorize(run.linear, run.nonzeros)
+        if code != DONE:
+            return code
+        combine(q, (1.0, 1.0), (q, seed[:n]))
+        combine(v, (1.0, 1.0), (v, seed[n : 2 * n]))
+        combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
+        combine(change[n:], (-1.0 / c[2],), (seed[2 * n :],))
+        solve(run.linear, change)
+        combine(change[:n], (c[2],), (change[:n],))
+        for i in run.form.velocity_rows:
+            change[i] /= c[0]
+        set_time(run.transposed, t, run.branch)
+        combine(inputs[: 3 * n + m], (1.0,), (row,))
+        combine(inputs[motion:], (1.0,), (change,))
+        evaluate_sum(run.transposed, inputs, outputs)
+        combine(q, (1.0, 1.0), (q, outputs[:n]))
+        combine(v, (1.0, 1.0), (v, outputs[n : 2 * n]))
+        combine(run.numbers, (1.0, 1.0), (run.numbers, outputs[motion:]))
+        if run.moves_operators == 1:
+            set_time(run.operator_change, t, run.branch)
+            combine(run.operator_inputs[: 3 * n + m], (1.0,), (row,))
+            evaluate_sum(run.operator_change, run.operator_inputs, run.operator_residual)
+            for k in range(n + m):
+                run.along_operators += change[k] * run.operator_residual[k]
+        # From the predicted motion to the motion before the step.
+        combine(a_predicted, (1.0, h * h * beta, h * gamma), (a, q, v))
+        rate = factor * run.alpha_m
+        combine(a, (h * h * (0.5 - beta), h * (1.0 - gamma), -rate), (q, v, a_predicted))
+        combine(ddq, (factor * run.alpha_f,), (a_predicted,))
+        combine(v, (1.0, h), (v, q))
+        run.step -= 1
+    return DONE
+
+
+@cache_on_owner
+def _plan_adjoint(structure: Structure) -> tuple[SumPlan, SumPlan, sp.csc_array]:
+    """Return the transposed sum of the residual, and sum and pattern of the transposed matrix."""
+    pattern, (residual, _, matrix) = plan_step_sums(structure, False)
+    pattern, positions = transpose_pattern(pattern)
+    transposed_matrix = replace(
+        matrix,
+        add_targets=positions[matrix.add_targets],
+        weighted_targets=positions[matrix.weighted_targets],
+    )
+    size = 4 * structure.n + 2 * structure.m
+    return transposed_plan(residual, size), transposed_matrix, pattern
+
+
+def transpose_alpha_steps(
+    method: GeneralizedAlpha,
+    start: StartAdjoint,
+    interval: Interval,
+    seeds: Array,
+) -> State:
+    """Return the gradient of an objective with respect to the state at the start of an interval.
+
+    Parameters
+    ----------
+    method
+        Settings of the run, in the index-3 form.
+    start
+        Transposed derivatives of the starting values and of the jerk, which corrects velocities
+        where the length of the step changes. The derivatives with respect to p are added to
+        `start.numbers`.
+    interval
+        States of the run.
+    seeds
+        Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, 2n + m).
+
+    Raises
+    ------
+    BeamdaeError
+        If the iteration matrix is singular at a step.
+    """
+    equations, times, states = start.equations, interval.t, interval.state
+    n, m, steps = equations.n, equations.m, len(times) - 1
+    member = family_parameters(method.family, method.rho_inf)
+    form = formulate_step(equations, False)
+    plan, transposed_matrix, pattern = _plan_adjoint(equations.structure)
+    moved_plan = start.moved_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+    matrix = FactorizedMatrix.from_pattern(pattern)
+
+    def make_workspace(native: bool) -> AdjointWorkspace:
+        buffers = form.buffers(native)
+        buffers.matrix = transposed_matrix.sum(native, equations.p)
+        q, v, ddq, a, a_predicted = np.zeros((5, n))
+        at = np.zeros((4, n))
+        return AdjointWorkspace(
+            form=buffers,
+            linear=matrix.make_solver(native, "auto"),
+            nonzeros=matrix.nonzeros,
+            transposed=plan.sum(native, equations.p),
+            inputs=np.zeros(5 * n + 3 * m),
+            outputs=np.zeros(4 * n + 2 * m + len(equations.p)),
+            operator_change=(moved_plan or plan).sum(native, equations.p),
+            operator_inputs=np.zeros(2 * (4 * n + 2 * m) + len(equations.p)),
+            operator_residual=np.zeros(n + m),
+            moves_operators=int(moved_plan is not None),
+            alpha_m=member.alpha_m,
+            alpha_f=member.alpha_f,
+            gamma=member.gamma,
+            beta=member.beta,
+            prediction=StepPrediction(at[0], at[1], at[2], at[3], np.zeros(3)),
+            x=np.zeros(n + m),
+            h=0.0,
+            branch=float(interval.branch),
+            times=np.ascontiguousarray(times[1:]),
+            rows=np.ascontiguousarray(np.hstack([x[1:] for x in states])),
+            seeds=np.ascontiguousarray(seeds),
+            q=q,
+            v=v,
+            ddq=ddq,
+            a=a,
+            a_predicted=a_predicted,
+            change=np.zeros(n + m),
+            numbers=np.zeros(len(equations.p)),
+            along_operators=0.0,
+            first=0,
+            step=steps,
+        )
+
+    def matrices(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        return [(run.linear, matrix)]
+
+    is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
+    loop = StepLoop(sweep_backwards, make_workspace, matrices, is_native)
+    run = loop.work
+    groups = list(pairwise(group_equal_steps(times)))
+    for first, last in reversed(groups):
+        h = float((times[last] - times[first]) / (last - first))
+        if last < steps:
+            at = State(*(x[last] for x in states))
+            _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)
+        c_f = h * h * member.beta
+        run.prediction.coefficients[:] = (
+            member.gamma / (h * member.beta),
+            (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
+            c_f,
+        )
+        run.h, run.first = h, int(first)
+        if loop() != DONE:
+            raise BeamdaeError(
+                f"{derivative_call()}: the iteration matrix is singular at t = {times[run.step]:g} "
+                "s; "
+                "use a smaller step, or check the model."
+            )
+    start.numbers += run.numbers
+    start.along_operators += run.along_operators
+    alpha_start = AlphaStart(member, start.solver, True, method.start == "cured")
+    time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
+    return start.initial_motion(alpha_start, time, at, (run.q, run.v, run.ddq, run.a), run.h)
+
+
+def _transpose_step_change(
+    run: AdjointWorkspace,
+    member: AlphaParameters,
+    start: StartAdjoint,
+    time: Array,
+    at: State,
+    h: float,
+) -> None:
+    """Transpose the conversion of the motion from the step length `h` [s] to `run.h`."""
+    ratio, square = run.h / h, (run.h * run.h - h * h) * member.defect
+    by_state = start.normal_jerk(
+        time, at, square * run.v, JERK_INTERVAL * run.h, holonomic_only=True
+    )
+    run.q += by_state.q
+    run.v += by_state.v
+    run.ddq += by_state.a + (1.0 - ratio) * run.a
+    run.a *= ratio

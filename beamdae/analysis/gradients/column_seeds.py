@@ -1,0 +1,269 @@
+"""Derivatives of an objective with respect to the states at the steps of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.gradients.objectives import (
+    ColumnObjective,
+    Objective,
+    SampleGrid,
+    sample_column,
+    select_column,
+)
+from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.results.run_data import coordinate_headers
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class OperatorSeeds:
+    """Derivatives of an objective with respect to local coordinates of an observable over time.
+
+    Attributes
+    ----------
+    select
+        Function that returns the observable of equations.
+    by_q, by_v
+        Derivatives with respect to the local coordinates and velocities, (times, local).
+    at
+        States at the times.
+    """
+
+    select: Callable[[EquationsOfMotion], Observable]
+    by_q: Array
+    by_v: Array
+    at: State
+
+    def weigh(self, change: sp.sparray) -> float:
+        """Return the change of the objective due to a change of `Observable.operator`."""
+        q, v = ((change @ x.T).T for x in (self.at.q, self.at.v))
+        return float(np.sum(self.by_q * q) + np.sum(self.by_v * v))
+
+    def by_operator(self, pattern: sp.csr_array) -> Array:
+        """Return the derivatives with respect to the non-zeros of `Observable.operator`."""
+        row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+        column, parts = pattern.indices, ((self.by_q, self.at.q), (self.by_v, self.at.v))
+        return np.asarray(sum(np.einsum("ti,ti->i", by[:, row], x[:, column]) for by, x in parts))
+
+
+@dataclass
+class ColumnSeeds:
+    """Derivatives of an objective with respect to the states of a run, and directly to p.
+
+    Attributes
+    ----------
+    value
+        Value of the objective.
+    states
+        Derivatives with respect to (q, v, lam) at the nodes of each interval, (nodes, 2n + m).
+    numbers
+        Derivatives with respect to the numbers p in the formulas of observables, (n_p,).
+    operators
+        Derivatives through the operators of observables.
+    """
+
+    value: float
+    states: list[Array]
+    numbers: Array
+    operators: list[OperatorSeeds]
+
+    def by_operators(self, equations: EquationsOfMotion) -> list[sp.csr_array]:
+        """Return the derivatives with respect to the non-zeros of all operators, by observable."""
+        result = {id(x): x.operator * 0.0 for x in equations.observables}
+        for seeds in self.operators:
+            operator = result[id(seeds.select(equations))]
+            operator.data += seeds.by_operator(operator)
+        return list(result.values())
+
+
+def differentiate_objective(
+    objective: Objective, solution: Solution, equations: EquationsOfMotion
+) -> ColumnSeeds:
+    """Return the value of an objective and its derivatives with respect to the states of the run.
+
+    `equations` are those of the run, perhaps with further forces that vanish there.
+    """
+    size = 2 * equations.n + equations.m
+    states = [np.zeros((len(x.nodes), size)) for x in solution.trajectory.intervals]
+    result = ColumnSeeds(0.0, states, np.zeros(len(equations.p)), [])
+    grid = SampleGrid.of(solution.trajectory)
+    terms_at: dict[bytes, tuple[Array, list[tuple[float, ColumnObjective]]]] = {}
+    for factor, term in objective.terms:
+        times = term.sample_times(grid)
+        terms_at.setdefault(times.tobytes(), (times, []))[1].append((factor, term))
+    for times, terms in terms_at.values():
+        samples = _sample_intervals(solution.trajectory, times)
+        parts = [x.states() for x in samples]
+        at = State(*map(_concatenate, zip(*parts, strict=True)))
+        branches = np.concatenate([np.full(len(x.times), x.interval.branch) for x in samples])
+        rows = np.stack([times, branches], axis=1)
+        by_state = np.zeros((len(times), size))
+        for factor, term in terms:
+            add_term(result, by_state, equations, factor, term, rows, at, grid.weights)
+        first = 0
+        for k, sample in enumerate(samples):
+            last = first + len(sample.times)
+            sample.transpose(by_state[first:last], equations.n, result.states[k])
+            first = last
+    return result
+
+
+def _concatenate(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+class _IntervalSample(NamedTuple):
+    """Times within one interval; `nodes` selects them if they are consecutive nodes."""
+
+    interval: Interval
+    times: Array
+    nodes: slice | None
+
+    def states(self) -> State:
+        """Return the states at the times."""
+        if self.nodes is None:
+            return self.interval.at(self.times)
+        return State(*(x[self.nodes] for x in self.interval.rows))
+
+    def transpose(self, by_state: Array, n: int, by_nodes: Array) -> None:
+        """Add derivatives with respect to (q, v, lam) at the times to those at the nodes."""
+        if self.nodes is not None:
+            by_nodes[self.nodes] += by_state
+        elif len(self.times):
+            weights = self.interval.weights_at(self.times)
+            q, v, lam = np.split(by_state, [n, 2 * n], axis=1)
+            by_nodes[:, :n] += weights.positions.T @ q
+            by_nodes[:, n : 2 * n] += weights.positions_by_velocities.T @ q
+            by_nodes[:, n : 2 * n] += weights.velocities.T @ v
+            by_nodes[:, 2 * n :] += weights.reactions.T @ lam
+
+
+def _sample_intervals(trajectory: Trajectory, times: Array) -> list[_IntervalSample]:
+    """Distribute ascending times to the intervals of a run."""
+    index, samples = trajectory.interval_index(times), []
+    for k, interval in enumerate(trajectory.intervals):
+        t = times[index == k]
+        first = int(np.searchsorted(interval.nodes, t[0])) if len(t) else 0
+        nodes = slice(first, first + len(t))
+        are_nodes = np.array_equal(interval.nodes[nodes], t)
+        samples.append(_IntervalSample(interval, t, nodes if are_nodes else None))
+    return samples
+
+
+def add_term(
+    seeds: ColumnSeeds,
+    by_state: Array,
+    equations: EquationsOfMotion,
+    factor: float,
+    term: ColumnObjective,
+    rows: Array,
+    at: State,
+    weights: Array,
+) -> None:
+    """Add the value of a term, and its derivatives with respect to the states `at` `rows`.
+
+    `weights` are those of integrals, see `ColumnObjective.evaluate`.
+    """
+    coordinates = coordinate_headers(equations)[1:]
+    observed = {
+        header: (number, column)
+        for number, o in enumerate(equations.observables)
+        for column, header in enumerate(o.headers)
+    }
+    header = select_column(term.column, coordinates, list(observed))
+    if header not in observed:
+        column = coordinates.index(header)
+        values = np.hstack([at.q, at.v, at.lam])[:, column]
+        value, derivatives = term.evaluate(values, weights)
+        seeds.value += factor * value
+        by_state[:, column] += factor * derivatives
+        return
+    number, column = observed[header]
+    o = equations.observables[number]
+    arguments = _column_arguments(o, equations, rows, at)
+    value, derivatives = term.evaluate(o.function(*arguments)[:, column], weights)
+    seeds.value += factor * value
+    by_columns = np.zeros((len(rows), len(o.columns)))
+    by_columns[:, column] = factor * derivatives
+    add_columns(seeds, by_state, equations, lambda e: e.observables[number], rows, at, by_columns)
+
+
+def add_columns(
+    seeds: ColumnSeeds,
+    by_state: Array,
+    equations: EquationsOfMotion,
+    select: Callable[[EquationsOfMotion], Observable],
+    rows: Array,
+    at: State,
+    by_columns: Array,
+) -> None:
+    """Add derivatives with respect to the columns of an observable to those by states and numbers.
+
+    Parameters
+    ----------
+    seeds, by_state
+        Derivatives by numbers, and by the states, (rows, 2n + m); the results are added to both.
+    equations, select
+        Equations, and function that returns the observable of equations.
+    rows, at
+        Rows of (t, branch), and states.
+    by_columns
+        Derivatives of the objective with respect to the columns, (rows, columns).
+    """
+    o, n = select(equations), equations.n
+    arguments = _column_arguments(o, equations, rows, at)
+    gradient = o.function.weighted_gradient()(*arguments, by_columns)
+    ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], len(arguments[3])])
+    by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
+    seeds.numbers[o.data] += by_p.sum(axis=0)
+    seeds.operators.append(OperatorSeeds(select, by_q, by_v, at))
+    by_state[:, :n] += (o.operator.T @ by_q.T).T
+    by_state[:, n : 2 * n] += (o.operator.T @ by_v.T).T
+    by_state[:, 2 * n :][:, o.rows] += by_lam
+
+
+def _column_arguments(
+    o: Observable, equations: EquationsOfMotion, rows: Array, at: State
+) -> tuple[Array, Array, Array, Array, Array]:
+    q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
+    return rows, q, v, equations.p[o.data], at.lam[:, o.rows]
+
+
+def differentiate_end(
+    objective: Objective, solution: Solution, equations: EquationsOfMotion
+) -> float:
+    """Return the derivative of an objective with respect to the end time of the run.
+
+    `equations` are those of the run, perhaps with further forces that vanish there.
+    """
+    interval, grid = solution.trajectory.intervals[-1], SampleGrid.of(solution.trajectory)
+    end = np.array([grid.end])
+    at = State(*(x[0] for x in interval.at(end)))
+    lam_rate = interval.derivative_at(end).lam[0]
+    coordinates = coordinate_headers(equations)[1:]
+    values = np.concatenate([at.q, at.v, at.lam])
+    rates = np.concatenate([at.v, at.a, lam_rate])
+    columns = dict(zip(coordinates, zip(values, rates, strict=True), strict=True))
+    time = np.array([grid.end, interval.branch])
+    for o in equations.observables:
+        arguments = _column_arguments(o, equations, time[None], State(*(x[None] for x in at)))
+        observed = o.function(*arguments)[0]
+        changes = time_derivative(o, equations, time, at, lam_rate)
+        columns |= dict(zip(o.headers, zip(observed, changes, strict=True), strict=True))
+    result = 0.0
+    for factor, term in objective.terms:
+        header, column = sample_column(solution, term.column, term.sample_times(grid))
+        value = term.evaluate(column, grid.weights)[0]
+        y, rate = columns[header]
+        result += factor * term.end_derivative(value, y, rate, grid.end - grid.start)
+    return float(result)

@@ -1,0 +1,465 @@
+"""`gradient`: value and gradient of a scalar objective of a run, by a discrete adjoint."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from beamdae.analysis.gradients.number_derivatives import (
+    FlatModel,
+    NumberDerivatives,
+    differentiate_numbers,
+)
+from beamdae.analysis.gradients.objectives import Objective
+from beamdae.analysis.gradients.run_adjoint import (
+    AdjointRun,
+    RunAdjoint,
+    RunPhases,
+    transpose_run,
+)
+from beamdae.analysis.sensitivities.differentiable_methods import (
+    require_differentiable_method,
+    warn_of_unreliable_run,
+)
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    derivative_call,
+    difference_model,
+)
+from beamdae.analysis.sensitivities.run_derivatives import (
+    derive_states,
+    differentiate_start,
+    drivers_move,
+    find_stop,
+    node_state,
+)
+from beamdae.analysis.sensitivities.sensitivity_result import (
+    complete_parameters,
+    require_parameter_names,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    as_real,
+    short_repr,
+    suggest,
+    warn_user,
+)
+from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.memory import require_memory
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.read_only import read_only_data
+from beamdae.results.solution import Solution
+from beamdae.simulation import as_equations, simulate
+
+Array = np.ndarray
+
+# A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
+# and 0.02 % with 1e-5.
+DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
+# Error of a gradient due to a fixed step, relative to its largest entry, of which users are warned.
+_MAX_STEP_ERROR = 0.05
+# Copies of the states and of the derivatives with respect to them that are in memory at once.
+_COPIES_OF_ROWS = 3.0
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class Gradient:
+    """Value and gradient of an objective; see `gradient`.
+
+    Attributes
+    ----------
+    value
+        Value of the objective.
+    parameters
+        Values of the parameters by name: floats, or tuples for lists of floats.
+    derivatives
+        Derivatives of the objective by name of the parameter, floats or arrays, in the unit of
+        the objective per unit of the parameter.
+    solution
+        The run.
+    """
+
+    value: float
+    parameters: Mapping[str, Any]
+    derivatives: Mapping[str, Any]
+    solution: Solution
+
+    def __repr__(self) -> str:
+        by = ", ".join(self.derivatives)
+        return f"<Gradient by {by}: value {self.value:.6g}, norm {np.linalg.norm(self.array):.3g}>"
+
+    @property
+    def array(self) -> Array:
+        """All derivatives in one array (k,), in the order of `by`; lists are flattened."""
+        return np.concatenate([np.ravel(x) for x in self.derivatives.values()])
+
+
+@interruptible
+def gradient(
+    model: Model,
+    objective: Objective,
+    by: Sequence[str] | str,
+    integrator: Integrator | None = None,
+    t_end: float | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    start: Any = None,
+) -> Gradient:
+    """Integrate a model and return the gradient of an objective of the run.
+
+    The gradient is exact for the discrete solution, like `sensitivities`, but its cost hardly
+    depends on the number of parameters: it comes from the transposed equations of the steps, solved
+    backwards from the end of the run. With the residual F_k of step k in its unknowns x_k, the
+    derivatives J_k of the objective with respect to x_k, and the numbers p in the equations,
+
+        (dF_k/dx_k)^T y_k = J_k - sum over j > k of (dF_j/dx_k)^T y_j,
+        dJ/dp = -sum over k of (dF_k/dp)^T y_k,
+
+    with the step sequence of the run and its exact iteration matrices; cf. Sandu, Daescu &
+    Carmichael, Atmos. Environ. 37 (2003) 5083, doi:10.1016/j.atmosenv.2003.08.019. The start of the
+    run and the jumps of the derivatives at events, impacts and breakpoints that depend on
+    parameters are transposed as well, see `sensitivities`. If an event stops the run, the
+    derivatives include those of the end time, in contrast to `sensitivities`. Only the model
+    function is differenced, because it is an arbitrary Python function: parameters that affect
+    different numbers of the model, such as the thicknesses of a beam at different points, are
+    changed together. If the model must be built for more than 20 groups of parameters, central
+    differences of second order are used, with relative errors near 1e-10; otherwise, they are of
+    fourth order, with relative errors near 1e-12.
+
+    Parameters
+    ----------
+    model
+        Model function.
+    objective
+        `EndValue`, `TimeIntegral`, `SmoothMaximum`, `SquaredErrors`, or a weighted sum of these.
+    by
+        Names of the parameters: floats, or tuples or lists of floats such as the coefficients of a
+        thickness.
+    integrator
+        `GeneralizedAlpha` in the index-3 form, whose `newton_tolerance` is reduced to 1e-10, or
+        `Radau`. `Auto` is replaced by `Radau`. Changes of adaptive steps are not differentiated.
+        Defaults to `GeneralizedAlpha(rtol=1e-4)`. With a fixed step, the gradient is computed again
+        with twice the step, to estimate its error.
+    t_end
+        End time [s]. Defaults to the model's end time. It does not depend on the parameters.
+    parameters
+        Values of the parameters of the model that differ from the defaults.
+    start
+        Start of the run, see `simulate`; not a solution or checkpoint.
+
+    Returns
+    -------
+    Gradient
+        Value, derivatives and the run.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, the run does not reach its end, or the model cannot be
+        differentiated; see `sensitivities`.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the run violates the balance of energy or has warnings, a parameter has no effect on the
+        model, differences of the model function depend on their step, or a gradient with twice the
+        fixed step differs so much that the error of the gradient is estimated at more than 5 %.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=1.0)
+    ... def oscillator(stiffness=40.0, speed=0.2):
+    ...     mech = bd.Mechanism()
+    ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.observe("mass", mass.point)
+    ...     return mech
+    >>> method = bd.GeneralizedAlpha(step=1e-3)
+    >>> result = bd.gradient(oscillator, bd.EndValue("mass.x"), ["stiffness", "speed"], method)
+    >>> print(f"{result.derivatives['stiffness']:.3e} m per N/m")
+    2.481e-03 m per N/m
+    """
+    if not isinstance(objective, Objective):
+        raise BeamdaeError(
+            f"gradient: objective must be an Objective such as EndValue('tip.y'), got "
+            f"{short_repr(objective)}."
+        )
+    run = DifferentiableRun.of(
+        flatten_model("gradient", model, by, parameters), integrator, t_end, start
+    )
+    value, derivatives = run.differentiate(objective)
+    flat, solution = run.flat, run.solution
+    warn_of_unreliable_run(flat.name, solution)
+    _warn_of_step_errors(run, objective, derivatives)
+    shaped: dict[str, Any] = {}
+    for (name, (key, k)), derivative in zip(flat.entries.items(), derivatives, strict=True):
+        if k is None:
+            shaped[name] = float(derivative)
+        else:
+            shaped.setdefault(key, []).append(float(derivative))
+    given = flat.parameters
+    return Gradient(
+        value,
+        {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in shaped},
+        {x: y if isinstance(y, float) else np.array(y) for x, y in shaped.items()},
+        solution,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class DifferentiableRun:
+    """Run of a model, from which the gradients of several objectives can be computed.
+
+    Attributes
+    ----------
+    flat
+        The model as a function of single numbers.
+    solution
+        The run.
+    method
+        Integrator of the run.
+    equations
+        Equations of the run.
+    start
+        Start of the run, see `simulate`.
+    """
+
+    flat: FlatModel
+    solution: Solution
+    method: GeneralizedAlpha | Radau
+    equations: EquationsOfMotion
+    start: Any
+    # Derivatives of the model, which other runs of the model share, and phases of this run.
+    _models: dict[str, Any] = field(default_factory=dict, repr=False)
+    _phases: dict[str, RunPhases] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls, flat: FlatModel, integrator: Any, t_end: float | None, start: Any
+    ) -> DifferentiableRun:
+        """Integrate a model; the arguments are those of `gradient`.
+
+        Raises
+        ------
+        BeamdaeError
+            If the run cannot be differentiated or does not reach its end.
+        """
+        method = require_differentiable_method(integrator, DEFAULT_METHOD)
+        mechanism = flat()
+        equations = as_equations(derivative_call(), mechanism, start)
+        solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
+        if not solution.status.success:
+            raise BeamdaeError(
+                f"{derivative_call()}: the run of {flat.name} did not reach its end "
+                f"({solution.status.sentence}); differentiate a shorter run, or change the "
+                "integrator."
+            )
+        if solution.trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
+            raise BeamdaeError(
+                f"{derivative_call()}: the run of {flat.name} was {solution.status.sentence}, not "
+                "by an event of the model; choose an earlier t_end."
+            )
+        rows = solution.trajectory.steps * (3 * equations.n + equations.m)
+        require_memory(
+            derivative_call(),
+            f"derivatives with respect to the states of {solution.trajectory.steps} steps",
+            _COPIES_OF_ROWS * 8.0 * rows,
+            "use longer steps",
+        )
+        return cls(flat, solution, method, equations, start)
+
+    def differentiate(self, objective: Objective) -> tuple[float, Array]:
+        """Return the value and the gradient (k,) of an objective."""
+        with single_threaded:
+            return _differentiate(self, objective)
+
+    def number_derivatives(self, start: Any) -> NumberDerivatives:
+        """Return the derivatives of the numbers in the equations, see `differentiate_numbers`.
+
+        `start` is the start of the neighboring models. The result serves all objectives.
+        """
+        if "numbers" not in self._models:
+            first = self.solution.trajectory.intervals[0]
+            time = np.array([first.t[0], first.branch])
+            self._models["numbers"] = differentiate_numbers(
+                self.flat, self.equations, lambda x: as_equations(derivative_call(), x, start), time
+            )
+        return self._models["numbers"]
+
+    @cached_property
+    def adjoint(self) -> AdjointRun:
+        """The run with its events and redundant constraints."""
+        return AdjointRun.of(self.solution, self.method)
+
+    def with_method(self, method: GeneralizedAlpha | Radau) -> DifferentiableRun:
+        """Return the run by another integrator.
+
+        Raises
+        ------
+        BeamdaeError
+            If this run does not reach its end.
+        """
+        other = DifferentiableRun.of(self.flat, method, self.solution.model["t_end"], self.start)
+        return replace(other, _models=self._models)
+
+    def phases(self, name: str) -> RunPhases:
+        """Return the equations at neighboring values of one number, see `RunPhases`.
+
+        Raises
+        ------
+        BeamdaeError
+            As `difference_model` and `RunPhases.of`.
+        """
+        if name not in self._phases:
+            self._phases[name] = RunPhases.of(self.adjoint, self._difference(name))
+        return self._phases[name]
+
+    def _difference(self, name: str) -> Difference:
+        key = f"difference {name}"
+        if key not in self._models:
+            # Name and call of a flat model are those of a model.
+            self._models[key] = difference_model(
+                cast(Model, self.flat),
+                name,
+                self.flat.values,
+                self.equations,
+                lambda x: as_equations(derivative_call(), x, self.start),
+                moves_operators=True,
+            )
+        return self._models[key]
+
+
+def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatModel:
+    """Return the model as a function of the numbers in the parameters named in `by`.
+
+    `caller` is the calling function, for messages.
+    """
+    names = require_parameter_names(caller, model, by)
+    values = complete_parameters(caller, model, parameters)
+    entries: dict[str, tuple[str, int | None]] = {}
+    for name in names:
+        if name not in values:
+            available = [k for k, x in values.items() if _count_numbers(x)]
+            raise BeamdaeError(
+                f"{caller}: {model.name} has no parameter {short_repr(name)}"
+                f"{suggest(str(name), available)}; parameters with derivatives: "
+                f"{', '.join(available) or 'none'}."
+            )
+        count = _count_numbers(values[name])
+        if not count:
+            raise BeamdaeError(
+                f"{caller}: {name} of {model.name} is neither a float nor a list of floats "
+                f"({short_repr(values[name])}) and has no derivative."
+            )
+        if isinstance(values[name], float):
+            entries[name] = (name, None)
+        else:
+            entries |= {f"{name}[{k}]": (name, k) for k in range(count)}
+    return FlatModel(model, values, entries)
+
+
+def _count_numbers(value: Any) -> int:
+    """Return the number of numbers in a float, or in a list or tuple of floats; otherwise 0."""
+    if isinstance(value, float):
+        return 1
+    if not isinstance(value, (tuple, list)):
+        return 0
+    are_real = all(as_real(x) is not None and not isinstance(x, bool) for x in value)
+    return len(value) if are_real else 0
+
+
+def _warn_of_step_errors(run: DifferentiableRun, objective: Objective, derivatives: Array) -> None:
+    """Warn if the gradient depends on the fixed step of the run.
+
+    Derivatives are compared by the changes of the objective that they predict for equal relative
+    changes of the parameters.
+    """
+    method = run.method
+    if not isinstance(method, GeneralizedAlpha) or method.rtol is not None:
+        return
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            coarse_run = run.with_method(replace(method, step=2.0 * method.step))
+            coarse = coarse_run.differentiate(objective)[1]
+    except BeamdaeError:
+        return  # The longer steps fail: there is no estimate.
+    sizes = np.abs(list(run.flat.values.values()))
+    if not np.any(sizes):
+        sizes = np.ones_like(sizes)
+    # Richardson's estimate.
+    errors = np.abs(coarse - derivatives) / (2.0**method.order - 1.0)
+    largest, error = (float(np.max(np.abs(x) * sizes)) for x in (derivatives, errors))
+    if largest > 0.0 and error > _MAX_STEP_ERROR * largest:
+        warn_user(
+            f"{derivative_call()}: the error of the gradient of {run.flat.name} due to the step of "
+            f"{method.step:g} s is estimated at {100.0 * error / largest:.2g} %; use a shorter "
+            "step, or GeneralizedAlpha(rtol=1e-4)."
+        )
+
+
+def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:
+    """Return the value and the gradient (k,) of an objective."""
+    equations, names = run.equations, list(run.flat.entries)
+    if equations.configurations is not None or equations.redundant or run.adjoint.stop is not None:
+        return _differentiate_one_by_one(run, names, objective)
+    first = run.solution.trajectory.intervals[0]
+    time, at = node_state(first, 0)
+    # A parameter without effect: others that need more than the numbers are irregular, see below.
+    unchanged = Difference("", equations, (equations, equations), (-0.5, 0.5), (-1.0, 1.0))
+    adjoint = transpose_run(objective, run.adjoint, RunPhases.of(run.adjoint, unchanged))
+    value, request = adjoint.seeds.value, equations.start
+    is_equilibrium = request is not None and request.description == EQUILIBRIUM
+    by_equilibrium = adjoint.start.equilibrium(time, at, adjoint.q) if is_equilibrium else None
+    numbers = adjoint.seeds.numbers + sum(x[: len(equations.p)] for x in adjoint.numbers)
+    if by_equilibrium is not None:
+        numbers = numbers + by_equilibrium
+    starts_as_drawn = np.array_equal(at.q, equations.q0) and not drivers_move(equations, time)
+    if by_equilibrium is None and not starts_as_drawn:
+        return _differentiate_one_by_one(run, names, objective)
+    # The equilibrium of neighboring models is not needed if its adjoint is known.
+    derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
+    operators = adjoint.seeds.by_operators(equations)
+    by_operators = np.concatenate([np.zeros(0), *(x.data for x in operators)])
+    result = derivatives.p @ numbers + derivatives.operators @ by_operators
+    if by_equilibrium is None:
+        result += derivatives.q0 @ adjoint.q + derivatives.v0 @ adjoint.v
+    irregular = list(derivatives.irregular)
+    if irregular:
+        _, changes = _differentiate_one_by_one(run, [names[k] for k in irregular], objective)
+        result[irregular] = changes
+    return value, result
+
+
+def _differentiate_one_by_one(
+    run: DifferentiableRun, names: Sequence[str], objective: Objective
+) -> tuple[float, Array]:
+    """Return the value and the derivatives, with all equations of each neighboring model.
+
+    Parameters in whose equations further forces are present, that move operators of joints, or that
+    move breakpoints need another backward sweep.
+    """
+    time, at = node_state(run.adjoint.intervals[0], 0)
+    adjoints: dict[Any, RunAdjoint] = {}
+    result = np.zeros(len(names))
+    for k, name in enumerate(names):
+        phases = run.phases(name)
+        if phases.key not in adjoints:
+            adjoints[phases.key] = transpose_run(objective, run.adjoint, phases)
+        adjoint, first = adjoints[phases.key], phases.phases[0].active
+        dp = first.derivative(lambda e: e.p)
+        dq, dv = differentiate_start(first, derive_states(first), time, at, dp)
+        result[k] = adjoint.derivative(phases, dq, dv)
+    return next(iter(adjoints.values())).seeds.value, result

@@ -1,0 +1,393 @@
+"""Derivatives of a model with respect to many parameters, with few builds of the model.
+
+Building a model takes milliseconds, a large part of a short run. Parameters that affect different
+numbers, such as the thicknesses of a beam at different points, are therefore changed together
+(Curtis, Powell & Reid, IMA J. Appl. Math. 13 (1974) 117, doi:10.1093/imamat/13.1.117).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.model_differences import (
+    estimate_excess,
+    largest_of_kind,
+    rounding_of_numbers,
+    warn_of_idle_parameters,
+)
+from beamdae.analysis.sensitivities.run_derivatives import drivers_move
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.errors import BeamdaeError, format_exception
+from beamdae.model_functions import Model
+
+Array = np.ndarray
+
+# Up to this number of groups of parameters that are changed together, differences are of fourth
+# order.
+_MAX_FOURTH_ORDER_GROUPS = 20
+# Differences of parameters, relative to their values, of fourth and of second order. The relative
+# errors of the derivatives are near 1e-12 and 1e-10.
+_FOURTH_ORDER_DIFFERENCE = 1e-3
+_SECOND_ORDER_DIFFERENCE = 1e-5
+# Magnitude of parameters whose value is zero, for their differences.
+_SIZE_AT_ZERO = 0.1
+# Weights of the difference between derivatives of fourth and of second order.
+_ORDERS = (1 / 12, -1 / 6, 1 / 6, -1 / 12)
+# Steps, weights of the derivative and weights of the value.
+_Stencil = tuple[tuple[int, float, float], ...]
+_FOURTH_ORDER: _Stencil = (
+    (-2, 1 / 12, -1 / 6),
+    (-1, -2 / 3, 2 / 3),
+    (1, 2 / 3, 2 / 3),
+    (2, -1 / 12, -1 / 6),
+)
+_SECOND_ORDER: _Stencil = ((-1, -0.5, 0.5), (1, 0.5, 0.5))
+# Fewer parameters are changed one by one, without a search for those that affect the same numbers.
+_MIN_SEARCHED = 9
+# The search ends if no parts of a division into this number of parts can be changed together.
+_MAX_DENSE_PARTS = 8
+# Largest error of the sum of the derivatives along a common change of all parameters, relative to
+# the sum of their magnitudes.
+_MAX_COMMON_ERROR = 1e-6
+# Largest error of numbers interpolated from their neighbors, relative to their changes; at a kink
+# it is at least 1/6.
+_MAX_INTERPOLATION_ERROR = 1e-2
+# Common change of all numbers, relative to their values.
+_COMMON_DIFFERENCE = 1e-4
+# Rounding errors of initial values and operators, relative to the larger of 1 and their values.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class FlatModel:
+    """Model as a function of single numbers: floats, and the entries of lists of floats.
+
+    Attributes
+    ----------
+    model
+        Model function.
+    parameters
+        Values of all its parameters.
+    entries
+        Name of the parameter and index of the entry, None for a float, by name of the number, such
+        as "E" and "thickness[3]".
+    """
+
+    model: Model
+    parameters: Mapping[str, Any]
+    entries: Mapping[str, tuple[str, int | None]]
+
+    @property
+    def name(self) -> str:
+        """Name of the model function."""
+        return self.model.name
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the numbers."""
+        return {
+            name: float(self.parameters[key] if k is None else self.parameters[key][k])
+            for name, (key, k) in self.entries.items()
+        }
+
+    def __call__(self, **values: float) -> Any:
+        """Return the mechanism for other values of some of the numbers."""
+        return self.model(**self.change(values))
+
+    def change(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return all parameters of the model for other values of some of the numbers."""
+        parameters = dict(self.parameters)
+        for name, value in values.items():
+            key, k = self.entries[name]
+            if k is None:
+                parameters[key] = value
+            else:
+                numbers = list(parameters[key])
+                numbers[k] = value
+                parameters[key] = type(self.parameters[key])(numbers)
+        return parameters
+
+
+@dataclass(frozen=True)
+class NumberDerivatives:
+    """Derivatives of equations of motion with respect to the numbers of a model.
+
+    Attributes
+    ----------
+    p
+        Derivatives of the numbers in the equations, (k, n_p).
+    q0, v0
+        Derivatives of the initial coordinates and velocities, (k, n) each.
+    operators
+        Derivatives of the non-zeros of `Observable.operator` of all observables, (k, nnz).
+    irregular
+        Indices of the numbers without derivatives, see `differentiate_numbers`; their rows are
+        zero.
+    """
+
+    p: Array
+    q0: Array
+    v0: Array
+    operators: Array
+    irregular: tuple[int, ...]
+
+
+# Names of numbers, and the entries that they affect, by model function: searches of an optimum
+# differentiate the same numbers repeatedly.
+_latest_masks: WeakKeyDictionary[Callable[..., Any], tuple[tuple[str, ...], Array]] = (
+    WeakKeyDictionary()
+)
+
+
+class _IrregularError(Exception):
+    """A neighboring model that needs the careful treatment of `difference_model`."""
+
+
+def differentiate_numbers(
+    model: FlatModel,
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    time: Array,
+) -> NumberDerivatives:
+    """Return the derivatives of the equations of motion with respect to all numbers of a model.
+
+    Numbers are irregular if the model rejects a neighboring value, if the neighbor differs from
+    `base` in its structure or breakpoints, if drivers move at the start, at a kink, or if the step
+    of the differences does not suit the scale of the number.
+
+    Parameters
+    ----------
+    model
+        Model function of single numbers.
+    base
+        Equations at the values of the numbers.
+    assemble
+        Function that returns the equations of a mechanism.
+    time
+        (t, branch) of the start.
+    """
+    differencing = _Differencing(model, base, assemble, time)
+    derivatives, irregular = _differentiate_together(differencing, model)
+    if derivatives is None:
+        singles = [[k] for k in range(len(differencing.values))]
+        derivatives, irregular = differencing.differentiate(singles, None)
+    ends = np.cumsum([len(base.p), base.n, base.n])
+    differencing.warn_without_effect(derivatives, irregular)
+    p, q0, v0, operators = np.split(derivatives, ends, axis=1)
+    return NumberDerivatives(p, q0, v0, operators, tuple(irregular))
+
+
+def _differentiate_together(
+    differencing: _Differencing, model: FlatModel
+) -> tuple[Array | None, list[int]]:
+    """Return the derivatives with numbers changed in groups, or None if there are no groups."""
+    names, function = tuple(model.entries), model.model.build
+    if len(names) < _MIN_SEARCHED:
+        return None, []
+    known_names, known_masks = _latest_masks.get(function, ((), np.zeros(0)))
+    is_known = known_names == names and known_masks.shape == differencing.shape
+    for first in (known_masks, None) if is_known else (None,):
+        try:
+            masks = _find_affected(differencing) if first is None else first
+        except _IrregularError:
+            return None, []
+        if masks is None:
+            return None, []
+        groups = _group_disjoint([[k] for k in range(len(names))], masks)
+        derivatives, irregular = differencing.differentiate(groups, masks)
+        if not irregular and differencing.is_verified(derivatives):
+            _latest_masks[function] = names, masks
+            return derivatives, []
+    return None, []
+
+
+class _Differencing:
+    """Models with changed numbers; each is reduced to the vector (p, q0, v0, operators)."""
+
+    def __init__(
+        self,
+        model: FlatModel,
+        base: EquationsOfMotion,
+        assemble: Callable[[Any], EquationsOfMotion],
+        time: Array,
+    ) -> None:
+        self._model, self._base, self._assemble, self._time = model, base, assemble, time
+        self.values = np.array(list(model.values.values()))
+        self.sizes = np.where(self.values != 0.0, np.abs(self.values), _SIZE_AT_ZERO)
+        self.here = _numbers_of(base)
+        count = len(base.p)
+        others = _ROUNDING * np.maximum(1.0, np.abs(self.here[count:]))
+        self._rounding = np.concatenate([rounding_of_numbers(base), others])
+        of_kind = largest_of_kind(base, np.abs(base.p))
+        self._magnitudes = np.concatenate([of_kind, np.maximum(1.0, np.abs(self.here[count:]))])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of parameters and of entries."""
+        return len(self.values), len(self.here)
+
+    def evaluate(self, changes: Array) -> Array:
+        """Return (p, q0, v0, operators) after changes of the numbers."""
+        names, values = self._model.entries, self.values + changes
+        changed = {
+            name: value
+            for name, value, change in zip(names, values.tolist(), changes, strict=True)
+            if change != 0.0
+        }
+        try:
+            equations = self._assemble(self._model(**changed))
+        except (BeamdaeError, ArithmeticError, ValueError) as problem:
+            raise _IrregularError(format_exception(problem)) from problem
+        base = self._base
+        if not (
+            equations.structure == base.structure
+            and equations.q_names == base.q_names
+            and equations.lam_names == base.lam_names
+            and equations.breakpoints == base.breakpoints
+            and all(map(_have_same_pattern, equations.observables, base.observables))
+        ):
+            raise _IrregularError
+        if drivers_move(equations, self._time):
+            raise _IrregularError
+        return _numbers_of(equations)
+
+    def differentiate(
+        self, groups: Sequence[Sequence[int]], masks: Array | None
+    ) -> tuple[Array, list[int]]:
+        """Return the derivatives (k, size) with respect to numbers that are changed in groups.
+
+        Also return the indices of irregular numbers, whose rows are zero.
+
+        Parameters
+        ----------
+        groups
+            Indices of the numbers that are changed together.
+        masks
+            True where a number affects an entry, (k, size); None if each group is a single number.
+        """
+        if len(groups) <= _MAX_FOURTH_ORDER_GROUPS:
+            stencil, relative = _FOURTH_ORDER, _FOURTH_ORDER_DIFFERENCE
+        else:
+            stencil, relative = _SECOND_ORDER, _SECOND_ORDER_DIFFERENCE
+        sizes = relative * self.sizes
+        result = np.zeros((len(self.values), len(self.here)))
+        irregular: list[int] = []
+        for group in groups:
+            delta = np.zeros(len(self.values))
+            delta[group] = sizes[group]
+            try:
+                change = self._difference(delta, stencil)
+            except _IrregularError:
+                irregular += group
+                continue
+            for k in group:
+                here = change if masks is None else np.where(masks[k], change, 0.0)
+                result[k] = here / sizes[k]
+        return result, irregular
+
+    def _difference(self, delta: Array, stencil: _Stencil) -> Array:
+        """Return the derivative along `delta`."""
+        neighbors = [self.evaluate(step * delta) for step, _, _ in stencil]
+        changes = [x - self.here for x in neighbors]
+        error = np.abs(sum(w * x for (_, _, w), x in zip(stencil, changes, strict=True)))
+        size = np.max(np.abs(changes), axis=0)
+        if np.any(error > _MAX_INTERPOLATION_ERROR * size + self._rounding):
+            raise _IrregularError
+        if stencil is _FOURTH_ORDER:
+            values = [w for _, _, w in stencil]
+            sizes = self._magnitudes, self._rounding
+            if estimate_excess(np.array(changes), *sizes, _ORDERS, values) > 1.0:
+                raise _IrregularError  # The step does not suit the scale of the parameter.
+        # Differences make derivatives of constants exactly zero.
+        return np.asarray(
+            sum(
+                w * (x - neighbors[0])
+                for (_, w, _), x in zip(stencil[1:], neighbors[1:], strict=True)
+            )
+        )
+
+    def warn_without_effect(self, derivatives: Array, irregular: Sequence[int]) -> None:
+        """Warn of numbers whose derivatives are zero."""
+        zero = set(np.flatnonzero(~np.any(derivatives, axis=1)).tolist()) - set(irregular)
+        names = [name for k, name in enumerate(self._model.entries) if k in zero]
+        # Name and call of a flat model are those of a model.
+        model, values = cast(Model, self._model), self._model.values
+        warn_of_idle_parameters(model, values, self._assemble, names)
+
+    def is_verified(self, derivatives: Array) -> bool:
+        """Return True if the derivatives add up along a common change of all numbers."""
+        shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], len(self.values))
+        delta = _COMMON_DIFFERENCE * shares * self.sizes
+        ahead, behind = self.evaluate(delta), self.evaluate(-delta)
+        parts = derivatives * delta[:, None]
+        error = np.abs(0.5 * (ahead - behind) - parts.sum(axis=0))
+        return bool(np.all(error <= _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + self._rounding))
+
+
+def _numbers_of(equations: EquationsOfMotion) -> Array:
+    operators = (x.operator.data for x in equations.observables)
+    return np.concatenate([equations.p, equations.q0, equations.v0, *operators])
+
+
+def _have_same_pattern(one: Observable, other: Observable) -> bool:
+    """Return True if two observables differ only in numbers."""
+    x, y = one.operator, other.operator
+    return (
+        one.data == other.data
+        and x.shape == y.shape
+        and np.array_equal(x.indptr, y.indptr)
+        and np.array_equal(x.indices, y.indices)
+    )
+
+
+def _find_affected(differencing: _Differencing) -> Array | None:
+    """Return the entries that each number affects, (k, size), by bisection.
+
+    Sets of numbers are halved repeatedly. Halves of sets that affect different entries are changed
+    together. Return None if this saves no builds.
+    """
+    count, size = len(differencing.values), len(differencing.here)
+    sets, masks = [list(range(count))], [np.ones(size, bool)]
+    while any(len(x) > 1 for x in sets):
+        parts: list[list[int]] = []
+        parents: list[int] = []
+        for parent, members in enumerate(sets):
+            half = (len(members) + 1) // 2
+            for part in filter(None, (members[:half], members[half:])):
+                parts.append(part)
+                parents.append(parent)
+        groups = _group_disjoint(parts, np.array([masks[k] for k in parents]))
+        if len(parts) >= _MAX_DENSE_PARTS and len(groups) == len(parts):
+            return None
+        part_masks = np.zeros((len(parts), size), bool)
+        for group in groups:
+            steps = np.zeros(count)
+            for k in group:
+                steps[parts[k]] = _FOURTH_ORDER_DIFFERENCE * differencing.sizes[parts[k]]
+            is_changed = differencing.evaluate(steps) != differencing.here
+            for k in group:
+                part_masks[k] = is_changed & masks[parents[k]]
+        sets, masks = parts, list(part_masks)
+    order = np.argsort([x[0] for x in sets])
+    return np.array(masks)[order]
+
+
+def _group_disjoint(members: Sequence[Any], masks: Array) -> list[list[int]]:
+    """Return groups of indices of members whose masks do not overlap, by a greedy search."""
+    groups: list[list[int]] = []
+    unions: list[Array] = []
+    for k in range(len(members)):
+        for group, union in zip(groups, unions, strict=True):
+            if not np.any(union & masks[k]):
+                group.append(k)
+                union |= masks[k]
+                break
+        else:
+            groups.append([k])
+            unions.append(masks[k].copy())
+    return groups

@@ -1,0 +1,482 @@
+"""Objectives: scalar functions of the columns of a run, with their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from beamdae.beams.shape_functions import gauss_points
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    as_text,
+    require_choice,
+    require_finite,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
+from beamdae.read_only import read_only_data
+from beamdae.results.columns import require_one_column, select_columns
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+# Gauss points per step of methods with stages, whose steps are long and have a smooth dense output:
+# a vibration with 10 steps per period has 80 points per period.
+_POINTS_PER_STEP = 8
+# Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
+_MAX_EXPONENT = 1000.0
+
+
+class Summand:
+    """Term that can be added, subtracted and multiplied by numbers; base class.
+
+    Derived classes define `_plus` for the terms that they can be added to, and `_times`.
+    """
+
+    def _plus(self, other: Any) -> Any:
+        """Return the sum, or NotImplemented if `other` must compute it."""
+        raise NotImplementedError
+
+    def _times(self, factor: float) -> Any:
+        raise NotImplementedError
+
+    def __add__(self, other: Any) -> Any:
+        return self._plus(other) if isinstance(other, Summand) else self._reject("+", other)
+
+    def __radd__(self, other: Any) -> Any:
+        # `sum` begins with zero.
+        return self if other == 0 else self._reject("+", other)
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other if isinstance(other, Summand) else self._reject("-", other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._reject("-", other)
+
+    def __neg__(self) -> Any:
+        return self._times(-1.0)
+
+    def __mul__(self, factor: Any) -> Any:
+        if as_real(factor) is None:
+            return self._reject("*", factor)
+        return self._times(require_finite(type(self).__name__, "a factor", factor))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> Any:
+        number = as_real(divisor)
+        if not number:
+            return self._reject("/", divisor)
+        return self * (1.0 / number)
+
+    def __rtruediv__(self, dividend: Any) -> Any:
+        return self._reject("/", dividend)
+
+    def _reject(self, sign: str, operand: Any) -> NoReturn:
+        raise BeamdaeError(
+            f"{type(self).__name__}: {sign} {short_repr(operand)} is not supported; add "
+            "objectives and quantities, and multiply them by numbers."
+        )
+
+
+def format_sum(terms: Iterable[tuple[float, str]]) -> str:
+    """Return a weighted sum of labels, such as 'mass - 0.5 frequency 1'."""
+    text = ""
+    for weight, label in terms:
+        size = "" if abs(weight) == 1.0 else f"{abs(weight):g} "
+        sign = "-" if weight < 0.0 else "+"
+        text += f" {sign} {size}{label}" if text else f"{sign.strip('+')}{size}{label}"
+    return text
+
+
+class Objective(Summand):
+    """Scalar function of the columns of a run; base class.
+
+    An objective is a weighted sum of functions of single columns. Objectives can be added,
+    subtracted and multiplied by numbers: `EndValue("tip.y") + 0.1 * TimeIntegral("tip.x", 2)`.
+    """
+
+    @property
+    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
+        """Factors and functions of single columns whose weighted sum is the objective."""
+        raise NotImplementedError
+
+    def value(self, solution: Solution) -> float:
+        """Return the value for a run.
+
+        Raises
+        ------
+        BeamdaeError
+            If a name selects no column or several columns, or a time lies outside the run.
+        """
+        if not isinstance(solution, Solution):
+            raise BeamdaeError(
+                f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
+            )
+        grid, total = SampleGrid.of(solution.trajectory), 0.0
+        for factor, term in self.terms:
+            values = sample_column(solution, term.column, term.sample_times(grid))[1]
+            total += factor * term.evaluate(values, grid.weights)[0]
+        return total
+
+    def _plus(self, other: Summand) -> Objective:
+        if not isinstance(other, Objective):
+            return NotImplemented
+        return WeightedSum((*self.terms, *other.terms))
+
+    def _times(self, factor: float) -> Objective:
+        return WeightedSum(tuple((factor * weight, term) for weight, term in self.terms))
+
+
+@dataclass(frozen=True)
+class WeightedSum(Objective):
+    """Sum of factor * function of a column."""
+
+    weighted_terms: tuple[tuple[float, ColumnObjective], ...]
+
+    @property
+    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
+        """See `Objective`."""
+        return self.weighted_terms
+
+
+class ColumnObjective(Objective):
+    """Function of the values of one column at times that it selects.
+
+    Derived classes define the attribute `column`, `sample_times` and `evaluate`.
+    """
+
+    column: str
+
+    @property
+    def terms(self) -> tuple[tuple[float, ColumnObjective], ...]:
+        """See `Objective`."""
+        return ((1.0, self),)
+
+    def sample_times(self, grid: SampleGrid) -> Array:
+        """Return the ascending times at which the column is evaluated [s]."""
+        return grid.t
+
+    def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
+        """Return the value and its derivatives (k,).
+
+        Parameters
+        ----------
+        y
+            Values (k,) of the column at the sample times.
+        weights
+            Weights of integrals over the times of the grid [s].
+        """
+        raise NotImplementedError
+
+    def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
+        """Return the derivative of the objective with respect to the end time of the run.
+
+        Parameters
+        ----------
+        value
+            Value of the objective.
+        y, rate
+            Value of the column at the end, and its rate per s.
+        duration
+            Duration of the run [s].
+        """
+        return 0.0
+
+    def _require_column(self) -> str:
+        name = as_text(self.column)
+        if name is None:
+            raise BeamdaeError(
+                f"{type(self).__name__}: column must be the name of a column, got "
+                f"{short_repr(self.column)}."
+            )
+        return name
+
+
+@dataclass(frozen=True)
+class EndValue(ColumnObjective):
+    """Value y(t_end) of a column at the end of the run.
+
+    Attributes
+    ----------
+    column
+        Header of an observed column, coordinate, velocity or multiplier, with or without its unit,
+        such as "tip.y".
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.EndValue("tip.y") - 2.0 * bd.EndValue("tip.x")
+    WeightedSum(weighted_terms=((1.0, EndValue(column='tip.y')), (-2.0, EndValue(column='tip.x'))))
+    """
+
+    column: str
+
+    def __post_init__(self) -> None:
+        set_fields(self, column=self._require_column())
+
+    def sample_times(self, grid: SampleGrid) -> Array:
+        """See `ColumnObjective`."""
+        return np.array([grid.end])
+
+    def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
+        """See `ColumnObjective`."""
+        return float(y[0]), np.ones(1)
+
+    def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
+        """See `ColumnObjective`."""
+        return rate
+
+
+@dataclass(frozen=True)
+class TimeIntegral(ColumnObjective):
+    """Integral of y or y^2 over the time of the run.
+
+    For `GeneralizedAlpha`, the trapezoidal rule is applied to the values at the steps of the run,
+    with an error of second order in the step, as that of the integrator. If the column jumps at a
+    breakpoint of a law, the value before the jump is used. For `Radau`, the dense output is
+    integrated with 8 Gauss points per step.
+
+    Attributes
+    ----------
+    column
+        Header of a column, see `EndValue`.
+    power
+        1 for the integral of y, 2 for that of y^2.
+    """
+
+    column: str
+    power: int = 1
+
+    def __post_init__(self) -> None:
+        name = self._require_column()
+        set_fields(
+            self, column=name, power=require_choice("TimeIntegral", "power", self.power, [1, 2])
+        )
+
+    def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
+        """See `ColumnObjective`."""
+        if self.power == 1:
+            return float(weights @ y), weights
+        return float(weights @ y**2), 2.0 * weights * y
+
+    def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
+        """See `ColumnObjective`."""
+        return float(y**self.power)
+
+
+@dataclass(frozen=True)
+class SmoothMaximum(ColumnObjective):
+    """Smooth approximation of max |y| over the time of the run, by the p-norm.
+
+    With the duration T of the run, the value is
+
+        (1/T integral |y|^p dt)^(1/p),
+
+    integrated as by `TimeIntegral`. It does not exceed max |y| and approaches it
+    as p increases. For a peak max|y| (1 - (t/tau)^2 / 2), it is max|y| (sqrt(2 pi / p) tau/T)^(1/p)
+    for large p: 7 % below the maximum for p = 50 and tau = T/10. Multiply a limit of max |y|
+    accordingly, or correct it during a search by the ratio of the value to max |y|.
+
+    Attributes
+    ----------
+    column
+        Header of a column, see `EndValue`.
+    exponent
+        The exponent p, between 1 and 1000. Larger exponents are closer to the maximum, but the
+        derivative then changes abruptly if another peak becomes the largest.
+    """
+
+    column: str
+    exponent: float = 50.0
+
+    def __post_init__(self) -> None:
+        p = require_finite("SmoothMaximum", "exponent", self.exponent)
+        if not 1.0 <= p <= _MAX_EXPONENT:
+            raise BeamdaeError(
+                f"SmoothMaximum: exponent must be between 1 and {_MAX_EXPONENT:g}, got {p:g}."
+            )
+        set_fields(self, column=self._require_column(), exponent=p)
+
+    def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
+        """See `ColumnObjective`."""
+        p, weights = self.exponent, weights / np.sum(weights)
+        largest = float(np.max(np.abs(y)))
+        if largest == 0.0:
+            return 0.0, np.zeros_like(y)
+        ratios = np.abs(y) / largest
+        mean = float(weights @ ratios**p)
+        norm = mean ** (1.0 / p)
+        derivative = norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
+        return largest * norm, derivative
+
+    def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
+        """See `ColumnObjective`."""
+        if value == 0.0:
+            return 0.0
+        p = self.exponent
+        return value * ((abs(y) / value) ** p - 1.0) / (p * duration)
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False)
+class SquaredErrors(ColumnObjective):
+    """Sum over samples of ((y(t_i) - value_i) / sigma_i)^2, for a fit to data or a desired path.
+
+    Attributes
+    ----------
+    column
+        Header of a column, see `EndValue`.
+    times
+        Ascending times (k,) of the samples within the run [s]. Between steps, the dense output of
+        the run is used.
+    values
+        Values (k,) of the samples; NaN for missing ones.
+    sigma
+        Standard deviation of the samples, a positive number or one per sample; the weight of a
+        sample is 1 / sigma^2.
+    """
+
+    column: str
+    times: Any
+    values: Any
+    sigma: Any = 1.0
+    _weights: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        times = np.array(
+            [require_finite("SquaredErrors", "a time", x) for x in _entries("times", self.times)]
+        )
+        if not len(times) or np.any(np.diff(times) <= 0.0):
+            raise BeamdaeError(
+                "SquaredErrors: times must be a nonempty list of ascending times [s], got "
+                f"{short_repr(self.times)}."
+            )
+        values = np.array([_require_value(x) for x in _entries("values", self.values)])
+        if len(values) != len(times):
+            raise BeamdaeError(
+                "SquaredErrors: values must contain one number or NaN per time, got "
+                f"{len(values)} values for {len(times)} times."
+            )
+        entries = [self.sigma] if as_real(self.sigma) is not None else _entries("sigma", self.sigma)
+        sigma = np.array([require_positive("SquaredErrors", "sigma", x) for x in entries])
+        if len(sigma) not in (1, len(times)):
+            raise BeamdaeError(
+                "SquaredErrors: sigma must be a positive number or one per time, got "
+                f"{len(sigma)} numbers for {len(times)} times."
+            )
+        weights = np.where(np.isnan(values), 0.0, 1.0 / sigma**2)
+        set_fields(self, column=self._require_column(), times=times, values=values)
+        set_fields(self, _weights=weights)
+
+    def sample_times(self, grid: SampleGrid) -> Array:
+        """See `ColumnObjective`."""
+        if self.times[0] < grid.start or self.times[-1] > grid.end:
+            raise BeamdaeError(
+                f"SquaredErrors: times must lie within the run, {grid.start:g} to {grid.end:g} s, "
+                f"got {self.times[0]:g} to {self.times[-1]:g} s."
+            )
+        return np.asarray(self.times)
+
+    def evaluate(self, y: Array, weights: Array) -> tuple[float, Array]:
+        """See `ColumnObjective`."""
+        errors = np.where(self._weights > 0.0, y - self.values, 0.0)
+        weighted = self._weights * errors
+        return float(weighted @ errors), 2.0 * weighted
+
+
+class SampleGrid(NamedTuple):
+    """Times at which columns are evaluated for integrals over the time of a run.
+
+    Attributes
+    ----------
+    t, weights
+        Ascending times, and weights of their values in integrals, (k,) each [s].
+    start, end
+        Start and end of the run [s].
+    """
+
+    t: Array
+    weights: Array
+    start: float
+    end: float
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> SampleGrid:
+        """Return the grid of a run: all steps or, for methods with stages, points within them.
+
+        Raises
+        ------
+        BeamdaeError
+            If the run stores only some of its steps.
+        """
+        trajectory.require_all_steps("objectives")
+        grids = [_interval_grid(interval) for interval in trajectory.intervals]
+        t, weights = (np.concatenate(x) for x in zip(*grids, strict=True))
+        # Both intervals of a restart contain its time.
+        t, position = np.unique(t, return_inverse=True)
+        weights = np.bincount(position, weights, len(t))
+        return cls(t, weights, trajectory.start, trajectory.end)
+
+
+def _interval_grid(interval: Interval) -> tuple[Array, Array]:
+    t = interval.t
+    if interval.nodes_per_step == 1:
+        return t, _trapezoidal_weights(t)
+    points, weights = gauss_points(_POINTS_PER_STEP)
+    half = 0.5 * np.diff(t)[:, None]
+    return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
+
+
+def sample_column(solution: Solution, name: str, times: Array) -> tuple[str, Array]:
+    """Return the header and the values of a column at ascending times.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects no column or several columns.
+    """
+    run = solution.at_times(times)
+    headers, rows = run.coordinate_table()
+    header = select_column(name, headers[1:], list(run.columns))
+    if header in run.columns:
+        return header, run.columns[header]
+    return header, rows[:, headers.index(header)]
+
+
+def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:
+    """Return the header of the column with this name; observed columns take precedence.
+
+    Raises
+    ------
+    BeamdaeError
+        If the name selects no column or several columns.
+    """
+    selected = select_columns([*coordinates, *observed], name, observed=observed)
+    return require_one_column("Objective", name, selected)
+
+
+def _entries(name: str, values: Any) -> list[Any]:
+    return require_sequence("SquaredErrors", name, values, "a list of numbers")
+
+
+def _require_value(value: Any) -> float:
+    """Return a finite number, or NaN for a missing value."""
+    number = as_real(value)
+    if number is not None and np.isnan(number):
+        return number
+    return require_finite("SquaredErrors", "a value", value)
+
+
+def _trapezoidal_weights(t: Array) -> Array:
+    weights, steps = np.zeros(len(t)), np.diff(t)
+    weights[:-1] += 0.5 * steps
+    weights[1:] += 0.5 * steps
+    return weights

@@ -1,0 +1,627 @@
+"""Backward sweep over a run, across breakpoints, events, impacts and switches of parts.
+
+It transposes `RunDerivatives`: with the jump of the derivatives at a restart whose time t depends
+on a parameter,
+
+    s+ = J_x (s- + f- dt) + J_t dt + J_p dp - f+ dt,    dt = -(h_x s- + h_p dp) / (dh/dt),
+
+the derivatives y+ of an objective with respect to the state after the restart become
+
+    y- = J_x^T y+ - h_x^T y_t / (dh/dt),    y_t = y+ . (J_x f- + J_t - f+).
+
+The factor of dt is computed by the forward derivatives along a shift of the time alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.gradients.alpha_adjoint import transpose_alpha_steps
+from beamdae.analysis.gradients.column_seeds import (
+    ColumnSeeds,
+    OperatorSeeds,
+    add_columns,
+    differentiate_end,
+    differentiate_objective,
+)
+from beamdae.analysis.gradients.objectives import Objective
+from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
+from beamdae.analysis.gradients.redundant_adjoint import transpose_reactions
+from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
+from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.operator_changes import moves_operators
+from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase, interpolate
+from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
+from beamdae.analysis.sensitivities.run_derivatives import (
+    breakpoint_derivatives,
+    differentiate_breakpoint,
+    event_number,
+    event_rate,
+    find_event,
+    find_stop,
+    node_state,
+    rates_at_steps,
+    require_inner_breakpoints,
+    state_before_restart,
+    time_rounding,
+    with_active_multipliers,
+)
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import (
+    Configuration,
+    EquationsOfMotion,
+    FrozenGaps,
+    State,
+)
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.parts.events import select_impacts, select_switches
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+# Differences of positions and times for gaps that joints keep at events, relative to the scales of
+# the coordinates and to the time scale of the laws. They are of fourth order, with relative errors
+# near 1e-12.
+_GAP_DIFFERENCE = 1e-3
+_STENCIL = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
+
+
+@dataclass(frozen=True)
+class RunPhases:
+    """Equations of all intervals of a run at neighboring values of one parameter.
+
+    Events of the neighboring models are at the times and positions of those of the run.
+
+    Attributes
+    ----------
+    whole
+        Equations of all parts.
+    phases
+        Equations of the active parts, by interval.
+    impacts
+        Equations of the impacts at the start of an interval, by index of the interval.
+    """
+
+    whole: Difference
+    phases: tuple[Phase, ...]
+    impacts: Mapping[int, ImpactDifference]
+
+    @classmethod
+    def of(cls, run: AdjointRun, difference: Difference) -> RunPhases:
+        """Return the phases of a run for one parameter.
+
+        Raises
+        ------
+        BeamdaeError
+            If the parameter changes the structure of the equations after an event, or moves a
+            breakpoint across the start or the end of the run.
+        """
+        solution, redundant = run.solution, run.redundant
+        intervals = solution.trajectory.intervals
+        reduced = difference if redundant is None else redundant.reduce(difference)
+        phase = Phase.first(reduced, intervals[0].configuration)
+        require_inner_breakpoints(phase.active, solution.trajectory)
+        phases, impacts = [phase], {}
+        for k in range(1, len(intervals)):
+            number, configuration = run.events[k], intervals[k].configuration
+            if number is not None:
+                assert configuration is not None
+                before = intervals[k - 1].configuration
+                if select_impacts(solution.equations.events[number].do):
+                    assert before is not None
+                    impacts[k] = phase.impact(number, solution.equations, before)
+                time, at = node_state(intervals[k], 0)
+                phase = phase.after_event(number, configuration, time, 0.0, at.q, 0.0 * at.q)
+            phases.append(phase)
+        return cls(difference, tuple(phases), impacts)
+
+    @property
+    def key(self) -> object:
+        """Key that parameters share if one backward sweep serves all of them."""
+        if any(moves_operators(x.active) for x in self.phases) or moves_operators(self.whole):
+            return self.whole.name
+        moves = any(dt != 0.0 for x in self.phases for _, dt in breakpoint_derivatives(x.active))
+        return (moves, self.whole.base.structure, *(x.active.base.structure for x in self.phases))
+
+
+@dataclass(frozen=True)
+class AdjointRun:
+    """Run whose objectives are differentiated.
+
+    Attributes
+    ----------
+    solution, method
+        The run and its integrator.
+    redundant
+        The run without redundant constraints, None if it has none.
+    events
+        Index of the event that acts at the start of each interval, None if there is none.
+    stop
+        Index of the event that stops the run, None if it reaches the end time.
+    """
+
+    solution: Solution
+    method: GeneralizedAlpha | Radau
+    redundant: RedundantConstraints | None
+    events: tuple[int | None, ...]
+    stop: int | None
+
+    @classmethod
+    def of(cls, solution: Solution, method: GeneralizedAlpha | Radau) -> AdjointRun:
+        """Return the run with its events and redundant constraints.
+
+        Raises
+        ------
+        BeamdaeError
+            If the derivatives do not exist at an event.
+        """
+        events: list[int | None] = [None]
+        for interval in solution.trajectory.intervals[1:]:
+            event = find_event(solution, solution.equations, float(interval.t[0]))
+            events.append(None if event is None else event_number(solution.equations, event.name))
+        redundant, stop = RedundantConstraints.of(solution), find_stop(solution)
+        return cls(solution, method, redundant, tuple(events), stop)
+
+    @property
+    def intervals(self) -> tuple[Interval, ...]:
+        """Intervals of the run, with the multipliers of independent and active constraints."""
+        solution = self.solution if self.redundant is None else self.redundant.solution
+        return tuple(map(with_active_multipliers, solution.trajectory.intervals))
+
+
+@dataclass
+class RunAdjoint:
+    """Derivatives of an objective of a run with respect to the start and the numbers of the model.
+
+    Attributes
+    ----------
+    seeds
+        Value, and derivatives through the columns and the quantities of events alone.
+    start
+        Solver of the start.
+    q, v
+        Derivatives with respect to the requested initial coordinates and velocities, (n,) each.
+    numbers
+        Derivatives with respect to the numbers p of the active parts and to their breakpoints, by
+        interval, see `_numbers_of`.
+    thresholds
+        Derivatives with respect to the values at which events act, by index of the event.
+    impacts
+        Derivatives with respect to the numbers and the coefficients of restitution of impacts, by
+        index of the interval that follows.
+    scales
+        Derivatives with respect to the scales of the coordinates, (n,), which weight the reactions
+        of redundant constraints.
+    along_operators
+        Derivative through operators of joints that depend on the parameter.
+    """
+
+    seeds: ColumnSeeds
+    start: StartAdjoint
+    q: Array
+    v: Array
+    numbers: list[Array]
+    scales: Array
+    thresholds: dict[int, float] = field(default_factory=dict)
+    impacts: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    along_operators: float = 0.0
+
+    def derivative(self, phases: RunPhases, dq: Array, dv: Array) -> float:
+        """Return the derivative with respect to a parameter.
+
+        `dq` and `dv` are the derivatives of the requested initial coordinates and velocities.
+        """
+        whole = phases.whole
+        result = self.along_operators + dq @ self.q + dv @ self.v
+        result += whole.derivative(lambda e: e.p) @ self.seeds.numbers
+        result += whole.derivative(lambda e: e.position_scales) @ self.scales
+        for phase, numbers in zip(phases.phases, self.numbers, strict=True):
+            result += phase.active.derivative(_numbers_of) @ numbers
+        for number, weight in self.thresholds.items():
+            result += weight * whole.derivative(_threshold_of(number))
+        for k, (numbers, restitution) in self.impacts.items():
+            difference = phases.impacts[k]
+            result += difference.equations.derivative(lambda e: e.p) @ numbers
+            result += difference.restitution @ restitution
+        for seeds in self.seeds.operators:
+            result += seeds.weigh(whole.derivative(_operator_of(seeds)))
+        return float(result)
+
+
+def _numbers_of(equations: EquationsOfMotion) -> Array:
+    return np.concatenate([equations.p, equations.breakpoints])
+
+
+def _threshold_of(number: int) -> Callable[[EquationsOfMotion], float]:
+    return lambda e: e.events[number].crosses
+
+
+def _operator_of(seeds: OperatorSeeds) -> Callable[[EquationsOfMotion], Any]:
+    return lambda e: seeds.select(e).operator
+
+
+def transpose_run(objective: Objective, run: AdjointRun, phases: RunPhases) -> RunAdjoint:
+    """Sweep backwards over all intervals of a run.
+
+    The equations are those at the value of the parameter of `phases`, perhaps with further forces
+    that vanish in the run.
+
+    Raises
+    ------
+    BeamdaeError
+        If the derivatives do not exist at an event, or steps cannot be transposed.
+    """
+    return _RunSweep(objective, run, phases).sweep()
+
+
+class _RunSweep:
+    def __init__(self, objective: Objective, run: AdjointRun, phases: RunPhases) -> None:
+        self._objective = objective
+        self._run, self._phases, self._intervals = run, phases, run.intervals
+        whole = phases.whole.base
+        # The number of multipliers includes those of redundant and inactive constraints.
+        seeds = differentiate_objective(objective, run.solution, whole)
+        numbers = [np.zeros(len(_numbers_of(x.active.base))) for x in phases.phases]
+        empty = np.zeros(whole.n)
+        first = self._adjoint_of(phases.phases[0].active)
+        self._result = RunAdjoint(seeds, first, empty, empty, numbers, np.zeros(whole.n))
+
+    def sweep(self) -> RunAdjoint:
+        """Return the derivatives."""
+        result, n = self._result, self._phases.whole.base.n
+        if self._run.stop is not None:
+            solution = self._run.solution
+            by_end = differentiate_end(self._objective, solution, self._phases.whole.base)
+            last, end = len(self._intervals) - 1, solution.trajectory.end
+            self._transpose_event(last, self._run.stop, end, by_end)
+        if self._run.redundant is not None:
+            self._reduce_reactions(self._run.redundant)
+        for k in reversed(range(len(self._intervals))):
+            by_nodes = self._active_seeds(k)
+            if k == 0:
+                self._transpose_start(by_nodes)
+            else:
+                by_q, by_v, by_t = self._transpose_restart(k, by_nodes)
+                before = result.seeds.states[k - 1][-1]
+                before[:n] += by_q
+                before[n : 2 * n] += by_v
+                self._transpose_time(k, by_t)
+        return result
+
+    def _adjoint_of(self, difference: Difference) -> StartAdjoint:
+        moving = difference if moves_operators(difference) else None
+        e = difference.base
+        return StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)), moving)
+
+    def _active_seeds(self, k: int) -> Array:
+        """Return the derivatives with respect to q, v and the active multipliers at the nodes."""
+        seeds, configuration = self._result.seeds.states[k], self._intervals[k].configuration
+        if configuration is None:
+            return seeds
+        n = self._phases.whole.base.n
+        lam = configuration.select_multipliers(seeds[:, 2 * n :])
+        return np.hstack([seeds[:, : 2 * n], lam])
+
+    def _add_numbers(self, k: int, adjoint: StartAdjoint) -> None:
+        numbers = self._result.numbers[k]
+        numbers[: len(adjoint.numbers)] += adjoint.numbers
+        self._result.along_operators += adjoint.along_operators
+
+    def _transpose_steps(self, k: int, adjoint: StartAdjoint, by_nodes: Array) -> State:
+        """Return the derivatives with respect to the state at the start of the steps."""
+        interval, method = self._intervals[k], self._run.method
+        if isinstance(method, Radau):
+            return transpose_radau_steps(adjoint, interval, by_nodes)
+        return transpose_alpha_steps(method, adjoint, interval, by_nodes[1:])
+
+    def _transpose_consistency(
+        self, k: int, adjoint: StartAdjoint, v: Array, by_steps: State, by_first: State
+    ) -> tuple[Array, Array]:
+        time, at = node_state(self._intervals[k], 0)
+        by_state = State(*(x + y for x, y in zip(by_steps, by_first, strict=True)))
+        return adjoint.consistent_state(time, at, v, by_state)
+
+    def _transpose_start(self, by_nodes: Array) -> None:
+        result = self._result
+        adjoint = result.start
+        _, at = node_state(self._intervals[0], 0)
+        by_steps = self._transpose_steps(0, adjoint, by_nodes)
+        by_first = _as_state(by_nodes[0], adjoint.equations)
+        result.q, result.v = self._transpose_consistency(0, adjoint, at.v, by_steps, by_first)
+        self._add_numbers(0, adjoint)
+
+    def _transpose_restart(self, k: int, by_nodes: Array) -> tuple[Array, Array, float]:
+        """Return the derivatives with respect to the state and the time of a restart.
+
+        They are those with respect to q and v at the end of the interval before, (n,) each, and to
+        the time, at which the interval before ends and interval `k` begins.
+        """
+        run, phases, number = self._run, self._phases, self._run.events[k]
+        old = ConsistencySolver(phases.phases[k - 1].active.base)
+        time, at = state_before_restart(self._intervals[k - 1], old, run.method)
+        impact = phases.impacts.get(k)
+        v = at.v
+        if impact is not None:
+            v = apply_impact(impact.impact, time, _without_reactions(at, impact))[0]
+        adjoint = self._adjoint_of(phases.phases[k].active)
+        by_first = _as_state(by_nodes[0], adjoint.equations)
+        by_steps = self._transpose_steps(k, adjoint, by_nodes)
+        by_q, by_v = self._transpose_consistency(k, adjoint, v, by_steps, by_first)
+        self._add_numbers(k, adjoint)
+        by_t = 0.0
+        moves = number is not None or self._breakpoint_moves(k)
+        if moves:
+            by_t += self._weigh_shift(k, adjoint.solver, v, by_nodes, by_steps)
+        if number is not None:
+            by_positions, by_switch_time = self._transpose_switch(k, number, time, at.q)
+            by_q = by_q + by_positions
+            by_t += by_switch_time
+        if impact is not None:
+            by_positions, by_v, by_impact_time = self._transpose_impact(k, impact, time, at, by_v)
+            by_q = by_q + by_positions
+            by_t += by_impact_time
+        if moves:
+            by_t += float(by_q @ at.v + by_v @ at.a)
+        return by_q, by_v, by_t
+
+    def _breakpoint_moves(self, k: int) -> bool:
+        """Return True if the start of interval `k` is a breakpoint that may move."""
+        t = float(self._intervals[k].t[0])
+        rounding = time_rounding(self._run.solution.trajectory)
+
+        def has_breakpoint(equations: EquationsOfMotion) -> bool:
+            return any(abs(b - t) <= rounding for b in equations.breakpoints)
+
+        active = self._phases.phases[k - 1].active
+        if not has_breakpoint(active.base):
+            return False  # The onset of a contact.
+        # Breakpoints of laws that begin at an event move with the event.
+        is_after_event = not has_breakpoint(self._phases.whole.base)
+        return is_after_event or differentiate_breakpoint(active, t, rounding) != 0.0
+
+    def _weigh_shift(
+        self, k: int, solver: ConsistencySolver, v: Array, by_nodes: Array, by_steps: State
+    ) -> float:
+        """Return the derivative with respect to the time of a restart, without moving the state."""
+        interval, method = self._intervals[k], self._run.method
+        e = solver.equations
+        forward = StartDerivatives(solver)
+        time, at = node_state(interval, 0)
+        zeros, dp = np.zeros(e.n), np.zeros(len(e.p))
+        first = forward.consistent_state(time, at, v, zeros, zeros, dp, 1.0)
+        result = _weigh(_as_state(by_nodes[0], e), first)
+        if isinstance(method, Radau):
+            return result + _weigh(by_steps, first)
+        h = float(interval.t[1] - interval.t[0])
+        moved = forward.moved_state(time, at, v, zeros, zeros, dp, 1.0, h)
+        nodes = differentiate_alpha_steps(method, forward, interval, [moved], dp[None], [1.0])
+        changes = nodes[1:, 0] - rates_at_steps(interval)[1:]
+        return result + float(np.sum(by_nodes[1:] * np.delete(changes, _accelerations(e.n), 1)))
+
+    def _transpose_impact(
+        self, k: int, difference: ImpactDifference, time: Array, at: State, by_v: Array
+    ) -> tuple[Array, Array, float]:
+        """Return the derivatives with respect to q and v before an impact, and to its time."""
+        impact = difference.impact
+        adjoint = self._adjoint_of(difference.equations)
+        state = _without_reactions(at, difference)
+        rates = adjoint.solver.constraint_levels(time, at.q, at.v)[1]
+        active = select_active_constraints(impact, rates)
+        if not len(active):
+            return np.zeros_like(at.q), by_v, 0.0
+        coefficients = impact.coefficients
+        by_q, by_before, by_restitution = adjoint.impact(time, state, by_v, active, coefficients)
+        self._result.impacts[k] = (adjoint.numbers, by_restitution)
+        self._result.along_operators += adjoint.along_operators
+        zeros, none = 0.0 * at.q, np.zeros(len(coefficients))
+        along = State(zeros, zeros, zeros, none)
+        dp = np.zeros(len(adjoint.numbers))
+        by_shift = StartDerivatives(adjoint.solver).impact(
+            time, state, along, dp, 1.0, active, (coefficients, none)
+        )
+        return by_q, by_before, float(by_v @ by_shift)
+
+    def _transpose_switch(self, k: int, number: int, time: Array, q: Array) -> tuple[Array, float]:
+        """Return the derivatives with respect to positions and time of gaps that joints keep."""
+        phases, solution = self._phases, self._run.solution
+        numbers = self._result.numbers
+        configurations = [x.configuration for x in solution.trajectory.intervals]
+        whole, active = phases.whole, phases.phases[k].active
+        here = configurations[k]
+        if here is not None and here.equations.structure == active.base.structure:
+            return _weigh_gaps(solution.equations, configurations, k, number, time, q, numbers)
+        # Forces that vanish in the run are present in the neighboring models.
+        neighbors = zip(*(x.configurations for x in phases.phases), strict=True)
+        gradients = [
+            _weigh_gaps(e, x, k, number, time, q, numbers)
+            for e, x in zip(whole.equations, neighbors, strict=True)
+        ]
+        by_q, by_t = (
+            interpolate(whole.steps, [np.asarray(x[i]) for x in gradients]) for i in range(2)
+        )
+        return by_q, float(by_t)
+
+    def _transpose_time(self, k: int, by_t: float) -> None:
+        """Add the derivatives with respect to the quantities that determine the time of restart."""
+        result, phases = self._result, self._phases
+        if by_t == 0.0:
+            return
+        number, t = self._run.events[k], float(self._intervals[k].t[0])
+        if number is None:
+            e = phases.phases[k - 1].active.base
+            rounding = time_rounding(self._run.solution.trajectory)
+            moved = next(j for j, b in enumerate(e.breakpoints) if abs(b - t) <= rounding)
+            result.numbers[k - 1][len(e.p) + moved] += by_t
+            return
+        self._transpose_event(k - 1, number, t, by_t)
+
+    def _transpose_event(self, k: int, number: int, t: float, by_t: float) -> None:
+        """Add the derivatives with respect to the quantity of an event at the end of interval `k`.
+
+        `by_t` is the derivative with respect to the time `t` [s] of the event.
+        """
+        result, whole = self._result, self._phases.whole.base
+        before, term = self._run.solution.trajectory.intervals[k], whole.events[number]
+        rate = event_rate(whole, number, before, t)
+        result.thresholds[number] = result.thresholds.get(number, 0.0) + by_t / rate
+        by_columns = np.zeros((1, len(term.observable.columns)))
+        by_columns[0, term.column] = -by_t / rate
+        add_columns(
+            result.seeds,
+            result.seeds.states[k][-1:],
+            whole,
+            lambda e: e.events[number].observable,
+            np.array([[t, before.branch]]),
+            before.at(np.array([t])),
+            by_columns,
+        )
+
+    def _reduce_reactions(self, redundant: RedundantConstraints) -> None:
+        """Replace derivatives with respect to all multipliers by those of independent ones."""
+        result, whole = self._result, self._phases.whole
+        adjoint, n = self._adjoint_of(whole), whole.base.n
+        for k, seeds in enumerate(result.seeds.states):
+            interval = self._intervals[k]
+            reduced = np.zeros((len(seeds), len(redundant.reduced.independent)))
+            for row in np.flatnonzero(np.any(seeds[:, 2 * n :], axis=1)).tolist():
+                time, at = node_state(interval, row)
+                by_q, by_scales, reduced[row] = transpose_reactions(
+                    adjoint, redundant.reduced.independent, time, at, seeds[row, 2 * n :]
+                )
+                seeds[row, :n] += by_q
+                result.scales += by_scales
+            result.seeds.states[k] = np.hstack([seeds[:, : 2 * n], reduced])
+        result.seeds.numbers += adjoint.numbers
+        result.along_operators += adjoint.along_operators
+
+
+def _as_state(row: Array, equations: EquationsOfMotion) -> State:
+    """Return the derivatives with respect to (q, v, lam) as a State."""
+    q, v, lam = np.split(row, [equations.n, 2 * equations.n])
+    return State(q, v, np.zeros(equations.n), lam)
+
+
+def _weigh(weights: State, values: State) -> float:
+    return float(sum(x @ y for x, y in zip(weights, values, strict=True)))
+
+
+def _accelerations(n: int) -> slice:
+    return slice(2 * n, 3 * n)
+
+
+def _without_reactions(at: State, difference: ImpactDifference) -> State:
+    e = difference.impact.equations
+    return State(at.q, at.v, np.zeros(e.n), np.zeros(e.m))
+
+
+def _weigh_gaps(
+    whole: EquationsOfMotion,
+    configurations: Sequence[Configuration | None],
+    k: int,
+    number: int,
+    time: Array,
+    q: Array,
+    numbers: Sequence[Array],
+) -> tuple[Array, float]:
+    """Return the derivatives with respect to the positions and the time of an event.
+
+    Joints may keep the gaps that they have at the event, and laws may begin there, so that the
+    numbers of this interval and of later ones depend on both.
+
+    Parameters
+    ----------
+    whole, configurations
+        Equations of all parts, and configurations by interval.
+    k, number
+        Index of the interval after the event, and of the event.
+    time, q
+        (t, branch) and positions at the event.
+    numbers
+        Derivatives of the objective with respect to the numbers of the active parts, by interval.
+    """
+    event, result = whole.events[number], np.zeros(len(q))
+    before, after = configurations[k - 1], configurations[k]
+    parts = [name for switch in select_switches(event.do) for name in switch.as_is]
+    if not parts or before is None or after is None or whole.configurations is None:
+        return result, 0.0
+    assembler = whole.configurations
+    gaps = {name: after.frozen_gaps[name] for name in parts}
+
+    def weigh(one: FrozenGaps, other: FrozenGaps) -> float:
+        """Return the derivative of the objective along the difference of two sets of gaps."""
+        total = 0.0
+        for configuration, weights in zip(configurations[k:], numbers[k:], strict=True):
+            assert configuration is not None
+            kept = {x for x in gaps if configuration.frozen_gaps.get(x) == gaps[x]}
+            if kept:
+                ends = [
+                    _numbers_of(
+                        assembler.configuration_without(
+                            whole,
+                            configuration.inactive,
+                            {**configuration.frozen_gaps, **{name: x[name] for name in kept}},
+                        ).equations
+                    )
+                    for x in (one, other)
+                ]
+                total += float((ends[0] - ends[1]) @ weights)
+        return total
+
+    def freeze(time: Array, q: Array) -> FrozenGaps:
+        return assembler.switch_parts(before, event, time, q)[1]
+
+    def offsets_at(q: Array) -> Array:
+        frozen = freeze(time, q)
+        return np.concatenate([frozen[name].offsets for name in gaps])
+
+    delta = _GAP_DIFFERENCE * (whole.time_scale or 1.0)
+    by_t = sum(
+        weight * weigh(freeze(time + np.array([step * delta, 0.0]), q), gaps) / delta
+        for step, weight in _STENCIL
+    )
+    by_offsets = []
+    for name, gap in gaps.items():
+        for i, offset in enumerate(gap.offsets):
+            # The numbers are linear in the offsets.
+            size = max(abs(offset), whole.length, 1.0)
+            moved = [
+                {**gaps, name: replace(gap, offsets=_changed(gap.offsets, i, sign * size))}
+                for sign in (1.0, -1.0)
+            ]
+            by_offsets.append(weigh(*moved) / (2.0 * size))
+    deltas = _GAP_DIFFERENCE * whole.position_scales
+    for i in _affecting(offsets_at, q, deltas):
+        direction = np.zeros(len(q))
+        direction[i] = deltas[i]
+        changes = [weight * offsets_at(q + step * direction) for step, weight in _STENCIL]
+        result[i] = np.sum(changes, axis=0) @ by_offsets / deltas[i]
+    return result, float(by_t)
+
+
+def _changed(values: tuple[float, ...], i: int, change: float) -> tuple[float, ...]:
+    return (*values[:i], values[i] + change, *values[i + 1 :])
+
+
+def _affecting(function: Callable[[Array], Array], q: Array, deltas: Array) -> list[int]:
+    """Return the indices of the coordinates on which a function depends, by bisection."""
+    here, sets, result = function(q), [np.arange(len(q))], []
+    while sets:
+        members = sets.pop()
+        moved = q.copy()
+        # Changes of different sizes do not cancel.
+        moved[members] += deltas[members] * (1.0 + np.arange(len(members)) / len(q))
+        if np.array_equal(function(moved), here):
+            continue
+        if len(members) == 1:
+            result.append(int(members[0]))
+        else:
+            sets += np.array_split(members, 2)
+    return result

@@ -1,0 +1,453 @@
+"""Analyses of a model at values of its parameters, with the derivatives of their quantities."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.eigenproblems.eigensolution import RIGID
+from beamdae.analysis.gradients.column_seeds import ColumnSeeds, add_term
+from beamdae.analysis.gradients.gradients import DifferentiableRun
+from beamdae.analysis.gradients.number_derivatives import (
+    FlatModel,
+    NumberDerivatives,
+    differentiate_numbers,
+)
+from beamdae.analysis.gradients.objectives import EndValue, Objective
+from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.optimization.quantities import (
+    AnalysisQuantity,
+    CriticalLoad,
+    EquilibriumErrors,
+    EquilibriumQuantity,
+    Frequency,
+    Mass,
+    ParameterFunction,
+    RunQuantity,
+)
+from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.modes import mode_sensitivities
+from beamdae.analysis.sensitivities.statics import equilibrium_sensitivities
+from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
+from beamdae.errors import BeamdaeError, as_real, short_repr
+from beamdae.integrators import Integrator
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.simulation import as_equations
+
+Array = np.ndarray
+
+_NAME = "optimize"
+# Relative and smallest differences of parameters in functions of parameters. The functions are
+# smooth: errors of differences of fourth order are near 1e-12.
+_RELATIVE_DIFFERENCE = 1e-3
+_DIFFERENCE_FROM_ZERO = 1e-4
+# Relative difference of the numbers of a model along an exact direction, for its mass.
+_DIRECTIONAL_DIFFERENCE = 1e-3
+# Largest error of a row of a path at a target, relative to the targets.
+_TARGET_TOLERANCE = 1e-6
+# Free motions that are computed before the first vibration, at most.
+_MAX_FREE_MOTIONS = 64
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Arguments of all runs of an optimization; see `simulate`."""
+
+    integrator: Integrator | None
+    t_end: float | None
+    start: Any
+
+
+class DesignModel:
+    """Model at values of its parameters; the analyses of a design share its derivatives.
+
+    Attributes
+    ----------
+    flat
+        The model as a function of single numbers.
+    """
+
+    def __init__(self, flat: FlatModel) -> None:
+        self.flat = flat
+        self._derivatives: dict[float, NumberDerivatives | None] = {}
+
+    @cached_property
+    def equations(self) -> EquationsOfMotion:
+        """Equations of the model as drawn."""
+        return assemble_design(self.flat())
+
+    def number_derivatives(self, t: float) -> NumberDerivatives | None:
+        """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`."""
+        if t not in self._derivatives:
+            self._derivatives[t] = differentiate_numbers(
+                self.flat, self.equations, assemble_design, np.full(2, t)
+            )
+        return self._derivatives[t]
+
+
+class Analysis:
+    """One analysis of a model at values of its parameters; base class.
+
+    Attributes
+    ----------
+    result
+        Result of the analysis, None if there is none.
+    """
+
+    result: Any = None
+
+    def value(self, quantity: Any) -> float:
+        """Return the value of a quantity of the analysis."""
+        raise NotImplementedError
+
+    def gradient(self, weights: Mapping[Any, float]) -> Array:
+        """Return the gradient (k,) of a weighted sum of quantities."""
+        raise NotImplementedError
+
+
+class RunAnalysis(Analysis):
+    """A run; gradients by the adjoint, one backward sweep per call."""
+
+    def __init__(
+        self, model: DesignModel, quantities: Sequence[Any], settings: RunSettings
+    ) -> None:
+        self._run = DifferentiableRun.of(
+            model.flat, settings.integrator, settings.t_end, settings.start
+        )
+        self.result = self._run.solution
+
+    def value(self, quantity: RunQuantity) -> float:
+        """See `Analysis`."""
+        return quantity.objective.value(self.result)
+
+    def gradient(self, weights: Mapping[RunQuantity, float]) -> Array:
+        """See `Analysis`."""
+        objectives: list[Objective] = [x.objective * w for x, w in weights.items()]
+        total = sum(objectives[1:], objectives[0])
+        return self._run.differentiate(total)[1]
+
+
+class EquilibriumAnalysis(Analysis):
+    """An equilibrium path.
+
+    Gradients of end values at the full load are computed by the adjoint of the static equations,
+    with few calls of the model function even for many parameters. Otherwise, the path is
+    differentiated with respect to each parameter, see `equilibrium_sensitivities`.
+    """
+
+    def __init__(
+        self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
+    ) -> None:
+        flat = model.flat
+        self._model, self._flat, self._arguments = model, flat, quantities[0].path
+        self._start = settings.start
+        path = equilibrium(flat(), **self._arguments, start=self._start)
+        if not path.status.success:
+            raise BeamdaeError(
+                f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
+                f"({path.status.sentence})."
+            )
+        self.result = replace(path, model={"name": flat.name, "parameters": flat.parameters})
+
+    def value(self, quantity: EquilibriumQuantity) -> float:
+        """See `Analysis`."""
+        path = self.result
+        if isinstance(quantity, CriticalLoad):
+            return float(self._critical_point(quantity).factor)
+        column = self._column(quantity)
+        if isinstance(quantity, EquilibriumErrors):
+            errors = column[self._rows(quantity)] - quantity.values
+            return float(np.sum((errors / quantity.sigma) ** 2))
+        return float(column[len(path.q) - 1])
+
+    def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
+        """See `Analysis`."""
+        adjoint = self._adjoint_gradient(weights)
+        if adjoint is not None:
+            return adjoint
+        result = np.zeros(len(self._flat.entries))
+        for k, name in enumerate(self._flat.entries):
+            for quantity, weight in weights.items():
+                derivative = self._derivative(quantity, name)
+                if not np.isfinite(derivative):
+                    raise BeamdaeError(
+                        f"{_NAME}: {quantity.label} of {self._flat.name} has no derivative with "
+                        f"respect to {name}, which does not preserve a critical point; remove it "
+                        "from by, or add an imperfection to the model."
+                    )
+                result[k] += weight * derivative
+        return result
+
+    def _derivative(self, quantity: EquilibriumQuantity, parameter: str) -> float:
+        sensitivities = self._sensitivities
+        if isinstance(quantity, CriticalLoad):
+            row = self._critical_point(quantity).row
+            return float(np.sum(sensitivities.factors[parameter][row]))
+        rates = sensitivities.sensitivity(quantity.column, parameter).to_numpy()  # type: ignore[attr-defined]
+        if isinstance(quantity, EquilibriumErrors):
+            rows = self._rows(quantity)
+            errors = self._column(quantity)[rows] - quantity.values
+            return float(np.sum(2.0 * errors / quantity.sigma**2 * rates[rows]))
+        return float(rates[-1])
+
+    @cached_property
+    def _sensitivities(self) -> Any:
+        return equilibrium_sensitivities(
+            as_model(self._flat), list(self._flat.entries), **self._arguments, start=self._start
+        )
+
+    def _column(self, quantity: Any) -> Array:
+        path = self.result
+        values = path[quantity.column]
+        if values.ndim != 1 or values.dtype == object:
+            raise BeamdaeError(
+                f"{_NAME}: {quantity.column!r} must name a single column of numbers of the "
+                "equilibrium."
+            )
+        return values.to_numpy()
+
+    def _rows(self, quantity: EquilibriumErrors) -> Array:
+        """Return the rows of the path at the targets."""
+        path, to = self.result, quantity.to
+        is_load = not isinstance(to, Mapping)
+        column = path.factors[:, -1] if is_load else path[next(iter(to))].to_numpy()
+        rows = [int(np.argmin(np.abs(column - x))) for x in quantity.targets]
+        error = np.max(np.abs(column[rows] - quantity.targets))
+        if error > _TARGET_TOLERANCE * np.max(np.abs(quantity.targets)):
+            raise BeamdaeError(
+                f"{_NAME}: the equilibrium path has no rows at the targets of {quantity.label}."
+            )
+        return np.array(rows)
+
+    def _critical_point(self, quantity: CriticalLoad) -> Any:
+        points = self.result.critical
+        if len(points) < quantity.number:
+            raise BeamdaeError(
+                f"{_NAME}: the equilibrium path of {self._flat.name} to load factor "
+                f"{self.result.factor:g} has {len(points)} critical points, but {quantity.label} "
+                "is requested; increase to=."
+            )
+        return points[quantity.number - 1]
+
+    def _adjoint_gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array | None:
+        """Return the gradient by the adjoint, or None if it does not apply."""
+        path = self.result
+        e = path.equations
+        available = {str(x).partition(" [")[0] for x in (*path.columns, *path.coordinates())}
+        is_end_value = not any(isinstance(x, (CriticalLoad, EquilibriumErrors)) for x in weights)
+        if not is_end_value or len(path.loads) > 1 or path.factor != 1.0 or path.free:
+            return None
+        if e.configurations is not None or e.redundant:
+            return None
+        names = [x.column for x in weights]  # type: ignore[attr-defined]
+        if any(name.partition(" [")[0] not in available for name in names):
+            return None
+        rest, row = np.zeros((1, e.n)), slice(-1, None)
+        at = State(path.q[row], rest, rest, path.lam[row])
+        times = np.full((1, 2), path.t)
+        seeds = ColumnSeeds(0.0, [], np.zeros(len(e.p)), [])
+        by_state = np.zeros((1, 2 * e.n + e.m))
+        for name, weight in zip(names, weights.values(), strict=True):
+            add_term(seeds, by_state, e, weight, EndValue(name), times, at, np.ones(1))
+        with single_threaded:
+            start = StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)))
+            numbers = start.equilibrium(
+                times[0],
+                State(*(x[0] for x in at)),
+                by_state[0, : e.n],
+                by_state[0, 2 * e.n :],
+            )
+            derivatives = self._model.number_derivatives(path.t)
+        if numbers is None or derivatives is None:
+            return None
+        return np.asarray(derivatives.p @ (numbers + seeds.numbers))
+
+
+class ModeAnalysis(Analysis):
+    """Natural modes without damping."""
+
+    def __init__(
+        self, model: DesignModel, quantities: Sequence[Frequency], settings: RunSettings
+    ) -> None:
+        self._flat, self._about = model.flat, quantities[0].about
+        number = max(x.number for x in quantities)
+        mechanism, n = model.flat(), number
+        while True:
+            self.result = modes(mechanism, self._about, n, damping=False)
+            vibrations = self._vibrations
+            if len(vibrations) >= number or len(self.result) < n:
+                break
+            if n > number + _MAX_FREE_MOTIONS:
+                break
+            n += number - len(vibrations)
+
+    @property
+    def _vibrations(self) -> list[int]:
+        result: Modes = self.result
+        return [k for k, kind in enumerate(result.kinds) if kind != RIGID]
+
+    def _row(self, quantity: Frequency) -> int:
+        vibrations = self._vibrations
+        if len(vibrations) < quantity.number:
+            raise BeamdaeError(
+                f"{_NAME}: {self._flat.name} has {len(vibrations)} natural frequencies above zero, "
+                f"but {quantity.label} is requested."
+            )
+        return vibrations[quantity.number - 1]
+
+    def value(self, quantity: Frequency) -> float:
+        """See `Analysis`."""
+        return float(self.result.frequencies[self._row(quantity)])
+
+    def gradient(self, weights: Mapping[Frequency, float]) -> Array:
+        """See `Analysis`."""
+        result = np.zeros(len(self._flat.entries))
+        for k, name in enumerate(self._flat.entries):
+            rates = self._sensitivities.sensitivity("frequency", name).to_numpy()
+            result[k] = sum(w * rates[self._row(x)] for x, w in weights.items())
+        return result
+
+    @cached_property
+    def _sensitivities(self) -> Any:
+        count = len(self.result)
+        return mode_sensitivities(
+            as_model(self._flat), list(self._flat.entries), self._about, count, damping=False
+        )
+
+
+class MassAnalysis(Analysis):
+    """Mass of the model, from its mass matrix."""
+
+    def __init__(
+        self, model: DesignModel, quantities: Sequence[Mass], settings: RunSettings
+    ) -> None:
+        self._model = model
+
+    def value(self, quantity: Mass) -> float:
+        """See `Analysis`."""
+        return compute_mass(self._model.equations)
+
+    def gradient(self, weights: Mapping[Mass, float]) -> Array:
+        """See `Analysis`."""
+        return sum(weights.values()) * self._mass_gradient
+
+    @cached_property
+    def _mass_gradient(self) -> Array:
+        e, flat = self._model.equations, self._model.flat
+        derivatives = self._model.number_derivatives(0.0)
+        values = np.array(list(flat.values.values()))
+        if derivatives is None:
+            function: Any = flat  # Name and call of a flat model are those of a model.
+            differences: list[Difference] = [
+                difference_model(function, name, flat.values, e, assemble_design)
+                for name in flat.entries
+            ]
+            return np.array([float(x.derivative(compute_mass)) for x in differences])
+        result = np.zeros(len(values))
+        for k, (dp, dq) in enumerate(zip(derivatives.p, derivatives.q0, strict=True)):
+            size = _DIRECTIONAL_DIFFERENCE * (abs(values[k]) or 1.0)
+            ahead, behind = (
+                compute_mass(replace(e, p=e.p + s * size * dp, q0=e.q0 + s * size * dq))
+                for s in (1.0, -1.0)
+            )
+            result[k] = (ahead - behind) / (2.0 * size)
+        return result
+
+
+class ParameterAnalysis(Analysis):
+    """Functions of the parameters alone."""
+
+    def __init__(
+        self, model: DesignModel, quantities: Sequence[ParameterFunction], settings: RunSettings
+    ) -> None:
+        self._flat = model.flat
+
+    def value(self, quantity: ParameterFunction) -> float:
+        """See `Analysis`."""
+        return self._evaluate(quantity, {})
+
+    def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
+        """See `Analysis`."""
+        result = np.zeros(len(self._flat.entries))
+        for k, (name, value) in enumerate(self._flat.values.items()):
+            delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+            for quantity, weight in weights.items():
+                far, near = (
+                    self._evaluate(quantity, {name: value + step * delta})
+                    - self._evaluate(quantity, {name: value - step * delta})
+                    for step in (2, 1)
+                )
+                result[k] += weight * (8.0 * near - far) / (12.0 * delta)
+        return result
+
+    def _evaluate(self, quantity: ParameterFunction, changed: dict[str, float]) -> float:
+        value = quantity.function(**self._flat.change(changed))
+        number = as_real(value)
+        if number is None:
+            raise BeamdaeError(
+                f"{_NAME}: {quantity.label} must return a number, got {short_repr(value)}."
+            )
+        return number
+
+
+def create_analysis(
+    model: DesignModel, quantities: Sequence[AnalysisQuantity], settings: RunSettings
+) -> Analysis:
+    """Perform the analysis that computes some quantities with the same `analysis_key`."""
+    return _ANALYSES[_kind(quantities[0])](model, quantities, settings)
+
+
+def analysis_key(quantity: AnalysisQuantity) -> tuple[Any, ...]:
+    """Return a key that quantities of the same analysis share."""
+    kind = _kind(quantity)
+    if isinstance(quantity, EquilibriumQuantity):
+        return kind, repr(quantity.path)
+    return (kind, quantity.about) if isinstance(quantity, Frequency) else (kind,)
+
+
+_ANALYSES: dict[type, Any] = {
+    RunQuantity: RunAnalysis,
+    EquilibriumQuantity: EquilibriumAnalysis,
+    Frequency: ModeAnalysis,
+    Mass: MassAnalysis,
+    ParameterFunction: ParameterAnalysis,
+}
+
+
+def _kind(quantity: AnalysisQuantity) -> type:
+    return next(kind for kind in _ANALYSES if isinstance(quantity, kind))
+
+
+def as_model(flat: FlatModel) -> Model:
+    """Return a model function whose parameters are the numbers of a flat model."""
+
+    # The name and the folder remain those of the model.
+    @functools.wraps(flat.model.build)
+    def build(**values: float) -> Any:
+        return flat(**values)
+
+    return Model(build, flat.model.t_end, dict(flat.values))
+
+
+def compute_mass(equations: EquationsOfMotion) -> float:
+    """Return the mass of the moving parts [kg], r^T M r for a unit translation r."""
+    translation = RotatingCoordinates.from_equations(equations).translation_vector(0)
+    matrix = StateEvaluator(equations).mass_matrix(np.zeros(2), equations.q0)
+    return float(translation @ (matrix @ translation))
+
+
+def assemble_design(mechanism: Any) -> EquationsOfMotion:
+    """Return the equations of a mechanism as drawn."""
+    return as_equations(_NAME, mechanism, AS_DRAWN)

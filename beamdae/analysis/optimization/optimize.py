@@ -1,0 +1,191 @@
+"""`optimize`: parameters of a model that minimize a quantity under constraints."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from beamdae.analysis.gradients.objectives import Objective
+from beamdae.analysis.optimization.analyses import RunSettings, assemble_design
+from beamdae.analysis.optimization.problem import DesignProblem
+from beamdae.analysis.optimization.quantities import Limit, Quantity
+from beamdae.analysis.optimization.result import Optimization, create_optimization
+from beamdae.analysis.optimization.search import METHODS, Method, Search
+from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    require_choice,
+    require_count,
+    require_positive,
+    short_repr,
+)
+from beamdae.integrators import Integrator
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    attach_partial,
+    interruptible,
+)
+from beamdae.model_functions import Model
+
+
+@interruptible
+def optimize(
+    model: Model,
+    objective: Quantity | Objective,
+    by: Sequence[str] | str,
+    subject_to: Sequence[Limit] | Limit = (),
+    bounds: Mapping[str, Any] | None = None,
+    integrator: Integrator | None = None,
+    t_end: float | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    start: Any = None,
+    method: Method = "SLSQP",
+    max_evaluations: int = 200,
+    tolerance: float = 1e-7,
+    progress: Callable[[int, float, float], object] | None = None,
+    partial: PartialResult = "raise",
+) -> Optimization:
+    """Find parameters of a model that minimize a quantity under constraints.
+
+    The search uses exact gradients: of runs and of equilibria under the full load by the adjoint
+    (see `gradient`), of other equilibria, critical loads and natural frequencies by their
+    derivatives (see `equilibrium_sensitivities` and `mode_sensitivities`). Quantities of the same
+    run, equilibrium path or modes share one analysis per design. The parameters are scaled by their
+    first values or the widths of their bounds, the constraints by their limits, and the objective
+    by its first value. To maximize a quantity, minimize -quantity.
+
+    If an analysis fails, for example because a design has no equilibrium, the search shortens its
+    step. The search is local: repeat it from other `parameters` to look for better designs.
+
+    Parameters
+    ----------
+    model
+        Model function.
+    objective
+        Quantity to minimize: an objective of a run (`EndValue`, `TimeIntegral`, `SmoothMaximum`,
+        `SquaredErrors`), `EquilibriumValue`, `EquilibriumErrors`, `CriticalLoad`, `Frequency`,
+        `Mass`, `ParameterFunction`, `LargestOf` several of them, or a weighted sum.
+    by
+        Names of the parameters to vary: floats, or tuples or lists of floats such as the
+        coefficients of a thickness.
+    subject_to
+        Constraints `at_most(quantity, limit)` and `at_least(quantity, limit)`.
+    bounds
+        (lower, upper) by name, for some of the parameters; for a list of floats, both are numbers
+        for all entries, or lists with one number per entry. All evaluated designs satisfy the
+        bounds.
+    integrator, t_end, start
+        Runs, see `gradient`. `start` is also that of equilibrium paths. One more run with half the
+        step or a tenth of `rtol` checks the accuracy of the best design.
+    parameters
+        Values of parameters that differ from the defaults. For those in `by`, the search begins
+        with these values.
+    method
+        "SLSQP": sequential quadratic programming (Kraft, ACM Trans. Math. Softw. 20 (1994) 262,
+        doi:10.1145/192115.192124), for up to about a thousand numbers. "trust-constr": a
+        trust-region interior-point method (Byrd, Hribar & Nocedal, SIAM J. Optim. 9 (1999) 877,
+        doi:10.1137/S1052623497325107), which usually needs more evaluations.
+    max_evaluations
+        Maximum number of evaluated designs.
+    tolerance
+        SLSQP ends if the scaled objective changes by less than this. trust-constr ends if its trust
+        region and barrier parameter are smaller or, without constraints and bounds, if the scaled
+        gradient is.
+    progress
+        Function that is called after each analyzed design with the number of designs, the value of
+        the objective, and the largest violation of a limit, relative to the limit.
+    partial
+        "return" to return the best design so far if the call is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
+
+    Returns
+    -------
+    Optimization
+        The best evaluated design that satisfies the constraints within 1e-6 of their limits; if
+        there is none, the one with the smallest violation.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, an analysis of the first design fails, or its quantities cannot
+        be differentiated.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` contains the best design so far, or None
+        during the first analysis.
+    Exception
+        Any exception of `progress`, with the best design so far as the attribute `partial`.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the search did not converge, with the reason, for each sentence in
+        `Optimization.warnings`, and for each warning of the run of the best design.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=1.0)
+    ... def cantilever(height=0.02):
+    ...     mech = bd.Mechanism()
+    ...     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
+    ...     beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=1))
+    ...     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    ...     mech.add(bd.Force("load", beam.end, (0.0, -50.0)))
+    ...     mech.observe("tip", beam.end)
+    ...     return mech
+    >>> limit = bd.at_least(bd.EquilibriumValue("tip.y"), -0.01)
+    >>> result = bd.optimize(cantilever, bd.Mass(), "height", limit, {"height": (0.005, 0.05)})
+    >>> print(f"{1e3 * result.parameters['height']:.1f} mm")
+    16.8 mm
+    """
+    require_choice("optimize", "method", method, METHODS)
+    require_choice("optimize", "partial", partial, PARTIAL_RESULTS)
+    max_evaluations = require_count("optimize", "max_evaluations", max_evaluations)
+    tolerance = require_positive("optimize", "tolerance", tolerance)
+    if progress is not None and not _accepts_three_numbers(progress):
+        raise BeamdaeError(
+            f"optimize: progress must be a function of three numbers, got {short_repr(progress)}."
+        )
+    settings = RunSettings(integrator, t_end, start)
+    problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, settings)
+    search = Search(problem, method, max_evaluations, tolerance, progress).run()
+    result = create_optimization(problem, search)
+    if search.progress_error is not None:
+        attach_partial(search.progress_error, result)
+        raise search.progress_error
+    if result.status.kind == "interrupted":
+        if partial == "raise":
+            raise Interrupted(result.status.sentence, result, "optimize")
+        return result
+    # The search does not move numbers without effect.
+    moved = search.best.numbers != problem.first
+    idle = [name for name, x in zip(problem.flat.entries, moved, strict=True) if not x]
+    # Name and call of a flat model are those of a model.
+    flat: Any = problem.flat
+    warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
+    messages = [] if result.converged else [f"optimize: {result.status.sentence}."]
+    messages += [f"optimize: {x}" for x in result.warnings]
+    if result.solution is not None:
+        messages += result.solution.warnings
+    for message in messages:
+        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+    return result
+
+
+def _accepts_three_numbers(function: Any) -> bool:
+    if not callable(function):
+        return False
+    try:
+        inspect.signature(function).bind(1, 0.0, 0.0)
+    except TypeError:
+        return False
+    except ValueError:
+        # Some built-in functions have no signature.
+        return not isinstance(function, type)
+    return True

@@ -1,0 +1,263 @@
+"""The scaled optimization problem: designs with values and gradients, computed once per design."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
+from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.optimization.analyses import (
+    Analysis,
+    DesignModel,
+    RunAnalysis,
+    RunSettings,
+    analysis_key,
+    create_analysis,
+)
+from beamdae.analysis.optimization.quantities import (
+    AnalysisQuantity,
+    Limit,
+    Quantity,
+    as_quantity,
+)
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    as_real,
+    require_mapping,
+    require_pair,
+    require_sequence,
+    short_repr,
+)
+from beamdae.integrators.integrator import refine
+
+Array = np.ndarray
+
+_NAME = "optimize"
+# Designs whose analyses are kept: the current one, the one of the last gradient and a trial.
+_KEPT_DESIGNS = 3
+# A limit that is exceeded by more than this, relative to the limit, is violated.
+FEASIBILITY_TOLERANCE = 1e-6
+
+
+@dataclass(eq=False)
+class Design:
+    """Model at values of its parameters, with the analyses that its quantities need.
+
+    Attributes
+    ----------
+    flat
+        The model.
+    analyses
+        Analyses by their key.
+    values
+        Values (1 + C,) of the objective and of the quantities of the C constraints.
+    """
+
+    flat: FlatModel
+    analyses: dict[tuple[Any, ...], Analysis]
+    values: Array
+    _weights: list[dict[AnalysisQuantity, float]]
+    _gradients: dict[int, Array] = field(default_factory=dict)
+
+    def gradient(self, index: int) -> Array:
+        """Return the gradient (k,) of a value with respect to the numbers of the model."""
+        if index not in self._gradients:
+            by_analysis: dict[tuple[Any, ...], dict[AnalysisQuantity, float]] = {}
+            for quantity, weight in self._weights[index].items():
+                by_analysis.setdefault(analysis_key(quantity), {})[quantity] = weight
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", BeamdaeWarning)
+                total = sum(self.analyses[key].gradient(x) for key, x in by_analysis.items())
+            gradient = np.asarray(total, float)
+            if not np.all(np.isfinite(gradient)):
+                raise BeamdaeError(
+                    f"{_NAME}: a gradient of {self.flat.name} is not finite; check the model at "
+                    "these values of the parameters."
+                )
+            self._gradients[index] = gradient
+        return self._gradients[index]
+
+
+class DesignProblem:
+    """Objective and constraints as functions of scaled variables x near 0 or 1.
+
+    Attributes
+    ----------
+    flat
+        The model at the first values of the parameters.
+    objective, limits
+        Objective and constraints.
+    first, lower, upper
+        First values of the numbers in the parameters, and their bounds, (k,).
+    sizes
+        Sizes (k,) of the numbers: values = sizes * x.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        objective: Any,
+        by: Any,
+        subject_to: Any,
+        bounds: Any,
+        parameters: Any,
+        settings: RunSettings,
+    ) -> None:
+        self.objective: Quantity = as_quantity(f"{_NAME}: objective", objective)
+        limits = [subject_to] if isinstance(subject_to, Limit) else subject_to
+        what = "a list of constraints such as at_most(quantity, limit)"
+        self.limits: tuple[Limit, ...] = tuple(require_sequence(_NAME, "subject_to", limits, what))
+        for limit in self.limits:
+            if not isinstance(limit, Limit):
+                raise BeamdaeError(
+                    f"{_NAME}: subject_to must be {what}, got an entry {short_repr(limit)}."
+                )
+        self.flat = flatten_model(_NAME, model, by, parameters)
+        self._settings = settings
+        self.first = np.array(list(self.flat.values.values()))
+        self.lower, self.upper = self._read_bounds(bounds)
+        self.sizes = self._choose_sizes()
+        self._designs: dict[bytes, Design] = {}
+        quantities = (self.objective, *(limit.quantity for limit in self.limits))
+        self._quantities: Sequence[Quantity] = quantities
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers, such as "E" and "thickness[3]"."""
+        return list(self.flat.entries)
+
+    def parameters(self, values: Array) -> dict[str, Any]:
+        """Return all parameters of the model for values (k,) of the numbers."""
+        return self.flat.change(dict(zip(self.names, values.tolist(), strict=True)))
+
+    def design(self, values: Array) -> Design:
+        """Return the design with values (k,) of the numbers; the latest ones are stored.
+
+        Raises
+        ------
+        BeamdaeError
+            If an analysis fails.
+        """
+        key = values.tobytes()
+        if key not in self._designs:
+            design = self._analyze(values)
+            while len(self._designs) >= _KEPT_DESIGNS:
+                del self._designs[next(iter(self._designs))]
+            self._designs[key] = design
+        return self._designs[key]
+
+    def step_errors(self, values: Array) -> Array:
+        """Return how more accurate runs change the values (1 + C,) of a design; 0 without runs.
+
+        Raises
+        ------
+        BeamdaeError
+            If a run fails.
+        """
+        design = self.design(values)
+        if not any(isinstance(x, RunAnalysis) for x in design.analyses.values()):
+            return np.zeros_like(design.values)
+        finer = copy.copy(self)
+        integrator = refine(self._settings.integrator or DEFAULT_METHOD)
+        finer._settings = replace(self._settings, integrator=integrator)
+        return finer._analyze(values).values - design.values
+
+    def _analyze(self, values: Array) -> Design:
+        flat = replace(self.flat, parameters=self.parameters(values))
+        model = DesignModel(flat)
+        groups: dict[tuple[Any, ...], list[AnalysisQuantity]] = {}
+        for quantity in self._quantities:
+            for leaf in quantity.leaves:
+                groups.setdefault(analysis_key(leaf), []).append(leaf)
+        analyses: dict[tuple[Any, ...], Analysis] = {}
+        results: dict[AnalysisQuantity, float] = {}
+        with warnings.catch_warnings():
+            # The analyses of the last design warn.
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            for key, leaves in groups.items():
+                analysis = create_analysis(model, leaves, self._settings)
+                analyses[key] = analysis
+                results |= {leaf: analysis.value(leaf) for leaf in leaves}
+        combined = [quantity.combine(results) for quantity in self._quantities]
+        numbers = np.array([value for value, _ in combined])
+        if not np.all(np.isfinite(numbers)):
+            index = int(np.argmin(np.isfinite(numbers)))
+            raise BeamdaeError(
+                f"{_NAME}: {self._quantities[index].label} of {flat.name} is not finite."
+            )
+        return Design(flat, analyses, numbers, [weights for _, weights in combined])
+
+    def margins(self, values: Array) -> Array:
+        """Return the margins (C,) of the constraints for values (1 + C,) of a design."""
+        pairs = zip(self.limits, values[1:].tolist(), strict=True)
+        return np.array([limit.margin(value) for limit, value in pairs])
+
+    def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
+        """Return lower and upper bounds of the numbers."""
+        given = {} if bounds is None else bounds
+        given = require_mapping(_NAME, "bounds", given, "a dict of (lower, upper) by name")
+        parameters = dict.fromkeys(key for key, _ in self.flat.entries.values())
+        for name in given:
+            if name not in parameters:
+                raise BeamdaeError(
+                    f"{_NAME}: bounds contains {short_repr(name)}, which is not in by; name one of "
+                    f"{', '.join(parameters)}."
+                )
+        lower, upper = np.full((2, len(self.first)), [[-np.inf], [np.inf]])
+        keys = np.array([key for key, _ in self.flat.entries.values()])
+        for name, value in given.items():
+            pair = require_pair(_NAME, f"bounds of {name}", value, "(lower, upper)")
+            rows = keys == name
+            for limits, bound in zip((lower, upper), pair, strict=True):
+                limits[rows] = _read_bound(name, bound, int(rows.sum()))
+            first = self.first[rows]
+            if np.any(lower[rows] >= upper[rows]) or np.any(
+                (first < lower[rows]) | (first > upper[rows])
+            ):
+                raise BeamdaeError(
+                    f"{_NAME}: bounds of {name} must be (lower, upper) around its first value "
+                    f"{short_repr(self.flat.parameters[name])}, got {short_repr(value)}; "
+                    "change the bounds, or set the first value in parameters."
+                )
+        return lower, upper
+
+    def _choose_sizes(self) -> Array:
+        """Return the size of each number: that of its parameter, at most that of its bounds."""
+        keys = np.array([key for key, _ in self.flat.entries.values()])
+        sizes = np.zeros(len(self.first))
+        for key in set(keys.tolist()):
+            rows = keys == key
+            sizes[rows] = np.max(np.abs(self.first[rows]))
+        ranges = self.upper - self.lower
+        sizes = np.where(sizes > 0.0, np.minimum(sizes, ranges), ranges)
+        return np.where(np.isfinite(sizes), sizes, 1.0)
+
+
+def _read_bound(name: str, bound: Any, count: int) -> Array:
+    """Return a bound of all numbers of a parameter."""
+    entries = [bound] * count if as_real(bound) is not None else bound
+    what = "a number, or one per entry"
+    numbers = [as_real(x) for x in require_sequence(_NAME, f"a bound of {name}", entries, what)]
+    if len(numbers) != count or any(x is None or np.isnan(x) for x in numbers):
+        raise BeamdaeError(
+            f"{_NAME}: a bound of {name} must be {what} ({count}), got {short_repr(bound)}."
+        )
+    return np.array(numbers, float)
+
+
+def parameter_values(flat: FlatModel, values: Array) -> Mapping[str, Any]:
+    """Return values (k,) of numbers by parameter: floats, or tuples for lists of floats."""
+    result: dict[str, Any] = {}
+    for (key, k), value in zip(flat.entries.values(), values.tolist(), strict=True):
+        if k is None:
+            result[key] = value
+        else:
+            result.setdefault(key, []).append(value)
+    return {key: x if isinstance(x, float) else tuple(x) for key, x in result.items()}

@@ -1,0 +1,558 @@
+"""Quantities of a design: functions of the parameters of a model that can be differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.gradients.objectives import Objective, Summand, format_sum
+from beamdae.errors import (
+    BeamdaeError,
+    as_real,
+    as_text,
+    require_choice,
+    require_count,
+    require_finite,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
+
+Array = np.ndarray
+
+_MAX_EXPONENT = 1000.0
+_MAX_NUMBER = 10_000
+
+
+class Quantity(Summand):
+    """Scalar function of the parameters of a model, for `optimize`; base class.
+
+    Quantities and objectives of runs can be added, subtracted and multiplied by numbers, as in
+    `Mass() + 0.1 * EndValue("tip.y")`.
+    """
+
+    @property
+    def label(self) -> str:
+        """Short description for tables."""
+        raise NotImplementedError
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """The results of analyses of which the quantity is a function."""
+        raise NotImplementedError
+
+    def combine(
+        self, values: Mapping[AnalysisQuantity, float]
+    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """Return the value and its derivatives with respect to the leaves, given their values."""
+        raise NotImplementedError
+
+    @property
+    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
+        """Factors and quantities whose weighted sum is this quantity."""
+        return ((1.0, self),)
+
+    def _plus(self, other: Summand) -> Quantity:
+        return QuantitySum((*self.weighted_terms, *as_quantity("+", other).weighted_terms))
+
+    def __radd__(self, other: Any) -> Quantity:
+        if isinstance(other, Objective):
+            return as_quantity("+", other) + self
+        return super().__radd__(other)
+
+    def _times(self, factor: float) -> Quantity:
+        return QuantitySum(tuple((factor * weight, x) for weight, x in self.weighted_terms))
+
+
+@dataclass(frozen=True, eq=False)
+class QuantitySum(Quantity):
+    """Sum of factor * quantity."""
+
+    terms: tuple[tuple[float, Quantity], ...]
+
+    @property
+    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
+        """See `Quantity`."""
+        return self.terms
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return format_sum((weight, x.label) for weight, x in self.terms)
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """See `Quantity`."""
+        return tuple(leaf for _, x in self.terms for leaf in x.leaves)
+
+    def combine(
+        self, values: Mapping[AnalysisQuantity, float]
+    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """See `Quantity`."""
+        total, weights = 0.0, dict.fromkeys(self.leaves, 0.0)
+        for factor, term in self.terms:
+            value, derivatives = term.combine(values)
+            total += factor * value
+            for leaf, derivative in derivatives.items():
+                weights[leaf] += factor * derivative
+        return total, weights
+
+
+@dataclass(frozen=True, eq=False)
+class LargestOf(Quantity):
+    """Smooth upper bound of the largest magnitude of several quantities.
+
+    With the exponent p, the value is (sum |y_k|^p)^(1/p). It is not less than the largest |y_k| of
+    N quantities and exceeds it at most by the factor N^(1/p), 6 % for N = 10 and p = 40. Use it for
+    a limit of the stress at several sections, which is then satisfied at each of them. By the
+    adjoint, the gradient of `LargestOf` takes about as long as that of one stress.
+
+    Attributes
+    ----------
+    quantities
+        Quantities with the same unit.
+    exponent
+        The exponent p, between 1 and 1000. Larger exponents are closer to the maximum, but the
+        derivative then changes abruptly if another quantity becomes the largest.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.LargestOf([bd.EquilibriumValue(f"stress {k}") for k in range(3)]).label
+    'largest of 3: stress 0 at equilibrium, ...'
+    """
+
+    quantities: Any
+    exponent: float = 40.0
+
+    def __post_init__(self) -> None:
+        entries = require_sequence(
+            "LargestOf", "quantities", self.quantities, "a list of quantities"
+        )
+        if not entries:
+            raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
+        p = require_finite("LargestOf", "exponent", self.exponent)
+        if not 1.0 <= p <= _MAX_EXPONENT:
+            raise BeamdaeError(
+                f"LargestOf: exponent must be between 1 and {_MAX_EXPONENT:g}, got {p:g}."
+            )
+        quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
+        set_fields(self, quantities=quantities, exponent=p)
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        more = ", ..." if len(self.quantities) > 1 else ""
+        return f"largest of {len(self.quantities)}: {self.quantities[0].label}{more}"
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """See `Quantity`."""
+        return tuple(leaf for x in self.quantities for leaf in x.leaves)
+
+    def combine(
+        self, values: Mapping[AnalysisQuantity, float]
+    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """See `Quantity`."""
+        parts = [x.combine(values) for x in self.quantities]
+        y = np.array([value for value, _ in parts])
+        weights, p = dict.fromkeys(self.leaves, 0.0), self.exponent
+        largest = float(np.max(np.abs(y)))
+        if largest == 0.0 or not np.isfinite(largest):
+            return largest, weights
+        ratios = np.abs(y) / largest
+        norm = float(np.sum(ratios**p)) ** (1.0 / p)
+        factors = (ratios / norm) ** (p - 1.0) * np.sign(y)
+        for factor, (_, derivatives) in zip(factors, parts, strict=True):
+            for leaf, derivative in derivatives.items():
+                weights[leaf] += float(factor) * derivative
+        return largest * norm, weights
+
+
+class AnalysisQuantity(Quantity):
+    """Result of one analysis of the model."""
+
+    @property
+    def leaves(self) -> tuple[AnalysisQuantity, ...]:
+        """See `Quantity`."""
+        return (self,)
+
+    def combine(
+        self, values: Mapping[AnalysisQuantity, float]
+    ) -> tuple[float, dict[AnalysisQuantity, float]]:
+        """See `Quantity`."""
+        return values[self], {self: 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class RunQuantity(AnalysisQuantity):
+    """Objective of a run."""
+
+    objective: Objective
+
+    @property
+    def weighted_terms(self) -> tuple[tuple[float, Quantity], ...]:
+        """See `Quantity`."""
+        return tuple((weight, RunQuantity(x)) for weight, x in self.objective.terms)
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return format_sum((w, f"{type(x).__name__} of {x.column}") for w, x in self.objective.terms)
+
+
+@dataclass(frozen=True, eq=False)
+class Mass(AnalysisQuantity):
+    """Mass of the moving parts of the model [kg].
+
+    It is r^T M r with the mass matrix M and the unit translation r of all points.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_most(bd.Mass(), 2.0).label
+    'mass <= 2'
+    """
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return "mass"
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterFunction(AnalysisQuantity):
+    """Function of the values of the parameters alone, such as a volume or a cost.
+
+    Attributes
+    ----------
+    function
+        Function that takes the parameters of the model by name, like the model function, and
+        returns a number. It may accept some of the parameters and `**others`. It must be smooth;
+        its derivatives are central differences of fourth order.
+    name
+        Name in tables.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> volume = bd.ParameterFunction(lambda thickness, **others: 0.02 * sum(thickness), "volume")
+    >>> volume.label
+    'volume'
+    """
+
+    function: Callable[..., float]
+    name: str = "function of parameters"
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise BeamdaeError(
+                "ParameterFunction: function must take the parameters by name and return a number, "
+                f"got {short_repr(self.function)}."
+            )
+        set_fields(self, name=_require_text("ParameterFunction", "name", self.name))
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return self.name
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumQuantity(AnalysisQuantity):
+    """Result of an equilibrium path; `path` contains the arguments of `equilibrium`."""
+
+    @property
+    def path(self) -> dict[str, Any]:
+        """Arguments of `equilibrium`."""
+        names = ("loads", "to", "control", "step", "t")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumValue(EquilibriumQuantity):
+    """Value of a column at the end of an equilibrium path.
+
+    Attributes
+    ----------
+    column
+        Header of an observed column, such as a position or a stress, of a coordinate, a multiplier
+        or the load factor, with or without its unit.
+    to, loads, control, step, t
+        End and loads of the path, see `equilibrium`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_least(bd.EquilibriumValue("tip.y"), -0.01).label
+    'tip.y at equilibrium >= -0.01'
+    """
+
+    column: str
+    to: Any = 1.0
+    loads: Any = None
+    control: str | None = None
+    step: float | None = None
+    t: float = 0.0
+
+    def __post_init__(self) -> None:
+        set_fields(self, column=_require_text("EquilibriumValue", "column", self.column))
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return f"{self.column} at equilibrium"
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumErrors(EquilibriumQuantity):
+    """Sum of ((y_i - value_i) / sigma_i)^2 at several targets of an equilibrium path.
+
+    Use it for the path of a point under an increasing load or a prescribed position.
+
+    Attributes
+    ----------
+    column
+        Header of a column, see `EquilibriumValue`.
+    to
+        Load factors, or {column: values} of an observed position, in the order in which the path
+        reaches them.
+    values
+        Desired values of the column at the targets.
+    sigma
+        Standard deviation, a positive number or one per target; the weight is 1 / sigma^2.
+    loads, control, step, t
+        Loads of the path, see `equilibrium`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.EquilibriumErrors("tip.y", {"tip.x": [0.1, 0.2]}, [0.0, 0.05], 1e-3).label
+    'squared errors of tip.y at 2 equilibria'
+    """
+
+    column: str
+    to: Any
+    values: Any
+    sigma: Any = 1.0
+    loads: Any = None
+    control: str | None = None
+    step: float | None = None
+    t: float = 0.0
+    _targets: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        name = "EquilibriumErrors"
+        set_fields(self, column=_require_text(name, "column", self.column))
+        (targets,) = self.to.values() if _is_single(self.to) else (self.to,)
+        targets = [targets] if as_real(targets) is not None else targets
+        numbers = [
+            np.array([require_finite(name, f"an entry of {key}", x) for x in entries])
+            for key, entries in (
+                ("to", require_sequence(name, "to", targets, "a list of numbers")),
+                ("values", require_sequence(name, "values", self.values, "a list of numbers")),
+            )
+        ]
+        if len(numbers[0]) != len(numbers[1]) or not len(numbers[0]):
+            raise BeamdaeError(
+                f"{name}: values must contain one number per target, got {len(numbers[1])} values "
+                f"for {len(numbers[0])} targets."
+            )
+        sigmas = [self.sigma] if as_real(self.sigma) is not None else self.sigma
+        sigmas = require_sequence(name, "sigma", sigmas, "a list of numbers")
+        sigma = np.array([require_positive(name, "sigma", x) for x in sigmas])
+        if len(sigma) not in (1, len(numbers[0])):
+            raise BeamdaeError(
+                f"{name}: sigma must be a positive number or one per target, got {len(sigma)} "
+                f"numbers for {len(numbers[0])} targets."
+            )
+        set_fields(self, _targets=numbers[0], values=numbers[1], sigma=sigma)
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return f"squared errors of {self.column} at {len(self.values)} equilibria"
+
+    @property
+    def targets(self) -> Array:
+        """Values (k,) of the targets."""
+        return self._targets
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalLoad(EquilibriumQuantity):
+    """Load factor of a limit, branch or flutter point of an equilibrium path.
+
+    Attributes
+    ----------
+    to
+        Load factor beyond the critical load of all designs, or target of another kind, see
+        `equilibrium`. If a path has fewer than `number` critical points up to this end, its design
+        is rejected.
+    number
+        Number of the critical point on the path, from 1 on.
+    loads, control, step, t
+        Loads of the path, see `equilibrium`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_least(bd.CriticalLoad(to=10.0), 2.0).label
+    'critical load 1 >= 2'
+    """
+
+    to: Any
+    number: int = 1
+    loads: Any = None
+    control: str | None = None
+    step: float | None = None
+    t: float = 0.0
+
+    def __post_init__(self) -> None:
+        number = require_count("CriticalLoad", "number", self.number, most=_MAX_NUMBER)
+        set_fields(self, number=number)
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return f"critical load {self.number}"
+
+
+@dataclass(frozen=True, eq=False)
+class Frequency(AnalysisQuantity):
+    """Natural frequency [Hz] of an undamped mode of the model.
+
+    Attributes
+    ----------
+    number
+        Number of the mode from 1 on, in ascending order, without free motions.
+    about
+        "reference" or "equilibrium", see `modes`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_least(bd.Frequency(1), 20.0).label
+    'frequency 1 >= 20'
+    """
+
+    number: int = 1
+    about: str = "reference"
+
+    def __post_init__(self) -> None:
+        number = require_count("Frequency", "number", self.number, most=_MAX_NUMBER)
+        about = require_choice("Frequency", "about", self.about, ["reference", "equilibrium"])
+        set_fields(self, number=number, about=about)
+
+    @property
+    def label(self) -> str:
+        """See `Quantity`."""
+        return f"frequency {self.number}"
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """Constraint of an optimization; see `at_most` and `at_least`.
+
+    Attributes
+    ----------
+    quantity
+        The quantity.
+    sign
+        1 for an upper limit, -1 for a lower limit.
+    bound
+        The limit.
+    """
+
+    quantity: Quantity
+    sign: int
+    bound: float
+
+    @property
+    def label(self) -> str:
+        """Short description for tables."""
+        return f"{self.quantity.label} {'<=' if self.sign > 0 else '>='} {self.bound:g}"
+
+    def margin(self, value: float) -> float:
+        """Return the distance of a value from the limit; negative if the limit is violated."""
+        return self.sign * (self.bound - value)
+
+
+def at_most(quantity: Any, limit: float) -> Limit:
+    """Return the constraint that a quantity does not exceed a limit.
+
+    Parameters
+    ----------
+    quantity
+        A `Quantity`, or an `Objective` of a run.
+    limit
+        Upper limit, in the unit of the quantity.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_most(bd.SmoothMaximum("stress"), 150e6).label
+    'SmoothMaximum of stress <= 1.5e+08'
+    """
+    return _create_limit("at_most", quantity, 1, limit)
+
+
+def at_least(quantity: Any, limit: float) -> Limit:
+    """Return the constraint that a quantity is not less than a limit.
+
+    Parameters
+    ----------
+    quantity
+        A `Quantity`, or an `Objective` of a run.
+    limit
+        Lower limit, in the unit of the quantity.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> bd.at_least(bd.Frequency(2), 50.0).label
+    'frequency 2 >= 50'
+    """
+    return _create_limit("at_least", quantity, -1, limit)
+
+
+def _create_limit(caller: str, quantity: Any, sign: int, limit: Any) -> Limit:
+    bound = require_finite(caller, "limit", limit)
+    return Limit(as_quantity(f"{caller}: quantity", quantity), sign, bound)
+
+
+def as_quantity(part: str, value: Any) -> Quantity:
+    """Return a quantity or an objective of a run as a quantity, or raise BeamdaeError."""
+    if isinstance(value, Quantity):
+        return value
+    if isinstance(value, Objective):
+        return RunQuantity(value)
+    raise BeamdaeError(
+        f"{part} must be a Quantity such as Mass() or an Objective such as EndValue('tip.y'), got "
+        f"{short_repr(value)}."
+    )
+
+
+def _is_single(to: Any) -> bool:
+    return isinstance(to, Mapping) and len(to) == 1
+
+
+def _require_text(part: str, name: str, value: Any) -> str:
+    text = as_text(value)
+    if not text:
+        raise BeamdaeError(f"{part}: {name} must be a nonempty string, got {short_repr(value)}.")
+    return text

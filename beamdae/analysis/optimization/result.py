@@ -1,0 +1,222 @@
+"""Result of an optimization: the best design, its constraints and all evaluated designs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from beamdae.analysis.optimization.problem import DesignProblem, parameter_values
+from beamdae.analysis.optimization.search import SearchResult, find_active_bounds
+from beamdae.errors import BeamdaeError
+from beamdae.read_only import read_only_data
+from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
+from beamdae.results.storage.files import write_escaped_table
+
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Relative change by more accurate runs above which values of a design depend on the steps.
+_MAX_STEP_ERROR = 0.01
+
+
+class Constraint(NamedTuple):
+    """Constraint at the end of an optimization.
+
+    Attributes
+    ----------
+    name
+        The quantity and its limit.
+    value
+        Value of the quantity.
+    limit
+        The limit.
+    margin
+        Distance from the limit in the unit of the quantity; negative if the limit is violated.
+    multiplier
+        Lagrange multiplier: decrease of the objective per unit by which the limit is relaxed. It is
+        0 if the limit does not affect the design, and NaN if the search was interrupted.
+    """
+
+    name: str
+    value: float
+    limit: float
+    margin: float
+    multiplier: float
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimization:
+    """Best design of a search, with all evaluated designs; see `optimize`.
+
+    Attributes
+    ----------
+    parameters
+        Values of the parameters in `by`: floats, or tuples for lists of floats.
+    objective
+        Value of the objective.
+    constraints
+        The constraints with their margins and multipliers.
+    status
+        Status and reason of the end of the search: "ok" if it converged, "limited" if it ended
+        before convergence or if no design satisfies the constraints, "failed" if analyses failed,
+        and "interrupted".
+    at_bounds
+        Names of the numbers at a bound, such as "thickness[3]".
+    evaluations
+        Number of evaluated designs, including those whose analyses failed.
+    residual
+        Norm of the gradient of the Lagrange function, relative to that of the objective and at
+        least to the first value of the objective per size of a parameter. It is 0 at an exact
+        optimum, and NaN if the search was interrupted.
+    analyses
+        Results of the analyses of the best design: `Solution`, `Equilibrium` and `Modes`.
+    model
+        Name and all parameters of the model of the best design.
+    warnings
+        Sentences on values that depend on the steps of the run: a run with half the step or a tenth
+        of `rtol` would change the objective or a constrained quantity by more than 1 %.
+    """
+
+    parameters: Mapping[str, Any]
+    objective: float
+    constraints: tuple[Constraint, ...]
+    status: Status
+    at_bounds: tuple[str, ...]
+    evaluations: int
+    residual: float
+    analyses: tuple[Any, ...] = field(repr=False)
+    model: Mapping[str, Any] = field(repr=False)
+    warnings: tuple[str, ...]
+    _first: Mapping[str, float] = field(repr=False)
+    _numbers: Mapping[str, tuple[float, float, float]] = field(repr=False)
+    _history: Mapping[str, Any] = field(repr=False)
+
+    def __repr__(self) -> str:
+        bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
+        limits = f", {len(self.constraints)} constraints" if self.constraints else ""
+        return (
+            f"<Optimization: {self.status.sentence}; objective {self.objective:.6g}{limits}, "
+            f"{self.evaluations} evaluations{bounds}>" + "".join(f" {x}" for x in self.warnings)
+        )
+
+    @property
+    def converged(self) -> bool:
+        """True if the search converged to a design that satisfies the constraints."""
+        return self.status.success
+
+    @property
+    def solution(self) -> Solution | None:
+        """The run of the best design; None if no quantity needs a run."""
+        return next((x for x in self.analyses if isinstance(x, Solution)), None)
+
+    def table(self) -> pd.DataFrame:
+        """Return first and final values and bounds of the numbers in the parameters, by name."""
+        import pandas as pd
+
+        rows = {
+            name: {
+                "first value": self._first[name],
+                "value": value,
+                "lower bound": lower,
+                "upper bound": upper,
+                "at bound": name in self.at_bounds,
+            }
+            for name, (value, lower, upper) in self._numbers.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index")
+
+    def constraint_table(self) -> pd.DataFrame:
+        """Return the constraints, one row each."""
+        import pandas as pd
+
+        return pd.DataFrame(self.constraints, columns=list(Constraint._fields))
+
+    def history(self) -> pd.DataFrame:
+        """Return all evaluated designs in their order.
+
+        The columns are "objective", "violation" (largest violation of a limit, relative to it), the
+        constrained quantities, the numbers in the parameters, and "failure" (the reason if an
+        analysis failed, whose values are NaN).
+        """
+        import pandas as pd
+
+        return pd.DataFrame(dict(self._history))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write `history` as CSV and return the path.
+
+        Raises
+        ------
+        BeamdaeError
+            If the path is invalid or the file cannot be written.
+        """
+        return write_escaped_table(path, self.history())
+
+
+def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimization:
+    """Return the result of a search, with the analyses of its best design."""
+    best, trials = search.best, search.trials
+    design = problem.design(best.numbers)
+    margins = problem.margins(best.values).tolist()
+    stationarity = search.stationarity
+    nothing = [float("nan")] * len(problem.limits)
+    multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
+    constraints = tuple(
+        Constraint(limit.label, value, limit.bound, margin, multiplier)
+        for limit, value, margin, multiplier in zip(
+            problem.limits, best.values[1:].tolist(), margins, multipliers, strict=True
+        )
+    )
+    at_lower, at_upper = find_active_bounds(problem, best.numbers)
+    names = problem.names
+    columns: dict[str, Any] = {
+        "objective": [x.values[0] for x in trials],
+        "violation": [x.violation for x in trials],
+    }
+    for k, limit in enumerate(problem.limits):
+        columns[f"{k + 1}: {limit.quantity.label}"] = [x.values[1 + k] for x in trials]
+    columns |= {name: [x.numbers[k] for x in trials] for k, name in enumerate(names)}
+    columns["failure"] = [x.failure for x in trials]
+    numbers = zip(
+        best.numbers.tolist(), problem.lower.tolist(), problem.upper.tolist(), strict=True
+    )
+    return Optimization(
+        parameter_values(problem.flat, best.numbers),
+        float(best.values[0]),
+        constraints,
+        search.status,
+        tuple(np.array(names)[at_lower | at_upper].tolist()),
+        len(trials),
+        float("nan") if stationarity is None else stationarity.residual,
+        tuple(x.result for x in design.analyses.values() if x.result is not None),
+        {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
+        () if search.was_ended else _check_steps(problem, search),
+        dict(zip(names, problem.first.tolist(), strict=True)),
+        dict(zip(names, numbers, strict=True)),
+        columns,
+    )
+
+
+def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
+    """Return a warning if errors of the steps change values of the best design.
+
+    Changes are relative to the limits, and to the first or the last value of the objective.
+    """
+    best, first = search.best, search.trials[0]
+    try:
+        changes = np.abs(problem.step_errors(best.numbers))
+    except BeamdaeError:
+        # For example a limit on the number of steps: the values are those of the given steps.
+        return ()
+    objective = max(abs(best.values[0]), abs(first.values[0]))
+    limits = (abs(x.bound) or abs(y) for x, y in zip(problem.limits, best.values[1:], strict=True))
+    if np.all(changes <= _MAX_STEP_ERROR * np.array([objective, *limits])):
+        return ()
+    return ("The steps of the run change values of the best design noticeably; use shorter steps.",)

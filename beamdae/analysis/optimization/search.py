@@ -1,0 +1,351 @@
+"""Search of an optimum by SciPy, with all evaluated designs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.optimize import BFGS, Bounds, NonlinearConstraint, minimize, nnls
+
+from beamdae.analysis.optimization.problem import FEASIBILITY_TOLERANCE, Design, DesignProblem
+from beamdae.errors import BeamdaeError, ProgressError, call_progress, format_exception
+from beamdae.interrupts import acknowledge
+from beamdae.results.outcome import Status
+
+Array = np.ndarray
+Method = Literal["SLSQP", "trust-constr"]
+METHODS = ("SLSQP", "trust-constr")
+
+# Constraints and bounds are active within this distance, relative to the limit or to the size of
+# the number. The barrier of trust-constr stops at about 1e-6.
+_ACTIVE_TOLERANCE = 1e-4
+# Relative residual of the conditions of first order below which a search that could make no further
+# progress is at an optimum. Rounding errors of analyses end searches near 1e-5.
+_STATIONARITY_TOLERANCE = 1e-3
+# The search ends after this number of failed analyses in a row.
+_MAX_FAILURES = 15
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Evaluated design.
+
+    Attributes
+    ----------
+    numbers
+        Values (k,) of the numbers in the parameters.
+    values
+        Values (1 + C,) of the objective and of the constrained quantities; NaN if an analysis
+        failed.
+    violation
+        Largest violation of a limit, relative to the limit; NaN if an analysis failed.
+    failure
+        Reason for the failure, or "".
+    """
+
+    numbers: Array
+    values: Array
+    violation: float
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Stationarity:
+    """Conditions of first order at a design.
+
+    Attributes
+    ----------
+    multipliers
+        Lagrange multipliers (C,): decrease of the objective per unit by which a limit is relaxed.
+    residual
+        Norm of the gradient of the Lagrange function, relative to that of the objective.
+    """
+
+    multipliers: Array
+    residual: float
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """End of a search; `best` is the best evaluated design.
+
+    `progress_error` is the exception of the user's function `progress` that ended it, or None.
+    """
+
+    best: Trial
+    trials: tuple[Trial, ...]
+    status: Status
+    stationarity: Stationarity | None
+    progress_error: Exception | None = None
+
+    @property
+    def was_ended(self) -> bool:
+        """True if an interrupt or an exception of `progress` ended the search."""
+        return self.status.kind == "interrupted" or self.progress_error is not None
+
+
+class _SearchEndError(Exception):
+    """End of the search by a limit or a failure."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.sentence)
+        self.status = status
+
+
+class Search:
+    """Minimization from the first design.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    method, max_evaluations, tolerance, progress
+        See `optimize`.
+    """
+
+    def __init__(
+        self,
+        problem: DesignProblem,
+        method: Method,
+        max_evaluations: int,
+        tolerance: float,
+        progress: Callable[[int, float, float], object] | None,
+    ) -> None:
+        self._problem, self._method, self._tolerance = problem, method, tolerance
+        self._max_evaluations, self._progress = max_evaluations, progress
+        self._trials: dict[bytes, Trial] = {}
+        self._failures = 0
+        self._end: Trial | None = None
+        self._last_gradients: tuple[Array, Array] | None = None
+        self._last_margins = np.zeros(len(problem.limits))
+        # Units of the objective and of the constraints.
+        self._scales = np.ones(1 + len(problem.limits))
+
+    def run(self) -> SearchResult:
+        """Search until convergence, a limit or an interrupt.
+
+        Raises
+        ------
+        BeamdaeError
+            If an analysis of the first design or its gradient fails.
+        """
+        problem = self._problem
+        first = problem.design(problem.first)
+        sizes = [abs(limit.bound) for limit in problem.limits]
+        self._scales = np.array(
+            [x or abs(y) or 1.0 for x, y in zip([0.0, *sizes], first.values, strict=True)]
+        )
+        try:
+            self._record(problem.first, first)
+            # Errors of the gradient concern the model rather than a design.
+            self._gradients(problem.first / problem.sizes)
+            status = self._minimize()
+        except _SearchEndError as end:
+            status = end.status
+        except KeyboardInterrupt:
+            acknowledge()
+            trials = tuple(self._trials.values())
+            status = Status("interrupted", f"interrupted after {len(trials)} evaluations")
+            return SearchResult(self._best(), trials, status, None)
+        except ProgressError as error:
+            trials, status = tuple(self._trials.values()), Status("failed", str(error))
+            return SearchResult(self._best(), trials, status, None, error.problem)
+        return self._finish(status)
+
+    def _finish(self, status: Status) -> SearchResult:
+        best, trials = self._best(), tuple(self._trials.values())
+        stationarity = None
+        try:
+            stationarity = self._check_stationarity(best)
+        except (BeamdaeError, ArithmeticError) as failure:
+            status = Status("failed", f"{status.sentence}; {format_exception(failure)}")
+        is_feasible = best.violation <= FEASIBILITY_TOLERANCE
+        if not is_feasible:
+            kind = "limited" if status.success else status.kind
+            end = "" if status.success else f"; {status.sentence}"
+            problem = self._problem
+            worst = int(np.argmin(problem.margins(best.values) / self._scales[1:]))
+            status = Status(
+                kind,
+                "no evaluated design satisfies the constraints, the best one violates "
+                f"{problem.limits[worst].label} most, by {best.violation:.2g} relative to the "
+                f"limit{end}",
+            )
+        is_stationary = stationarity and stationarity.residual <= _STATIONARITY_TOLERANCE
+        if status.kind == "limited" and is_feasible and is_stationary:
+            status = Status("ok", "converged to the accuracy of the analyses")
+        count = sum(bool(x.failure) for x in trials)
+        if count and status.kind != "ok":
+            last = [x.failure for x in trials if x.failure][-1]
+            status = Status(
+                status.kind, f"{status.sentence}; {count} analyses failed, the last one: {last}"
+            )
+        return SearchResult(best, trials, status, stationarity)
+
+    def _minimize(self) -> Status:
+        problem = self._problem
+        bounds = Bounds(problem.lower / problem.sizes, problem.upper / problem.sizes)
+        begin = problem.first / problem.sizes
+        options: dict[str, Any] = {"maxiter": self._max_evaluations}
+        constraints: Any = ()
+        if self._method == "SLSQP":
+            options["ftol"] = self._tolerance
+            if problem.limits:
+                constraints = {
+                    "type": "ineq",
+                    "fun": lambda x: self._values(x)[1],
+                    "jac": lambda x: self._gradients(x)[1],
+                }
+        else:
+            # Least-squares multipliers of constraints that are not active can make the gradient of
+            # the Lagrange function zero far from the optimum.
+            is_free = not problem.limits and np.all(np.isinf([problem.lower, problem.upper]))
+            options |= {"gtol": self._tolerance if is_free else 0.0, "xtol": self._tolerance}
+            options["barrier_tol"] = self._tolerance
+            bounds.keep_feasible = np.ones(len(begin), bool)
+            if problem.limits:
+                constraints = NonlinearConstraint(
+                    lambda x: self._values(x)[1],
+                    0.0,
+                    np.inf,
+                    jac=lambda x: self._gradients(x)[1],
+                    hess=BFGS(),
+                )
+        with warnings.catch_warnings():
+            # SciPy warns if two gradients are equal, as after a failed analysis, and if rounding
+            # moves a variable out of its bounds.
+            warnings.simplefilter("ignore", UserWarning)
+            warnings.simplefilter("ignore", RuntimeWarning)
+            result = minimize(
+                lambda x: self._values(x)[0],
+                begin,
+                jac=lambda x: self._gradients(x)[0],
+                method=self._method,
+                bounds=bounds,
+                constraints=constraints,
+                options=options,
+            )
+        if not result.success or (self._method != "SLSQP" and result.status == 0):
+            return Status("limited", str(result.message).rstrip("."))
+        self._end = self._trials.get(self._numbers(result.x).tobytes())
+        return Status("ok", "converged")
+
+    def _numbers(self, x: Array) -> Array:
+        problem = self._problem
+        values = np.clip(problem.sizes * x, problem.lower, problem.upper)
+        # The first design is stored under its exact values.
+        is_first = np.array_equal(x, problem.first / problem.sizes)
+        return problem.first if is_first else values
+
+    def _values(self, x: Array) -> tuple[float, Array]:
+        """Return the scaled objective and the scaled margins.
+
+        If an analysis fails, the objective is infinite, so that the search shortens its step.
+        """
+        numbers = self._numbers(x)
+        trial = self._trials.get(numbers.tobytes())
+        if trial is None:
+            trial = self._evaluate(numbers)
+        if trial.failure:
+            return np.inf, self._last_margins
+        margins = self._problem.margins(trial.values) / self._scales[1:]
+        self._last_margins = margins
+        return float(trial.values[0] / self._scales[0]), margins
+
+    def _evaluate(self, numbers: Array) -> Trial:
+        if len(self._trials) >= self._max_evaluations:
+            raise _SearchEndError(
+                Status("limited", f"stopped after max_evaluations = {self._max_evaluations}")
+            )
+        try:
+            design = self._problem.design(numbers)
+        except (ValueError, ArithmeticError) as failure:
+            # BeamdaeError, or an error of the model function at extreme values.
+            return self._record_failure(numbers, failure)
+        self._failures = 0
+        return self._record(numbers, design)
+
+    def _record(self, numbers: Array, design: Design) -> Trial:
+        margins = self._problem.margins(design.values) / self._scales[1:]
+        violation = max(0.0, -float(np.min(margins, initial=np.inf)))
+        trial = Trial(numbers, design.values, violation)
+        self._trials[numbers.tobytes()] = trial
+        if self._progress is not None:
+            call_progress(self._progress, len(self._trials), float(design.values[0]), violation)
+        return trial
+
+    def _record_failure(self, numbers: Array, failure: Exception) -> Trial:
+        sentence = str(failure) if isinstance(failure, BeamdaeError) else format_exception(failure)
+        values = np.full(1 + len(self._problem.limits), np.nan)
+        trial = Trial(numbers, values, float("nan"), sentence)
+        self._trials[numbers.tobytes()] = trial
+        self._failures += 1
+        if self._failures >= _MAX_FAILURES:
+            raise _SearchEndError(Status("failed", f"{self._failures} analyses in a row failed"))
+        return trial
+
+    def _gradients(self, x: Array) -> tuple[Array, Array]:
+        """Return the gradient of the scaled objective and those of the scaled margins."""
+        numbers = self._numbers(x)
+        trial = self._trials.get(numbers.tobytes())
+        if trial is not None and trial.failure and self._last_gradients is not None:
+            # Some methods request derivatives of designs that they reject.
+            return self._last_gradients
+        try:
+            self._last_gradients = self._scaled_gradients(numbers)
+        except (BeamdaeError, ArithmeticError) as failure:
+            if self._last_gradients is None:
+                raise
+            raise _SearchEndError(Status("failed", format_exception(failure))) from failure
+        return self._last_gradients
+
+    def _scaled_gradients(self, numbers: Array) -> tuple[Array, Array]:
+        problem = self._problem
+        design = problem.design(numbers)
+        count = len(problem.limits)
+        rows = np.array([design.gradient(k) for k in range(1 + count)])
+        rows *= problem.sizes / self._scales[:, None]
+        signs = np.array([limit.sign for limit in problem.limits])
+        return rows[0], -signs[:, None] * rows[1:] if count else np.zeros((0, len(numbers)))
+
+    def _best(self) -> Trial:
+        """Return the end of a search that converged, otherwise the best evaluated design.
+
+        The best design is feasible, or it has the smallest violation.
+        """
+        if self._end is not None and self._end.violation <= FEASIBILITY_TOLERANCE:
+            return self._end
+
+        def rank(trial: Trial) -> tuple[bool, float, float]:
+            is_feasible = trial.violation <= FEASIBILITY_TOLERANCE
+            return not is_feasible, 0.0 if is_feasible else trial.violation, float(trial.values[0])
+
+        return min((x for x in self._trials.values() if not x.failure), key=rank)
+
+    def _check_stationarity(self, trial: Trial) -> Stationarity:
+        """Return multipliers with the smallest residual of the conditions of first order."""
+        problem = self._problem
+        gradient, jacobian = self._scaled_gradients(trial.numbers)
+        margins = problem.margins(trial.values) / self._scales[1:]
+        active = np.flatnonzero(margins <= _ACTIVE_TOLERANCE)
+        identity = np.eye(len(gradient))
+        at_lower, at_upper = find_active_bounds(problem, trial.numbers)
+        normals = np.vstack([jacobian[active], identity[at_lower], -identity[at_upper]])
+        solution, residual = nnls(normals.T, gradient) if len(normals) else (np.zeros(0), None)
+        if residual is None:
+            residual = float(np.linalg.norm(gradient))
+        multipliers = np.zeros(len(problem.limits))
+        multipliers[active] = solution[: len(active)]
+        # A stationary objective without constraints has a gradient of the size of its rounding.
+        size = max(float(np.linalg.norm(gradient)), 1.0)
+        multipliers *= self._scales[0] / self._scales[1:]
+        return Stationarity(multipliers, float(residual) / size)
+
+
+def find_active_bounds(problem: DesignProblem, numbers: Array) -> tuple[Array, Array]:
+    """Return True for the numbers at their lower and at their upper bounds, (k,) each."""
+    distance = _ACTIVE_TOLERANCE * problem.sizes
+    return numbers - problem.lower <= distance, problem.upper - numbers <= distance

@@ -1,0 +1,322 @@
+"""Derivatives of the steps of a generalized-alpha run, with the step sequence of the run.
+
+The loop is plain Python over arrays; `native.loops` compiles it if possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.step_equations import (
+    StepBuffers,
+    StepEquations,
+    StepPrediction,
+    evaluate_matrix_at_state,
+    formulate_step,
+)
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.alpha.family import (
+    JERK_INTERVAL,
+    AlphaParameters,
+    AlphaStart,
+    family_parameters,
+)
+from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.return_codes import DONE
+from beamdae.results.trajectory import Interval
+from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_time
+
+Array = np.ndarray
+
+# Two steps are equal if they differ by less than this fraction of the step, or by a few rounding
+# errors of the time.
+_SAME_STEP = 1e-9
+_TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
+
+
+@dataclass(slots=True)
+class ReplayWorkspace:
+    """Work arrays of `replay_steps`.
+
+    Attributes
+    ----------
+    form, linear, nonzeros
+        Equations of a step, and the linear solver and non-zeros of their matrix.
+    directional, inputs
+        Directional derivative of the residual, and its inputs (motion, its direction, dp).
+    alpha_m, alpha_f, gamma, beta
+        Parameters of the method; see `family.AlphaParameters`.
+    prediction, x
+        Buffers of `evaluate_matrix_at_state`.
+    h, branch
+        Step, and a time inside the interval [s].
+    last
+        Number of steps after which the length of the step changes, or the interval ends.
+    times, rows
+        Times (steps,) [s] and states (q, v, a, lam) (steps, 3n + m) after the steps.
+    numbers
+        Derivatives of p, one direction a row, (k, n_p).
+    shifts, time_rates
+        Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
+        respect to time at the steps, (steps, n + m).
+    q, v, ddq, a, lam
+        Current derivatives of the motion, one direction a row. `a` is the algorithmic acceleration.
+    a_predicted, change
+        Predicted derivative of `a`, and right-hand side or solution of a step.
+    results
+        Derivatives of (q, v, q'', lam) after the steps, (steps * k, 3n + m).
+    step
+        Number of completed steps.
+    """
+
+    form: StepBuffers
+    linear: Any
+    nonzeros: Array
+    directional: Sum
+    inputs: Array
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+    prediction: StepPrediction
+    x: Array
+    h: float
+    last: int
+    branch: float
+    times: Array
+    rows: Array
+    numbers: Array
+    shifts: Array
+    time_rates: Array
+    q: Array
+    v: Array
+    ddq: Array
+    a: Array
+    lam: Array
+    a_predicted: Array
+    change: Array
+    results: Array
+    step: int = 0
+
+
+def replay_steps(run: ReplayWorkspace) -> int:
+    """Differentiate the steps of equal length; return DONE, NEW_PIVOTS or SINGULAR.
+
+    In each step, the derivatives of the residual along the predicted derivatives are the right-hand
+    sides of linear systems with the exact iteration matrix at the end of the step.
+    """
+    n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
+    at, x, c = run.prediction, run.x, run.prediction.coefficients
+    motion = 4 * n + 2 * m
+    inputs, change = run.inputs, run.change
+    factor = 1.0 / (1.0 - run.alpha_m)
+    count = run.numbers.shape[0]
+    while run.step < run.last:
+        t, row = run.times[run.step], run.rows[run.step]
+        evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
+        code = factorize(run.linear, run.nonzeros)
+        if code != DONE:
+            return code
+        set_time(run.directional, t, run.branch)
+        combine(inputs[: 3 * n + m], (1.0,), (row,))
+        for k in range(count):
+            q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
+            combine(run.a_predicted, (factor * run.alpha_f, -factor * run.alpha_m), (ddq, a))
+            combine(q, (1.0, h, h * h * (0.5 - beta), h * h * beta), (q, v, a, run.a_predicted))
+            combine(v, (1.0, h * (1.0 - gamma), h * gamma), (v, a, run.a_predicted))
+            combine(inputs[motion : motion + n], (1.0,), (q,))
+            combine(inputs[motion + n : motion + 2 * n], (1.0,), (v,))
+            combine(inputs[2 * motion :], (1.0,), (run.numbers[k],))
+            evaluate_sum(run.directional, inputs, change)
+            combine(change[:n], (c[2],), (change[:n],))
+            for i in run.form.velocity_rows:
+                change[i] /= c[0]
+            combine(change, (1.0, run.shifts[k]), (change, run.time_rates[run.step]))
+            solve(run.linear, change)
+            combine(q, (1.0, -1.0), (q, change[:n]))
+            combine(v, (1.0, -c[0]), (v, change[:n]))
+            combine(ddq, (-c[1],), (change[:n],))
+            combine(a, (1.0, -1.0 / c[2]), (run.a_predicted, change[:n]))
+            combine(lam, (-1.0 / c[2],), (change[n:],))
+            result = run.results[run.step * count + k]
+            combine(result[:n], (1.0,), (q,))
+            combine(result[n : 2 * n], (1.0,), (v,))
+            combine(result[2 * n : 3 * n], (1.0,), (ddq,))
+            combine(result[3 * n :], (1.0,), (lam,))
+        run.step += 1
+    return DONE
+
+
+def differentiate_alpha_steps(
+    method: GeneralizedAlpha,
+    derivatives: StartDerivatives,
+    interval: Interval,
+    starts: list[State],
+    numbers: Array,
+    shifts: list[float],
+) -> Array:
+    """Return the derivatives of (q, v, q'', lam) at the start and the steps of a smooth interval.
+
+    If the time t of the start depends on a parameter, all steps are moved with it. Derivatives s
+    at fixed times follow from those along the moved steps, s + x' dt. Moving the state instead, by
+    -x' dt at the start, would be wrong for motions that are too fast for the steps: x' is large
+    there, and the steps do not damp it as fast as they damp the motion.
+
+    Parameters
+    ----------
+    method
+        Settings of the run, in the index-3 form.
+    derivatives
+        Derivatives of starting values and of the jerk, which corrects velocities where the length
+        of the step changes.
+    interval
+        States of the run.
+    starts
+        Derivatives of the consistent state along the moved start, one per direction.
+    numbers
+        Derivatives of p, one direction a row, (k, n_p).
+    shifts
+        Derivatives of the time of the start, one per direction [s].
+
+    Returns
+    -------
+    numpy.ndarray
+        Derivatives (steps + 1, k, 3n + m) along the moved steps; the first rows are `starts`.
+
+    Raises
+    ------
+    BeamdaeError
+        If the iteration matrix is singular at a step.
+    """
+    equations, times, states = derivatives.equations, interval.t, interval.state
+    form = formulate_step(equations, False)
+    n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
+    groups = list(pairwise(group_equal_steps(times)))
+    member = family_parameters(method.family, method.rho_inf)
+    start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
+    time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
+    h = _step_length(times, *groups[0])
+    motions = [
+        derivatives.initial_motion(start, time, at, along, dp, h, dt)
+        for along, dp, dt in zip(starts, numbers, shifts, strict=True)
+    ]
+    plan = derivatives.directional_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+    matrix = FactorizedMatrix.from_pattern(form.pattern)
+
+    results = np.zeros(((steps + 1) * count, 3 * n + m))
+    results[:count] = [np.concatenate(x) for x in starts]
+
+    def make_workspace(native: bool) -> ReplayWorkspace:
+        q, v, a, before = np.zeros((4, n))
+        return ReplayWorkspace(
+            form=form.buffers(native),
+            linear=matrix.make_solver(native, "auto"),
+            nonzeros=matrix.nonzeros,
+            directional=plan.sum(native, equations.p),
+            inputs=np.zeros(2 * (4 * n + 2 * m) + numbers.shape[1]),
+            alpha_m=member.alpha_m,
+            alpha_f=member.alpha_f,
+            gamma=member.gamma,
+            beta=member.beta,
+            prediction=StepPrediction(q, v, a, before, np.zeros(3)),
+            x=np.zeros(n + m),
+            h=0.0,
+            last=0,
+            branch=float(interval.branch),
+            times=np.ascontiguousarray(times[1:]),
+            rows=np.ascontiguousarray(np.hstack([x[1:] for x in states])),
+            numbers=np.ascontiguousarray(numbers),
+            shifts=np.array(shifts),
+            time_rates=np.zeros((steps, n + m)),
+            q=np.array([x.q for x in motions]),
+            v=np.array([x.v for x in motions]),
+            ddq=np.array([x.ddq for x in motions]),
+            a=np.array([x.a for x in motions]),
+            lam=np.array([x.lam for x in motions]).reshape(count, m),
+            a_predicted=np.zeros(n),
+            change=np.zeros(n + m),
+            results=results[count:],
+        )
+
+    def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+        return [(run.linear, matrix)]
+
+    loop = StepLoop(replay_steps, make_workspace, matrices, form.is_native and plan.is_native)
+    run = loop.work
+    for first, last in groups:
+        h = _step_length(times, first, last)
+        if first > 0:
+            at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
+            _change_step(run, member, derivatives, time, at, h)
+        c_f = h * h * member.beta
+        run.prediction.coefficients[:] = (
+            member.gamma / (h * member.beta),
+            (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
+            c_f,
+        )
+        if any(shifts):
+            _set_time_rates(run, form, first, last, h)
+        run.h, run.last = h, last
+        if loop() != DONE:
+            raise BeamdaeError(
+                f"{derivative_call()}: the iteration matrix is singular at t = "
+                f"{times[run.step + 1]:g} s; use a smaller step, or check the model."
+            )
+    return results.reshape(steps + 1, count, 3 * n + m)
+
+
+def _set_time_rates(
+    run: ReplayWorkspace, form: StepEquations, first: int, last: int, h: float
+) -> None:
+    """Set the derivatives of the residual with respect to time in steps of length `h` [s]."""
+    n, coefficients = form.equations.n, run.prediction.coefficients
+    for k in range(first, last):
+        q, v, a, lam = np.split(run.rows[k], [n, 2 * n, 3 * n])
+        at = StepPrediction(q, v, a, q, coefficients)
+        x = np.concatenate([np.zeros(n), coefficients[2] * lam])
+        time = np.array([run.times[k], run.branch])
+        run.time_rates[k] = time_rate(partial(_residual_at, form, at, x), time, h)
+
+
+def _residual_at(form: StepEquations, at: StepPrediction, x: Array, time: Array) -> Array:
+    return form.residual(time, at, x)
+
+
+def group_equal_steps(times: Array) -> Array:
+    """Return the indices of the times at which the length of the step changes, and of both ends."""
+    h = np.diff(times)
+    rounding = _SAME_STEP * h + _TIME_ROUNDING * np.max(np.abs(times))
+    changes = 1 + np.flatnonzero(np.abs(np.diff(h)) > rounding[1:])
+    return np.concatenate([[0], changes, [len(h)]])
+
+
+def _step_length(times: Array, first: int, last: int) -> float:
+    return float((times[last] - times[first]) / (last - first))
+
+
+def _change_step(
+    run: ReplayWorkspace,
+    member: AlphaParameters,
+    derivatives: StartDerivatives,
+    time: Array,
+    at: State,
+    h: float,
+) -> None:
+    """Convert the derivatives to the step length `h` [s], as the step loop converts the motion."""
+    ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
+    for k, dp in enumerate(run.numbers):
+        along = State(run.q[k], run.v[k], run.ddq[k], run.lam[k])
+        dt, interval = float(run.shifts[k]), JERK_INTERVAL * h
+        jerk = derivatives.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt)
+        run.v[k] += square * jerk
+        run.a[k] = (1.0 - ratio) * run.ddq[k] + ratio * run.a[k]

@@ -1,0 +1,531 @@
+"""Derivatives of the numbers and the start of a model with respect to parameters.
+
+Parameters enter the equations of motion only through the numbers p and the start. The model
+function is an arbitrary Python function; therefore, p is differenced, while the equations
+themselves are differentiated exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
+from beamdae.errors import BeamdaeError, format_exception, warn_user
+from beamdae.interrupts import outermost_call
+from beamdae.model_functions import Model
+from beamdae.parts.events import select_impacts, select_switches
+
+Array = np.ndarray
+
+# Difference of a parameter, relative to its value. The numbers of a model are smooth functions of
+# its parameters: errors of the differences of fourth order are near 1e-12.
+_RELATIVE_DIFFERENCE = 1e-3
+# First difference of a parameter whose value is zero, in its unit.
+_DIFFERENCE_FROM_ZERO = 1e-4
+# These differences may be unsuitable: values such as a stiffness of 0 N/m that is added to 1e9 N/m,
+# or an eccentricity of 0 m of bearings of 1e-5 m, do not reveal the scale of a parameter. A larger
+# difference is used if changes of numbers are rounding errors, a smaller one if differences of
+# lower order deviate by more than this fraction, or interpolated numbers by more than the other
+# one. The errors of the derivatives are then near the square of the first fraction.
+_ENLARGEMENT = 1e3
+_REDUCTION = 0.1
+_MAX_DEVIATION = 1e-4
+_MAX_DEVIATION_OF_VALUES = 1e-6
+_MAX_TRIALS = 8
+# Rounding errors do not grow with the step; changes must grow at least by this factor.
+_MIN_GROWTH = 10.0
+# Errors of derivatives near 1e-5, which are reported, exceed these fractions by this factor.
+_REPORTED_EXCESS = 30.0
+# Largest error of smooth numbers that are interpolated from their neighbors, relative to the
+# changes of the numbers; at a kink it is at least 1/6.
+_MAX_INTERPOLATION_ERROR = 1e-3
+# Changes below this multiple of rounding errors do not reveal whether a number has a kink.
+_MIN_RESOLVED_CHANGE = 10.0
+# Smaller changes of numbers are rounding errors of their formulas, relative to the numbers and to
+# the largest numbers of the same kind.
+_ROUNDING = 1e-9
+_ROUNDING_OF_KIND = 1e-12
+
+
+# Public functions whose messages begin with their own names.
+_CALLS = (
+    "sensitivities",
+    "mode_sensitivities",
+    "equilibrium_sensitivities",
+    "periodic_sensitivities",
+    "gradient",
+    "fit",
+    "optimize",
+)
+
+
+def derivative_call() -> str:
+    """Return the name of the function that the user called for derivatives, for messages."""
+    return outermost_call(_CALLS) or "sensitivities"
+
+
+class _Stencil(NamedTuple):
+    """Values of a parameter in differences, and weights of derivatives and values at zero."""
+
+    steps: tuple[int, ...]
+    derivative_weights: tuple[float, ...]
+    value_weights: tuple[float, ...]
+    second_order_weights: tuple[float, ...]
+
+
+_ONE_SIDED_WEIGHTS = (-13.0 / 3.0, 9.5, -7.0, 11.0 / 6.0)
+_EXTRAPOLATION_WEIGHTS = (4.0, -6.0, 4.0, -1.0)
+_ONE_SIDED_SECOND_ORDER_WEIGHTS = (-2.5, 4.0, -1.5, 0.0)
+_STENCILS = (
+    _Stencil(
+        (-2, -1, 1, 2),
+        (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0),
+        (-1.0 / 6.0, 2.0 / 3.0, 2.0 / 3.0, -1.0 / 6.0),
+        (0.0, -0.5, 0.5, 0.0),
+    ),
+    _Stencil(
+        (1, 2, 3, 4), _ONE_SIDED_WEIGHTS, _EXTRAPOLATION_WEIGHTS, _ONE_SIDED_SECOND_ORDER_WEIGHTS
+    ),
+    _Stencil(
+        (-1, -2, -3, -4),
+        tuple(-x for x in _ONE_SIDED_WEIGHTS),
+        _EXTRAPOLATION_WEIGHTS,
+        tuple(-x for x in _ONE_SIDED_SECOND_ORDER_WEIGHTS),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Models at neighboring values of one parameter, with the weights of a derivative.
+
+    Attributes
+    ----------
+    name
+        Name of the parameter.
+    base
+        Equations at the value of the parameter, with the structure of the neighboring models.
+    equations
+        Equations of the neighboring models.
+    weights
+        Weights of these models: the sum of weight * f is df/dparameter.
+    steps
+        Values of the parameter in these models, relative to `base`.
+    """
+
+    name: str
+    base: EquationsOfMotion
+    equations: tuple[EquationsOfMotion, ...]
+    weights: tuple[float, ...]
+    steps: tuple[float, ...]
+
+    def derivative(self, function: Callable[[EquationsOfMotion], Any]) -> Any:
+        """Return the derivative of a function of the equations with respect to the parameter."""
+        first, *others = (function(e) for e in self.equations)
+        # The sum of the weights is zero; differences make derivatives of constants exactly zero.
+        return _combine(self.weights[1:], [x - first for x in others])
+
+
+def difference_model(
+    model: Model,
+    name: str,
+    parameters: Mapping[str, Any],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    *,
+    moves_operators: bool = False,
+) -> Difference:
+    """Return the models around the value of one parameter.
+
+    Central differences of fourth order are used. If the model rejects values on one side, as for
+    damping = 0, the differences are one-sided, of third order. They are repeated with another step
+    if differences of second order or interpolated numbers show that the step does not suit the
+    scale of the parameter.
+
+    Forces that vanish at the value of the parameter may be missing in `base`, such as damping
+    forces at damping = 0. The numbers at this value are then interpolated or extrapolated in the
+    structure of the neighboring models.
+
+    Parameters
+    ----------
+    model, parameters
+        Model function, and values of its parameters.
+    name
+        Name of the parameter, a float.
+    base
+        Equations of the model with `parameters`.
+    assemble
+        Function that returns the equations of a mechanism.
+    moves_operators
+        True to permit that the operators of joints depend on the parameter, as the shape functions
+        at joints of curved floating-frame beams do; see `operator_changes`.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model rejects neighboring values on both sides, the parameter changes the structure
+        of the equations or the breakpoints of laws, or the model function has a kink at its value;
+        the message names the parameter.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If no step leads to relative errors below 1e-5, or the parameter has no effect.
+    """
+    value = float(parameters[name])
+    delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+    best: _Trial | None = None
+    problem: BeamdaeError | None = None
+    for _ in range(_MAX_TRIALS):
+        try:
+            trial = _try_step(model, name, parameters, base, assemble, delta, moves_operators)
+        except _RejectedError as rejection:
+            problem = rejection
+            if best is not None:
+                break
+            delta *= _REDUCTION
+            continue
+        except BeamdaeError:
+            if best is None:
+                raise
+            break
+        if trial.is_rounded and best is not None and trial.change < _MIN_GROWTH * best.change:
+            break  # A smaller step does not help, or the parameter has no effect.
+        if best is not None and not trial.resolves_kinks(best):
+            break  # Rounding errors hide the kink.
+        if best is None or trial.is_rounded or trial.excess < best.excess:
+            best = trial
+        if trial.excess <= 1.0:
+            break
+        delta *= _ENLARGEMENT if trial.is_rounded else _REDUCTION
+    if best is None:
+        raise BeamdaeError(
+            f"{derivative_call()}: {model.name} rejects values of {name} next to {value:g} "
+            f"({problem}); choose another value."
+        )
+    if np.any(best.kinks):
+        raise BeamdaeError(
+            f"{derivative_call()}: the numbers of {model.name} have a kink at {name} = "
+            f"{value:g}, or change there without a derivative; choose another value."
+        )
+    if not best.is_rounded and best.excess > _REPORTED_EXCESS:
+        warn_user(
+            f"{derivative_call()}: differences of the numbers of {model.name} with respect to "
+            f"{name} "
+            f"depend on their step at {name} = {value:g}, and the derivatives may be inaccurate; "
+            f"compare them with differences of runs, or rescale {name}."
+        )
+    if not any(has_effect(base, e) for e in best.difference.equations):
+        warn_without_effect(model.name, name)
+    return best.difference
+
+
+def has_effect(base: EquationsOfMotion, other: EquationsOfMotion) -> bool:
+    """Return True if the model with another value of a parameter may differ from `base`.
+
+    Laws that events start are not compared.
+    """
+    if (
+        base.structure != other.structure
+        or base.breakpoints != other.breakpoints
+        or not np.array_equal(_numbers_and_start(base), _numbers_and_start(other))
+    ):
+        return True
+    pairs = zip(base.observables, other.observables, strict=True)
+    if any(not np.array_equal(x.operator.data, y.operator.data) for x, y in pairs):
+        return True
+    return any(_event_differs(x, y) for x, y in zip(base.events, other.events, strict=True))
+
+
+def _event_differs(one: EventTerm, other: EventTerm) -> bool:
+    restitutions = [[x.restitution for x in select_impacts(e.do)] for e in (one, other)]
+    return (
+        one.crosses != other.crosses
+        or not np.array_equal(one.observable.operator.data, other.observable.operator.data)
+        or restitutions[0] != restitutions[1]
+        or any(switch.laws for switch in select_switches(other.do))
+    )
+
+
+def warn_of_idle_parameters(
+    model: Model,
+    parameters: Mapping[str, Any],
+    assemble: Callable[[Any], EquationsOfMotion],
+    names: Sequence[str],
+) -> None:
+    """Warn of each parameter in `names` that has no effect on a model.
+
+    See `difference_model` for the other arguments.
+    """
+    if not names:
+        return
+    base = assemble(model(**parameters))
+    for name in names:
+        value = float(parameters[name])
+        changed = value + (_RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO)
+        try:
+            is_idle = not has_effect(base, assemble(model(**{**parameters, name: changed})))
+        except (BeamdaeError, ArithmeticError, ValueError):
+            continue
+        if is_idle:
+            warn_without_effect(model.name, name)
+
+
+def warn_without_effect(model: str, name: str) -> None:
+    """Warn that the derivatives with respect to a parameter of a model are zero."""
+    warn_user(
+        f"{derivative_call()}: small changes of {name} change no number of {model}, so the "
+        "derivatives "
+        f"of the model with respect to {name} are zero; either the model does not use {name}, or "
+        f"{name} only moves a jump, such as a step of a section along a beam, whose derivative "
+        "small differences do not contain (then replace the jump by a smooth transition)."
+    )
+
+
+class _RejectedError(BeamdaeError):
+    """The model rejects neighboring values on both sides."""
+
+
+class _Trial(NamedTuple):
+    """Difference with one step, and its accuracy.
+
+    Attributes
+    ----------
+    difference
+        Neighboring models.
+    excess
+        Ratio of estimated errors to permitted errors; infinity if changes are rounding errors.
+    change
+        Largest change of a number, relative to the larger of 1 and the numbers of the same kind.
+    kinks
+        True for the numbers (n_p,) that have a kink, or change without a derivative.
+    changes, resolution
+        Largest changes of the numbers, and smallest changes that are far above rounding errors,
+        (n_p,) each.
+    """
+
+    difference: Difference
+    excess: float
+    change: float
+    kinks: Array
+    changes: Array
+    resolution: Array
+
+    def resolves_kinks(self, other: _Trial) -> bool:
+        """Return True if this trial reveals whether kinks of another one are at the value.
+
+        Changes due to a kink at the value are proportional to the step. If they are far above
+        rounding errors, numbers that do not change that much jump next to the value, not there.
+        """
+        kinks = other.kinks
+        if kinks.shape != self.resolution.shape:
+            return False
+        ratio = abs(self.difference.steps[0] / other.difference.steps[0])
+        return bool(np.all(ratio * other.changes[kinks] > self.resolution[kinks]))
+
+    @property
+    def is_rounded(self) -> bool:
+        """Return True if changes of numbers are rounding errors; a larger step is needed."""
+        return math.isinf(self.excess)
+
+
+def _try_step(
+    model: Model,
+    name: str,
+    parameters: Mapping[str, Any],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    delta: float,
+    moves_operators: bool,
+) -> _Trial:
+    """Return the difference with a step `delta` of the parameter, and its accuracy."""
+    value = float(parameters[name])
+    for stencil in _STENCILS:
+        try:
+            neighbors = tuple(
+                assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
+                for step in stencil.steps
+            )
+        except BeamdaeError as problem:
+            rejection = problem
+            continue
+        for equations in neighbors:
+            _require_same_structure(
+                model.name, name, base, neighbors[0], equations, moves_operators
+            )
+        here = _combine(stencil.value_weights, [e.p for e in neighbors])
+        is_unchanged = base.structure == neighbors[0].structure
+        if not is_unchanged and all(e.structure == neighbors[0].structure for e in neighbors):
+            base = with_structure(base, neighbors[0], here)
+        changes = np.max([np.abs(e.p - base.p) for e in neighbors], axis=0)
+        rounding = rounding_of_numbers(base)
+        # Smooth numbers are close to their interpolation; that of a new structure is `here`.
+        kinks = np.abs(here - base.p) > _MAX_INTERPOLATION_ERROR * changes + rounding
+        resolution = _MIN_RESOLVED_CHANGE * rounding
+        excess, change = _estimate_excess(base, neighbors, stencil, delta)
+        weights = tuple(w / delta for w in stencil.derivative_weights)
+        steps = tuple(k * delta for k in stencil.steps)
+        difference = Difference(name, base, neighbors, weights, steps)
+        return _Trial(difference, excess, change, kinks, changes, resolution)
+    raise _RejectedError(str(rejection))
+
+
+def _estimate_excess(
+    base: EquationsOfMotion,
+    neighbors: Sequence[EquationsOfMotion],
+    stencil: _Stencil,
+    delta: float,
+) -> tuple[float, float]:
+    """Return `excess` and `change` of `_Trial`.
+
+    Errors of the numbers and of the start are relative to the largest relative change.
+    """
+    here, n_p = _numbers_and_start(base), len(base.p)
+    changes = np.array([_numbers_and_start(e) - here for e in neighbors])
+    change = np.abs(changes).max(axis=0)
+    motion = np.repeat([np.abs(x).max(initial=0.0) for x in (base.q0, base.v0)], base.n)
+    size = np.concatenate([largest_of_kind(base, np.abs(base.p)), motion])
+    of_kind = _ROUNDING_OF_KIND * np.maximum(size, 1.0)
+    rounding = _ROUNDING * np.abs(here) + of_kind
+    is_significant = change > rounding
+    # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
+    is_lost = (change > of_kind)[n_p:] & ~is_significant[n_p:]
+    is_tiny = delta < _ROUNDING * motion.max(initial=0.0)
+    largest = float(np.max(change / np.maximum(size, 1.0)))
+    if is_tiny and np.any(is_lost):
+        return math.inf, largest
+    orders = np.subtract(stencil.derivative_weights, stencil.second_order_weights)
+    return estimate_excess(changes, size, rounding, orders, stencil.value_weights), largest
+
+
+def estimate_excess(
+    changes: Array,
+    size: Array,
+    rounding: Array,
+    orders: Sequence[float] | Array,
+    values: Sequence[float] | Array,
+) -> float:
+    """Return the ratio of estimated to permitted errors of differences.
+
+    It is infinite if all changes are rounding errors, and zero if nothing changes.
+
+    Parameters
+    ----------
+    changes
+        Changes of all numbers in the neighboring models, (models, k).
+    size, rounding
+        Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
+    orders
+        Weights of the difference between derivatives of different orders, (models,).
+    values
+        Weights of the interpolated numbers, (models,).
+    """
+    change = np.abs(changes).max(axis=0)
+    is_significant = change > rounding
+    if not np.any(is_significant):
+        return math.inf if np.any(change) else 0.0
+    size = np.maximum(np.maximum(size, change), np.finfo(float).tiny)
+    largest = np.max(change / size, where=is_significant, initial=0.0)
+
+    def error(weights: Sequence[float] | Array) -> float:
+        """Return the largest error of the sum of weight * change beyond rounding errors."""
+        errors = np.maximum(np.abs(np.asarray(weights) @ changes) - rounding, 0.0)
+        return float(np.max(errors / size, where=is_significant, initial=0.0) / largest)
+
+    return max(error(orders) / _MAX_DEVIATION, error(values) / _MAX_DEVIATION_OF_VALUES)
+
+
+def _numbers_and_start(equations: EquationsOfMotion) -> Array:
+    return np.concatenate([equations.p, equations.q0, equations.v0])
+
+
+def with_structure(
+    base: EquationsOfMotion, neighbor: EquationsOfMotion, p: Array
+) -> EquationsOfMotion:
+    """Return equations at the value of a parameter, with the structure of a neighboring model."""
+    return replace(neighbor, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
+
+
+def _build_neighbor(model: Model, parameters: Mapping[str, Any]) -> Any:
+    """Return the mechanism; errors of formulas reject parameters as those of parts do."""
+    try:
+        return model(**parameters)
+    except (ArithmeticError, ValueError) as problem:
+        raise BeamdaeError(format_exception(problem)) from problem
+
+
+def _combine(weights: Sequence[float], values: Sequence[Any]) -> Any:
+    return sum(w * x for w, x in zip(weights, values, strict=True))
+
+
+def _require_same_structure(
+    model: str,
+    name: str,
+    base: EquationsOfMotion,
+    one: EquationsOfMotion,
+    other: EquationsOfMotion,
+    moves_operators: bool,
+) -> None:
+    """Reject a parameter that changes more than the numbers and the start of a model."""
+    advice = "use differences of runs for this parameter"
+    if base.q_names != other.q_names or base.lam_names != other.lam_names:
+        raise BeamdaeError(
+            f"{derivative_call()}: {name} of {model} changes the coordinates or constraints of the "
+            f"model; {advice}."
+        )
+    if len(base.breakpoints) != len(other.breakpoints):
+        raise BeamdaeError(
+            f"{derivative_call()}: {name} of {model} moves one of several breakpoints of laws at "
+            "the "
+            f"same time, or changes their number; separate their times, or {advice}."
+        )
+    is_moved = one.structure != other.structure
+    if is_moved and not (
+        moves_operators
+        and has_same_patterns(one.structure, other.structure)
+        and has_same_patterns(base.structure, other.structure)
+    ):
+        cause = "" if moves_operators else ", or operators of joints of a floating-frame beam"
+        remedy = "" if moves_operators else "use formulation='exact', or "
+        raise BeamdaeError(
+            f"{derivative_call()}: {name} of {model} changes the structure of the "
+            f"equations{cause}; "
+            f"{remedy}{advice}."
+        )
+    if _observable_forms(base) != _observable_forms(other):
+        raise BeamdaeError(
+            f"{derivative_call()}: {name} of {model} changes the form of an observed column "
+            "(CasADi "
+            f"simplifies 1 q to q, but not 2 q); make {name} a symbol in parameters= of the "
+            f"ConstrainedSystem, choose another value, or {advice}."
+        )
+
+
+def _observable_forms(equations: EquationsOfMotion) -> list[tuple[int, ...]]:
+    """Return the numbers of coordinates and of constants in the formula of each observable."""
+    return [(x.operator.shape[0], x.data.stop - x.data.start) for x in equations.observables]
+
+
+def rounding_of_numbers(equations: EquationsOfMotion) -> Array:
+    """Return an upper bound of the rounding errors of each number in p, (n_p,)."""
+    sizes = np.abs(equations.p)
+    of_kind = np.maximum(largest_of_kind(equations, sizes), 1.0)
+    return _ROUNDING * sizes + _ROUNDING_OF_KIND * of_kind
+
+
+def largest_of_kind(equations: EquationsOfMotion, sizes: Array) -> Array:
+    """Return for each of the sizes of p the largest one over the copies of its kernel."""
+    sizes = sizes.copy()
+    terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
+    for term in terms:
+        numbers = sizes[term.data].reshape((-1, term.count), order="F")
+        sizes[term.data] = np.broadcast_to(numbers.max(axis=1, keepdims=True), numbers.shape).ravel(
+            order="F"
+        )
+    return sizes

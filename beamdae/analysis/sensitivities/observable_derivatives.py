@@ -1,0 +1,90 @@
+"""Derivatives of observed columns with respect to parameters, and with respect to time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+
+Array = np.ndarray
+
+
+def differentiate_columns(
+    select: Callable[[EquationsOfMotion], Observable],
+    equations: EquationsOfMotion,
+    times: Array,
+    at: State,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+) -> dict[str, Array]:
+    """Return the derivatives of the columns of an observable, (rows, columns), by parameter.
+
+    Parameters
+    ----------
+    select
+        Function that returns the observable of equations.
+    equations
+        Equations of the run.
+    times, at
+        Rows of (t, branch), and states of the run.
+    along
+        Derivatives of the states, by parameter.
+    differences
+        Models at neighboring values, by parameter.
+    """
+    o = select(equations)
+    p, lam = equations.p[o.data], at.lam[:, o.rows]
+    q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
+    by_q, by_v, by_p, by_lam = (
+        o.function.derivative(k)(times, q, v, p, lam).reshape(len(times), size, len(o.columns))
+        for k, size in zip(
+            (1, 2, 3, 4), (q.shape[1], v.shape[1], len(p), lam.shape[1]), strict=True
+        )
+    )
+    result = {}
+    for name, x in along.items():
+        difference = differences[name]
+        change = difference.derivative(lambda e: select(e).operator)
+        dq, dv = (
+            np.asarray(o.operator @ dx.T + change @ y.T).T for dx, y in ((x.q, at.q), (x.v, at.v))
+        )
+        dp = difference.derivative(lambda e: e.p[select(e).data])
+        parts = ((by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows]))
+        result[name] = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts) + np.einsum(
+            "rij,i->rj", by_p, dp
+        )
+    return result
+
+
+def time_derivative(
+    o: Observable, equations: EquationsOfMotion, time: Array, at: State, lam_rate: Array
+) -> Array:
+    """Return the total time derivatives of the columns of an observable, (columns,).
+
+    Parameters
+    ----------
+    o, equations
+        Observable of these equations.
+    time, at
+        (t, branch) and the state, whose accelerations are those of the motion.
+    lam_rate
+        Time derivatives of the multipliers, (m,).
+    """
+    local = [np.asarray(o.operator @ x)[None] for x in (at.q, at.v)]
+    arguments = (time[None], *local, equations.p[o.data], at.lam[None, o.rows])
+    rates = (
+        np.array([1.0, 0.0]),
+        np.asarray(o.operator @ at.v),
+        np.asarray(o.operator @ at.a),
+        None,
+        lam_rate[o.rows],
+    )
+    result = np.zeros(len(o.columns))
+    for k, rate in enumerate(rates):
+        if rate is not None and len(rate):
+            jacobian = o.function.derivative(k)(*arguments).reshape(len(rate), len(o.columns))
+            result += rate @ jacobian
+    return result

@@ -1,0 +1,369 @@
+"""`periodic_sensitivities`: derivatives of periodic motions with respect to parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.analysis.periodic.monodromy import EXACT_RANK
+from beamdae.analysis.periodic.periodic_solution import periodic
+from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, PeriodMap, PeriodRun
+from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
+from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
+from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives
+from beamdae.analysis.sensitivities.sensitivities import differentiate_observable
+from beamdae.analysis.sensitivities.sensitivity_result import (
+    SensitivityResult,
+    complete_parameters,
+    derivative_columns,
+    require_parameters,
+    select_derivative,
+)
+from beamdae.analysis.sensitivities.static_derivatives import plan_tangent_along
+from beamdae.equations import measures
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.tangents import differentiate_tangent
+from beamdae.errors import (
+    BeamdaeError,
+    format_exception,
+    require_positive,
+    short_repr,
+)
+from beamdae.integrators import Integrator, Radau
+from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.model_functions import Model
+from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.read_only import read_only_data
+from beamdae.results.periodic_motion import PeriodicMotion
+from beamdae.results.trajectory import Trajectory
+from beamdae.simulation import as_equations
+
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+_NAME = "periodic_sensitivities"
+# Corrections of the derivative of the start; the monodromy matrix is that of the discrete motion up
+# to the errors of its iterations.
+_CORRECTIONS = 3
+# Singular values below this fraction of the largest belong to motions of any amplitude; integration
+# errors are near 1e-8.
+_MIN_SINGULAR_VALUE = 1e-6
+# Loads whose derivative differs after a period by more than this fraction have another period if
+# the parameter changes; number of times of the comparison.
+_MAX_LOAD_CHANGE = 1e-6
+_COMPARED_TIMES = 7
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class PeriodicSensitivities(SensitivityResult):
+    """A periodic motion and its derivatives; see `periodic_sensitivities`.
+
+    Attributes
+    ----------
+    motion
+        The motion.
+    parameters
+        Values by name of the parameters with respect to which the motion is differentiated.
+    periods
+        Derivatives of the period [s per unit] by parameter.
+    trajectories
+        Derivatives of (q, v, a, lam) at fixed times with respect to each parameter, by its name.
+    """
+
+    motion: PeriodicMotion
+    parameters: Mapping[str, float]
+    periods: Mapping[str, float]
+    trajectories: Mapping[str, Trajectory] = field(repr=False)
+    _differences: Mapping[str, Difference] = field(repr=False)
+
+    @property
+    def _summary(self) -> str:
+        return repr(self.motion)
+
+    def sensitivity(self, column: str, parameter: str) -> pd.Series:
+        """Return the derivative of a column with respect to a parameter, over one period.
+
+        Parameters
+        ----------
+        column
+            Header of an observed column, with or without its unit.
+        parameter
+            Name of the parameter.
+
+        Returns
+        -------
+        pandas.Series
+            Derivative (k,) at fixed phases (t - begin) / period, in the unit of the column per unit
+            of the parameter, indexed by time [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the parameter is not one of `parameters`, or the name selects no column or several
+            columns.
+        """
+        parameter = self._require_parameter("sensitivity", parameter)
+        index = measures.TIME, self.motion.solution.t
+        return select_derivative(self._columns[parameter], column, parameter, index)
+
+    def table(self) -> pd.DataFrame:
+        """Return time and the derivatives of all observed columns at fixed phases."""
+        import pandas as pd
+
+        times = {measures.TIME: self.motion.solution.t}
+        return pd.DataFrame({**times, **derivative_columns(self._columns)})
+
+    @cached_property
+    def _columns(self) -> dict[str, dict[str, Array]]:
+        """Derivatives of the observed columns at fixed phases by parameter and header."""
+        run = self.motion.solution
+        e, (times, at) = run.equations, run.trajectory.at(run.t)
+        lam_rates = run.trajectory.derivative_at(run.t).lam
+        phases = (run.t - run.t[0]) / self.motion.period
+        along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
+        result: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
+        for number, observable in enumerate(e.observables):
+            rates = np.array(
+                [
+                    time_derivative(observable, e, time, State(*(x[k] for x in at)), lam_rates[k])
+                    for k, time in enumerate(times)
+                ]
+            )
+            changes = differentiate_observable(e, number, times, at, along, self._differences)
+            for name, rows in changes.items():
+                rows = rows + self.periods[name] * phases[:, None] * rates
+                result[name] |= dict(zip(observable.headers, rows.T, strict=True))
+        return result
+
+
+@single_threaded
+@interruptible
+def periodic_sensitivities(
+    model: Model,
+    by: Sequence[str] | str,
+    period: Any = None,
+    integrator: Integrator | None = None,
+    start: Any = None,
+    begin: float = 0.0,
+    settle: int = 5,
+    tolerance: float | None = None,
+    period_guess: float | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+) -> PeriodicSensitivities:
+    """Find a periodic motion and differentiate it with respect to parameters of the model.
+
+    The state x = (q, v) at the start of a period T satisfies x(T; x, p) = x. With the monodromy
+    matrix M and the derivative s(T) of the run for a constant start, its derivative dx solves
+
+        (M - I) dx + s(T) dp + x'(T) dT = 0
+
+    for the motions that the joints allow, where x' is the time derivative. The period of a
+    self-excited or free motion has a derivative, too; then, dx is orthogonal to x', see
+    `periodic`. Runs are differentiated as in `sensitivities`.
+
+    Parameters
+    ----------
+    model
+        Model function.
+    by
+        Names of the parameters with respect to which the motion is differentiated. They must be
+        floats.
+    period
+        Period [s]; None to find the period, see `periodic`. If parameters change the period of the
+        loads, a function of the values of all parameters by name, such as
+        `lambda **values: 1.0 / values["frequency"]`.
+    integrator
+        `Radau`. Defaults to Radau(1e-8).
+    start, begin, settle, tolerance, period_guess
+        See `periodic`.
+    parameters
+        Values of the parameters of the model that differ from the defaults.
+
+    Returns
+    -------
+    PeriodicSensitivities
+        The motion with its derivatives.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, no periodic motion is found, the motion does not have a
+        derivative because neighboring motions are periodic, too, a parameter changes the period of
+        the loads although `period` is a number, or parameters are not differentiable, see
+        `sensitivities`.
+    Interrupted
+        If Ctrl-C ends the call.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=1.0)
+    ... def shaker(stiffness=9.0):
+    ...     mech = bd.Mechanism()
+    ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    ...     rail = mech.ground.at(1.0, 0.0)
+    ...     mech.add(bd.PointOnLine("rail", rail, mass.point, (1.0, 0.0)))
+    ...     wall = mech.ground.at(0.0, 0.0)
+    ...     mech.add(bd.SpringDamper("spring", wall, mass.point, stiffness, 0.5))
+    ...     mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.3), 0.0)))
+    ...     mech.observe("mass", mass.point)
+    ...     return mech
+    >>> result = bd.periodic_sensitivities(shaker, "stiffness", period=1.0 / 0.3)
+    >>> round(float(result.sensitivity("mass.x", "stiffness").max()), 4)  # load |H|^2
+    0.0327
+    """
+    names = require_parameters(_NAME, model, by)
+    values = complete_parameters(_NAME, model, parameters)
+    method = Radau(DEFAULT_RTOL) if integrator is None else integrator
+    if not isinstance(method, Radau):
+        raise BeamdaeError(f"{_NAME}: integrator must be Radau, got {short_repr(integrator)}.")
+    is_function = callable(period)
+    duration = _evaluate_period(period, values) if is_function else period
+    motion = periodic(
+        model(**values), duration, method, start, begin, settle, tolerance, period_guess
+    )
+    if not motion.status.success:
+        raise BeamdaeError(
+            f"{_NAME}: no periodic motion of {model.name} was found ({motion.status.sentence})."
+        )
+    equations = motion.solution.equations
+    if equations.redundant:
+        raise BeamdaeError(
+            f"{_NAME}: {model.name} permits redundant constraints, which are not supported; remove "
+            "redundant='minimum norm' and the redundant joints."
+        )
+    problem = _ShootingDerivatives.of(model.name, motion, method, period is None)
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(_NAME, mechanism, AS_DRAWN)
+
+    drawn = assemble(model(**values))
+    base = replace(equations, q0=drawn.q0, v0=drawn.v0)
+    periods, trajectories, differences = {}, {}, {}
+    for name in names:
+        difference = difference_model(model, name, values, base, assemble, moves_operators=True)
+        stretch = 0.0
+        if is_function:
+            changed = [{**values, name: values[name] + x} for x in difference.steps]
+            lengths = [_evaluate_period(period, x) for x in changed]
+            stretch = float(np.dot(difference.weights, lengths))
+        elif period is not None:
+            problem.require_constant_period(difference)
+        periods[name], trajectories[name] = problem.differentiate(difference, stretch)
+        differences[name] = difference
+    return PeriodicSensitivities(
+        motion, {name: float(values[name]) for name in names}, periods, trajectories, differences
+    )
+
+
+def _evaluate_period(period: Callable[..., Any], values: Mapping[str, Any]) -> float:
+    """Return the period [s] that a function of the user gives."""
+    try:
+        value = period(**values)
+    except Exception as problem:
+        raise BeamdaeError(
+            f"{_NAME}: the function period failed ({format_exception(problem)}); it must accept "
+            "the values of all parameters by name."
+        ) from problem
+    return require_positive(_NAME, "period", value)
+
+
+@dataclass(frozen=True)
+class _ShootingDerivatives:
+    """Derivatives of the solution of the shooting equations of a periodic motion.
+
+    `matrix` is that of the derivatives of the state in terms of the basis of `run` and, if
+    `is_free`, of the relative period.
+    """
+
+    model: str
+    run: PeriodRun
+    method: Radau
+    is_free: bool
+    matrix: Array
+
+    @classmethod
+    def of(
+        cls, model: str, motion: PeriodicMotion, method: Radau, is_free: bool
+    ) -> _ShootingDerivatives:
+        solution = motion.solution
+        start = float(solution.t[0])
+        period_map = PeriodMap.from_equations(solution.equations, method, start, motion.period)
+        run = PeriodRun.of_solution(period_map, solution)
+        first, last = run.rates
+        monodromy = run.resolved_monodromy(first, last, tolerance=EXACT_RANK)
+        matrix = monodromy - np.eye(len(monodromy))
+        if is_free:
+            phase = np.append(first / np.linalg.norm(first), 0.0)
+            matrix = np.vstack([np.column_stack([matrix, last]), phase])
+        return cls(model, run, method, is_free, matrix)
+
+    def differentiate(self, difference: Difference, stretch: float) -> tuple[float, Trajectory]:
+        """Return the derivatives of the period and of the states at fixed times.
+
+        `stretch` is the derivative of a prescribed period.
+        """
+        run, name = self.run, difference.name
+        values = np.linalg.svd(self.matrix, compute_uv=False)
+        if not values[-1] > _MIN_SINGULAR_VALUE * values[0]:
+            raise BeamdaeError(
+                f"{_NAME}: neighboring motions of {self.model} are periodic, too, so the motion "
+                f"has no derivative with respect to {name}; add damping, or omit period= for a "
+                "self-excited motion."
+            )
+        last = run.solution.trajectory.intervals[-1].state
+        end_rate = np.concatenate([last.v[-1], last.a[-1]])
+        first_rate = run.rates[0]
+        change = np.zeros(len(run.scales))
+        for _ in range(_CORRECTIONS):
+            dq, dv = np.split(change, 2)
+            starts = {name: (dq, dv)}
+            derivatives = RunDerivatives(run.solution, self.method, {name: difference}, starts)
+            along = derivatives.trajectories()[name]
+            change, end = (
+                np.concatenate([x.state.q[k], x.state.v[k]])
+                for x, k in ((along.intervals[0], 0), (along.intervals[-1], -1))
+            )
+            defect = run.projection @ (end + stretch * end_rate - change)
+            if self.is_free:
+                phase = first_rate @ (run.projection @ change) / np.linalg.norm(first_rate)
+                defect = np.append(defect, phase)
+            correction = -np.linalg.solve(self.matrix, defect)
+            count = run.basis.shape[1]
+            change = change + run.basis @ correction[:count]
+            stretch += run.period_map.period * float(np.sum(correction[count:]))
+        return stretch, along
+
+    def require_constant_period(self, difference: Difference) -> None:
+        """Reject parameters that change the period of the loads."""
+        run, e = self.run, difference.base
+        dp, plans = difference.derivative(lambda e: e.p), plan_tangent_along(difference)
+        interval = run.solution.trajectory.intervals[0]
+        times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
+        state = interval.at(times)
+        rest = State(np.zeros(e.n), np.zeros(e.n), np.zeros(e.n), np.zeros(e.m))
+        change, largest = 0.0, 0.0
+        for k, t in enumerate(times.tolist()):
+            at = State(*(x[k] for x in state))
+            branches = (np.array([t, interval.branch]), np.full(2, t + run.period_map.period))
+            now, later = (
+                differentiate_tangent(e, x, at, rest, dp, plans).residual for x in branches
+            )
+            change = max(change, float(np.max(np.abs(later - now))))
+            largest = max(largest, float(np.max(np.abs(now))))
+        if change > _MAX_LOAD_CHANGE * largest:
+            raise BeamdaeError(
+                f"{_NAME}: {difference.name} of {self.model} changes the period of loads or "
+                "drivers; pass period= as a function of the parameters, such as "
+                "lambda **values: 1.0 / values['frequency']."
+            )

@@ -1,0 +1,176 @@
+"""Models of the phases of a run, between two events, and of their neighbors in parameter space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    derivative_call,
+    with_structure,
+)
+from beamdae.equations.equations_of_motion import (
+    Configuration,
+    Configurations,
+    EquationsOfMotion,
+    ImpactEquations,
+)
+from beamdae.equations.structure import has_same_patterns
+from beamdae.errors import BeamdaeError
+from beamdae.parts.events import select_impacts
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Equations of the active parts at neighboring values of one parameter.
+
+    Attributes
+    ----------
+    whole
+        Equations of all parts.
+    active
+        Equations of the active parts.
+    configurations
+        Active parts of the neighboring models; None if the active parts never change.
+    """
+
+    whole: Difference
+    active: Difference
+    configurations: tuple[Configuration | None, ...]
+
+    @classmethod
+    def first(cls, whole: Difference, configuration: Configuration | None) -> Phase:
+        """Return the phase at the start of a run with this configuration."""
+        if configuration is None:
+            return cls(whole, whole, (None,) * len(whole.equations))
+        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.equations)
+        return cls(whole, _activate(whole, configuration, configurations), configurations)
+
+    def after_event(
+        self,
+        number: int,
+        configuration: Configuration,
+        time: Array,
+        dt: float,
+        q: Array,
+        dq: Array,
+    ) -> Phase:
+        """Return the phase after an event.
+
+        Joints may keep the gaps that they have at the event, and laws may begin there. Therefore,
+        the event of each neighboring model is at its own time and positions.
+
+        Parameters
+        ----------
+        number
+            Index of the event.
+        configuration
+            Configuration of the run after the event.
+        time, q
+            (t, branch) and positions at the event.
+        dt, dq
+            Total derivatives of the time of the event [s] and of the positions.
+        """
+        configurations = tuple(
+            _configurations(e).configuration_after(
+                e, now, e.events[number], time + np.array([step * dt, 0.0]), q + step * dq
+            )
+            for e, now, step in zip(
+                self.whole.equations, self._active_configurations, self.whole.steps, strict=True
+            )
+        )
+        active = _activate(self.whole, configuration, configurations)
+        return Phase(self.whole, active, configurations)
+
+    @property
+    def _active_configurations(self) -> list[Configuration]:
+        return [x for x in self.configurations if x is not None]
+
+    def impact(
+        self, number: int, run: EquationsOfMotion, configuration: Configuration
+    ) -> ImpactDifference:
+        """Return the equations of the impacts of an event.
+
+        `number` is the index of the event; `run` and `configuration` are the equations of the run
+        and its active parts before the event.
+        """
+
+        def assemble(e: EquationsOfMotion, now: Configuration) -> ImpactEquations:
+            event = e.events[number]
+            impacts = select_impacts(event.do)
+            return _configurations(e).impact_equations(e, now, event.name, impacts)
+
+        whole = self.whole
+        here = assemble(run, configuration)
+        neighbors = [
+            assemble(e, now)
+            for e, now in zip(whole.equations, self._active_configurations, strict=True)
+        ]
+        active = _difference(whole, here.equations, [x.equations for x in neighbors])
+        pairs = zip(whole.weights, neighbors, strict=True)
+        restitution = sum(w * (x.coefficients - here.coefficients) for w, x in pairs)
+        return ImpactDifference(replace(here, equations=active.base), active, restitution)
+
+
+@dataclass(frozen=True)
+class ImpactDifference:
+    """Equations of the impacts of an event, and their derivative with respect to one parameter.
+
+    Attributes
+    ----------
+    impact
+        Equations at the value of the parameter.
+    equations
+        Equations at neighboring values.
+    restitution
+        Derivatives of the coefficients of restitution, (m,).
+    """
+
+    impact: ImpactEquations
+    equations: Difference
+    restitution: Array
+
+
+def _configurations(equations: EquationsOfMotion) -> Configurations:
+    assert equations.configurations is not None
+    return equations.configurations
+
+
+def _activate(
+    whole: Difference, configuration: Configuration, neighbors: Sequence[Configuration]
+) -> Difference:
+    return _difference(whole, configuration.equations, [x.equations for x in neighbors])
+
+
+def _difference(
+    whole: Difference, base: EquationsOfMotion, neighbors: Sequence[EquationsOfMotion]
+) -> Difference:
+    """Return the difference of equations of which some parts are active.
+
+    If forces vanish at the value of the parameter, the numbers at this value are interpolated; see
+    `difference_model`.
+    """
+    first = neighbors[0]
+    if not all(has_same_patterns(e.structure, first.structure) for e in neighbors):
+        raise BeamdaeError(
+            f"{derivative_call()}: {whole.name} changes the structure of the equations after an "
+            "event; "
+            "use differences of runs for this parameter."
+        )
+    if not has_same_patterns(base.structure, first.structure):
+        base = with_structure(base, first, interpolate(whole.steps, [e.p for e in neighbors]))
+    return replace(whole, base=base, equations=tuple(neighbors))
+
+
+def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the value at zero of the polynomial through values at `steps`."""
+    result = np.zeros_like(values[0])
+    for k, value in enumerate(values):
+        others = [x for j, x in enumerate(steps) if j != k]
+        result = result + np.prod([x / (x - steps[k]) for x in others]) * value
+    return result

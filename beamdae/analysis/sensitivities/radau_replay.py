@@ -1,0 +1,375 @@
+"""Derivatives of the steps of a Radau run, with the step sequence of the run.
+
+The loop is plain Python over arrays; `native.loops` compiles it if possible.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.first_order import (
+    FirstOrderForm,
+    evaluate_residual,
+    formulate_first_order,
+)
+from beamdae.equations.formulations.kinematic_reduction import (
+    KinematicReduction,
+    reduce_kinematics,
+)
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.integrators.error_control import MotionScales
+from beamdae.integrators.radau.coefficients import T_INVERSE, A, C
+from beamdae.integrators.radau.stages import (
+    correct_stages,
+    derive_velocities,
+    factorize_matrices,
+    predict_stages,
+    set_stages,
+)
+from beamdae.integrators.radau.stepper import STABILIZED_FORM, StepTolerance, make_workspace
+from beamdae.integrators.radau.workspace import RadauWorkspace
+from beamdae.native.loop_functions import combine, fill, max_norm
+from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.results.trajectory import Interval
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+
+Array = np.ndarray
+
+# Newton iterations of the stages of the run, which are converged except for the corrections of
+# positions; the run does not store these.
+_STAGE_ITERATIONS = 2
+# The derivatives of the stages are converged to this fraction of their size, ...
+_TOLERANCE = 1e-12
+# ... or to rounding errors: corrections below this fraction that do not decrease by half.
+_ROUNDING = 1e-7
+_STAGNATION_RATE = 0.5
+# Rounding error of positions, relative to the characteristic length.
+_POSITION_ROUNDING = 1e-16
+_MAX_ITERATIONS = 60
+_PROBLEMS = {
+    NOT_CONVERGED: "the derivatives of the stages do not converge",
+    NOT_FINITE: "the derivatives are not finite",
+    SINGULAR: "the matrix is singular",
+}
+
+
+@dataclass(frozen=True)
+class StageMatrices:
+    """Newton matrices of the stages of a Radau run.
+
+    Attributes
+    ----------
+    pattern, jacobian, reduction
+        See `reduce_kinematics`.
+    real, complex_
+        The two matrices.
+    """
+
+    pattern: sp.csc_array
+    jacobian: SumPlan
+    reduction: KinematicReduction
+    real: FactorizedMatrix
+    complex_: FactorizedMatrix
+
+    @classmethod
+    def of(cls, form: FirstOrderForm) -> StageMatrices:
+        """Return the matrices of a form, not yet evaluated."""
+        pattern, jacobian, reduction = reduce_kinematics(form)
+        real = FactorizedMatrix.from_pattern(pattern)
+        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
+        return cls(pattern, jacobian, reduction, real, complex_)
+
+    def make_workspace(self, form: FirstOrderForm, native: bool) -> RadauWorkspace:
+        """Return work arrays for the stages."""
+        equations = form.equations
+        scales = equations.position_scales
+        motion = MotionScales(scales, scales, 1.0, 1.0)
+        buffers = form.buffers(native)
+        buffers.jacobian = self.jacobian.sum(native, equations.p)
+        return make_workspace(
+            form,
+            buffers,
+            self.pattern,
+            self.reduction,
+            (self.real.make_solver(native, "auto"), self.real.nonzeros),
+            (self.complex_.make_solver(native, "auto"), self.complex_.nonzeros),
+            StepTolerance(1.0, motion, np.ones(equations.n, bool)),
+            math.inf,
+        )
+
+
+@dataclass(slots=True)
+class RadauReplay:
+    """Work arrays of `replay_steps`.
+
+    Attributes
+    ----------
+    run
+        Work arrays of the stages of the run, and then of their derivatives, which solve the same
+        equations.
+    directional, inputs
+        Directional derivative of the residual, and its inputs (y, y', dy, dy', dp).
+    stages, rates
+        Stages Y and Y' of the run, (3, size).
+    times, rows
+        Start and steps of the interval (steps + 1,) [s], and states (q, v, a, lam) at its start and
+        at all stages, (3 steps + 1, 3n + m).
+    numbers
+        Derivatives of p, one direction a row, (k, n_p).
+    negligible
+        Changes of scaled positions that are rounding errors, (k,).
+    y, yp
+        Current derivatives of (y, y'), one direction a row.
+    scales, weights, unit_weights
+        Reciprocal scales of the coordinates, (n,), and of (q, h v), (2n,); ones (m,).
+    results
+        Derivatives of (q, v, a, lam) at all stages, (3 steps * k, 3n + m).
+    step
+        Number of completed steps.
+    """
+
+    run: RadauWorkspace
+    directional: Sum
+    inputs: Array
+    stages: Array
+    rates: Array
+    times: Array
+    rows: Array
+    numbers: Array
+    negligible: Array
+    y: Array
+    yp: Array
+    scales: Array
+    weights: Array
+    unit_weights: Array
+    results: Array
+    step: int = 0
+
+
+def replay_steps(replay: RadauReplay) -> int:
+    """Differentiate all steps; return DONE, NEW_PIVOTS or the code of a failure.
+
+    The linear equations of the derivatives of the stages have three different matrices. They are
+    solved by the simplified Newton iteration of the method, whose matrix is that of the second
+    stage, with exact directional derivatives of the residual.
+    """
+    run, count = replay.run, replay.numbers.shape[0]
+    while replay.step < replay.times.size - 1:
+        run.t = replay.times[replay.step]
+        h = replay.times[replay.step + 1] - run.t
+        code = restore_stages(replay, replay.step, h)
+        if code != DONE:
+            return code
+        combine(replay.weights[: run.form.n], (1.0,), (replay.scales,))
+        combine(replay.weights[run.form.n :], (h,), (replay.scales,))
+        for k in range(count):
+            code = _differentiate_stages(replay, h, k)
+            if code != DONE:
+                return code
+            _store_derivatives(replay, k)
+        replay.step += 1
+    return DONE
+
+
+def restore_stages(replay: Any, step: int, h: float) -> int:
+    """Compute the stages of a step of length `h` [s] from the states of the run; return the code.
+
+    `replay` is a `RadauReplay`, or has its attributes `run`, `rows`, `stages` and `rates`. The
+    Newton matrices of `replay.run` are factorized at these stages.
+    """
+    run, n = replay.run, replay.run.form.n
+    m = replay.rows.shape[1] - 3 * n
+    first = 3 * step
+    start = replay.rows[first]
+    stages = run.stages
+    reactions = (
+        replay.rows[first + 1][3 * n :],
+        replay.rows[first + 2][3 * n :],
+        replay.rows[first + 3][3 * n :],
+    )
+    fill(run.y, 0.0)
+    combine(run.y[: 2 * n], (1.0,), (start[: 2 * n],))
+    for i in range(3):
+        row = replay.rows[first + 1 + i]
+        fill(stages[i], 0.0)
+        combine(stages[i][: 2 * n], (1.0, -1.0), (row[: 2 * n], start[: 2 * n]))
+        factors = (h * A[i, 0], h * A[i, 1], h * A[i, 2])
+        combine(stages[i][2 * n : 2 * n + m], factors, reactions)
+    for i in range(3):
+        factors = (T_INVERSE[i, 0], T_INVERSE[i, 1], T_INVERSE[i, 2])
+        combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
+    derive_velocities(run, h)
+    set_stages(run, h)
+    code = factorize_matrices(run, h)
+    if code != DONE:
+        return code
+    for _ in range(_STAGE_ITERATIONS):
+        for i in range(3):
+            t, residual = run.t + C[i] * h, run.stage_residuals[i]
+            evaluate_residual(run.form, t, run.branch, run.stages[i], run.rates[i], residual)
+        correct_stages(run, h)
+        set_stages(run, h)
+    for i in range(3):
+        combine(replay.stages[i], (1.0,), (run.stages[i],))
+        combine(replay.rates[i], (1.0,), (run.rates[i],))
+    return DONE
+
+
+def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
+    """Solve for the derivatives of the stages along direction `k`; return the code."""
+    run, n, size, weights = replay.run, replay.run.form.n, replay.run.form.size, replay.weights
+    m = replay.unit_weights.size
+    combine(run.y, (1.0,), (replay.y[k],))
+    combine(run.yp, (1.0,), (replay.yp[k],))
+    combine(replay.inputs[4 * size :], (1.0,), (replay.numbers[k],))
+    run.step_size.last_step = 0.0
+    predict_stages(run, h)
+    previous = math.inf
+    for _ in range(_MAX_ITERATIONS):
+        set_stages(run, h)
+        for i in range(3):
+            _evaluate_derivative(replay, run.t + C[i] * h, i)
+        correct_stages(run, h)
+        change = _largest_change(run, 0, 2 * n, weights)
+        reaction_change = _largest_change(run, 2 * n, 2 * n + m, replay.unit_weights)
+        if not math.isfinite(change):
+            return NOT_FINITE
+        total, reactions = max_norm(run.y[: 2 * n], weights), 0.0
+        for i in range(3):
+            total = max(total, max_norm(run.w[i][: 2 * n], weights))
+            reactions = max(reactions, max_norm(run.w[i][2 * n : 2 * n + m], replay.unit_weights))
+        rate = change / previous
+        is_converged = rate < 1.0 and change * rate <= _TOLERANCE * total * (1.0 - rate)
+        # The first iteration does not reveal the rate of convergence.
+        is_converged = (previous < math.inf and is_converged) or change <= _TOLERANCE * total
+        # If a parameter changes only reactions, or nothing, derivatives of positions are rounding
+        # errors.
+        is_small = (
+            change <= max(_ROUNDING * total, replay.negligible[k])
+            or 0.0 < reaction_change <= _ROUNDING * reactions
+        )
+        if is_converged or (rate > _STAGNATION_RATE and is_small):
+            set_stages(run, h)
+            return DONE
+        previous = change
+    return NOT_CONVERGED
+
+
+def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) -> float:
+    """Return the largest weighted correction of these components of W."""
+    real = max_norm(run.real_change[first:last], weights)
+    return max(real, max_norm(run.complex_change[first:last], weights))
+
+
+def _evaluate_derivative(replay: RadauReplay, t: float, i: int) -> None:
+    """Evaluate the derivative of the residual of a stage; write it to `run.stage_residuals`."""
+    run, n, size, inputs = replay.run, replay.run.form.n, replay.run.form.size, replay.inputs
+    dy, dyp, residual = run.stages[i], run.rates[i], run.stage_residuals[i]
+    combine(inputs[:size], (1.0,), (replay.stages[i],))
+    combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
+    combine(inputs[2 * size : 3 * size], (1.0,), (dy,))
+    combine(inputs[3 * size : 4 * size], (1.0,), (dyp,))
+    set_time(replay.directional, t, run.branch)
+    evaluate_sum(replay.directional, inputs, residual)
+    combine(residual[:n], (1.0, 1.0, -1.0), (residual[:n], dyp[:n], dy[n : 2 * n]))
+
+
+def _store_derivatives(replay: RadauReplay, k: int) -> None:
+    run, n, count = replay.run, replay.run.form.n, replay.numbers.shape[0]
+    for i in range(3):
+        result = replay.results[(3 * replay.step + i) * count + k]
+        combine(result[: 2 * n], (1.0,), (run.stages[i][: 2 * n],))
+        combine(result[2 * n :], (1.0,), (run.rates[i][n : n + result.size - 2 * n],))
+    combine(replay.y[k], (1.0,), (run.stages[2],))
+    combine(replay.yp[k], (1.0,), (run.rates[2],))
+
+
+def differentiate_radau_steps(
+    derivatives: StartDerivatives,
+    interval: Interval,
+    starts: list[State],
+    numbers: Array,
+    steps: Array,
+) -> Array:
+    """Return the derivatives of (q, v, a, lam) at the stages of a smooth interval.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of consistent states of the equations of the interval.
+    interval
+        States of the run.
+    starts
+        Derivatives of the consistent state at the start, one per direction.
+    numbers
+        Derivatives of p, one direction a row, (k, n_p).
+    steps
+        Small changes of the parameters, (k,); derivatives that lead to changes of positions below
+        rounding errors are negligible.
+
+    Returns
+    -------
+    numpy.ndarray
+        Derivatives (3 steps, k, 3n + m).
+
+    Raises
+    ------
+    BeamdaeError
+        If the equations of the derivatives cannot be solved.
+    """
+    equations = derivatives.equations
+    form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
+    n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
+    matrices_of_stages = StageMatrices.of(form)
+    plan = derivatives.directional_plan(
+        lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
+    )
+    scales = equations.position_scales
+    packed = [form.pack(x) for x in starts]
+
+    def make_replay(native: bool) -> RadauReplay:
+        run = matrices_of_stages.make_workspace(form, native)
+        run.branch = interval.branch
+        return RadauReplay(
+            run=run,
+            directional=plan.sum(native, equations.p),
+            inputs=np.zeros(4 * size + numbers.shape[1]),
+            stages=np.zeros((3, size)),
+            rates=np.zeros((3, size)),
+            times=np.ascontiguousarray(interval.t),
+            rows=np.ascontiguousarray(np.hstack(interval.rows)),
+            numbers=np.ascontiguousarray(numbers),
+            negligible=_POSITION_ROUNDING / steps,
+            y=np.array([y for y, _ in packed]),
+            yp=np.array([yp for _, yp in packed]),
+            scales=1.0 / scales,
+            weights=np.zeros(2 * n),
+            unit_weights=np.ones(equations.m),
+            results=np.zeros((3 * n_steps * count, 3 * n + equations.m)),
+        )
+
+    def matrices(replay: RadauReplay) -> list[tuple[Any, FactorizedMatrix]]:
+        run = replay.run
+        return [
+            (run.real_solver, matrices_of_stages.real),
+            (run.complex_solver, matrices_of_stages.complex_),
+        ]
+
+    loop = StepLoop(replay_steps, make_replay, matrices, form.is_native and plan.is_native)
+    code = loop()
+    if code != DONE:
+        raise BeamdaeError(
+            f"{derivative_call()}: {_PROBLEMS[code]} after t = {interval.t[loop.work.step]:g} s; "
+            "use a "
+            "smaller rtol, or check the model."
+        )
+    return loop.work.results.reshape(3 * n_steps, count, -1)

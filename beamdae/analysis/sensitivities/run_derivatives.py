@@ -1,0 +1,479 @@
+"""Derivatives of the states of a run, across breakpoints, events, impacts and switches of parts.
+
+At a restart whose time t depends on the parameter, with the states x = (q, v) and their rates f
+before (-) and after (+) it, the derivatives s at fixed time change from s- to
+
+    s+ = J_x (s- + f- dt) + J_t dt + J_p dp - f+ dt,
+
+where J is the jump from x- to x+. For breakpoints, dt follows from the model function; for events
+h(t, x, p) = 0, it is dt = -(h_x s- + h_p dp) / (dh/dt). Rosenwasser & Yusupov, Sensitivity of
+Automatic Control Systems, 2000; Galan, Feehery & Barton, Appl. Numer. Math. 31 (1999) 17,
+doi:10.1016/S0168-9274(98)00125-1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
+from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_columns,
+    time_derivative,
+)
+from beamdae.analysis.sensitivities.operator_changes import moves_operators
+from beamdae.analysis.sensitivities.phases import Phase
+from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.smooth_intervals import SAME_TIME
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
+from beamdae.parts.events import select_impacts
+from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.event_records import EventRecord
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+# Slowest rate of an event quantity at an event, relative to the range of the quantity and to the
+# duration of the interval before it. A parabola that passes its threshold with a slower rate
+# exceeds it by less than 1e-8 of its range, which runs do not resolve.
+_MIN_EVENT_RATE = 1e-4
+
+
+class RunDerivatives:
+    """Derivatives of a run with respect to parameters whose equations have a common structure.
+
+    `starts` are the derivatives of the initial positions and velocities by parameter, if they do
+    not follow from the models.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        method: GeneralizedAlpha | Radau,
+        differences: Mapping[str, Difference],
+        starts: Mapping[str, tuple[Array, Array]] | None = None,
+    ) -> None:
+        self._solution, self._method, self._differences = solution, method, differences
+        self._starts = starts
+        self._equations = solution.equations
+
+    def trajectories(self) -> dict[str, Trajectory]:
+        """Return the derivatives of the states by parameter.
+
+        Raises
+        ------
+        BeamdaeError
+            If an event or a moving breakpoint does not have a derivative, or steps cannot be
+            differentiated.
+        """
+        intervals = self._solution.trajectory.intervals
+        phases = [Phase.first(x, intervals[0].configuration) for x in self._differences.values()]
+        for phase in phases:
+            require_inner_breakpoints(phase.active, self._solution.trajectory)
+        parameter_steps = np.array([max(map(abs, x.steps)) for x in self._differences.values()])
+        rows: list[list[Interval]] = []
+        before: Interval | None = None
+        for interval in intervals:
+            if before is None:
+                derivatives, firsts = self._differentiate_start(phases, interval)
+                shifts, moved = [0.0] * len(phases), firsts
+            else:
+                crossing = self._cross(phases, before, interval, rows[-1])
+                phases, derivatives, shifts, moved, firsts = crossing
+            numbers = _numbers(phases)
+            active = with_active_multipliers(interval)
+            if isinstance(self._method, Radau):
+                stages = differentiate_radau_steps(
+                    derivatives, active, firsts, numbers, parameter_steps
+                )
+                nodes = np.concatenate([[[np.concatenate(x) for x in firsts]], stages])
+            else:
+                nodes = differentiate_alpha_steps(
+                    self._method, derivatives, active, moved, numbers, shifts
+                )
+                nodes[0] = [np.concatenate(x) for x in firsts]
+                if any(shifts):
+                    nodes[1:] -= np.multiply.outer(rates_at_steps(active)[1:], shifts).swapaxes(
+                        1, 2
+                    )
+            rows.append([self._derivative_interval(interval, x) for x in nodes.swapaxes(0, 1)])
+            before = interval
+        return {
+            name: Trajectory(tuple(x[k] for x in rows)) for k, name in enumerate(self._differences)
+        }
+
+    def _derivative_interval(self, interval: Interval, rows: Array) -> Interval:
+        n, m = self._equations.n, self._equations.m
+        q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
+        if interval.configuration is not None:
+            lam = interval.configuration.expand_multipliers(lam, m)
+        return replace(interval, rows=State(q, v, a, lam))
+
+    def _differentiate_start(
+        self, phases: list[Phase], interval: Interval
+    ) -> tuple[StartDerivatives, list[State]]:
+        """Return the derivatives of the consistent start."""
+        derivatives = derive_states(phases[0].active)
+        time, at = node_state(with_active_multipliers(interval), 0)
+        firsts = []
+        for phase, dp in zip(phases, _numbers(phases), strict=True):
+            if self._starts is None:
+                dq, dv = differentiate_start(phase.active, derivatives, time, at, dp)
+            else:
+                dq, dv = self._starts[phase.whole.name]
+            firsts.append(derivatives.consistent_state(time, at, at.v, dq, dv, dp))
+        return derivatives, firsts
+
+    def _cross(
+        self,
+        phases: list[Phase],
+        before: Interval,
+        after: Interval,
+        along: list[Interval],
+    ) -> tuple[list[Phase], StartDerivatives, list[float], list[State], list[State]]:
+        """Return the phases after a restart, and the derivatives of its time and of the state.
+
+        The derivatives of the state are those along the moving time, and those at fixed time.
+        `along` are the derivatives of the interval `before`, one per parameter.
+        """
+        t = float(after.t[0])
+        event = find_event(self._solution, self._equations, t)
+        old = derive_states(phases[0].active)
+        time, at = state_before_restart(before, old.solver, self._method)
+        if event is None:
+            shifts = self._breakpoint_shifts(phases, t)
+        else:
+            shifts = self._event_shifts(event, before, along)
+        totals = [
+            State(x.rows.q[-1] + dt * at.v, x.rows.v[-1] + dt * at.a, 0.0 * at.a, 0.0 * at.lam)
+            for x, dt in zip(along, shifts, strict=True)
+        ]
+        v, velocities = at.v, [x.v for x in totals]
+        if event is not None:
+            number = event_number(self._equations, event.name)
+            if select_impacts(self._equations.events[number].do):
+                v, velocities = self._jump(phases, number, before, time, at, totals, shifts)
+            assert after.configuration is not None
+            phases = [
+                phase.after_event(number, after.configuration, time, dt, at.q, total.q)
+                for phase, dt, total in zip(phases, shifts, totals, strict=True)
+            ]
+        new = derive_states(phases[0].active)
+        time, at = node_state(with_active_multipliers(after), 0)
+        directions = list(zip(totals, velocities, _numbers(phases), shifts, strict=True))
+        h = float(after.t[1] - after.t[0])
+        moved = [
+            new.moved_state(time, at, v, total.q, dv, dp, dt, h) for total, dv, dp, dt in directions
+        ]
+        firsts = [
+            new.consistent_state(time, at, v, total.q, dv, dp, dt)
+            for total, dv, dp, dt in directions
+        ]
+        return phases, new, shifts, moved, firsts
+
+    def _jump(
+        self,
+        phases: list[Phase],
+        number: int,
+        before: Interval,
+        time: Array,
+        at: State,
+        totals: list[State],
+        shifts: list[float],
+    ) -> tuple[Array, list[Array]]:
+        """Return the velocities after the impacts of an event, and their total derivatives."""
+        assert before.configuration is not None
+        velocities = []
+        for phase, along, dt in zip(phases, totals, shifts, strict=True):
+            difference = phase.impact(number, self._equations, before.configuration)
+            impact = difference.impact
+            derivatives = derive_states(difference.equations)
+            n, m = impact.equations.n, impact.equations.m
+            state, change = (State(x.q, x.v, np.zeros(n), np.zeros(m)) for x in (at, along))
+            rates = derivatives.solver.constraint_levels(time, at.q, at.v)[1]
+            active = select_active_constraints(impact, rates)
+            dv = along.v
+            if len(active):
+                dp = difference.equations.derivative(lambda e: e.p)
+                restitution = (impact.coefficients, difference.restitution)
+                dv = derivatives.impact(time, state, change, dp, dt, active, restitution)
+            velocities.append(dv)
+        return apply_impact(impact, time, state)[0], velocities
+
+    def _event_shifts(
+        self, event: EventRecord, before: Interval, along: list[Interval]
+    ) -> list[float]:
+        """Return the derivatives of the time of the event at the end of an interval [s]."""
+        states = {
+            name: State(*(y[-1:] for y in x.rows))
+            for name, x in zip(self._differences, along, strict=True)
+        }
+        number = event_number(self._equations, event.name)
+        shifts = differentiate_event_time(
+            self._equations, number, before, event.t, states, self._differences
+        )
+        return list(shifts.values())
+
+    def _breakpoint_shifts(self, phases: list[Phase], t: float) -> list[float]:
+        """Return the derivatives of the breakpoint at `t` [s], zero for onsets of contacts."""
+        rounding = time_rounding(self._solution.trajectory)
+        return [differentiate_breakpoint(x.active, t, rounding) for x in phases]
+
+
+def time_rounding(trajectory: Trajectory) -> float:
+    """Return the difference up to which times of a run are the same [s]."""
+    return SAME_TIME * max(abs(trajectory.start), abs(trajectory.end))
+
+
+def event_number(equations: EquationsOfMotion, name: str) -> int:
+    """Return the index of an event."""
+    return next(k for k, x in enumerate(equations.events) if x.name == name)
+
+
+def find_event(solution: Solution, equations: EquationsOfMotion, t: float) -> EventRecord | None:
+    """Return the record of the event that acts at `t` [s], or None.
+
+    `equations` are those of all parts.
+
+    Raises
+    ------
+    BeamdaeError
+        If the derivative does not exist, because several events act, or the event is at the end of
+        the run or at a breakpoint.
+    """
+    rounding, end = time_rounding(solution.trajectory), solution.trajectory.end
+    records = [
+        x
+        for x in solution.event_records
+        if abs(x.t - t) <= rounding
+        and not isinstance(equations.events[event_number(equations, x.name)].do, str)
+    ]
+    if not records:
+        return None
+    names = [x.name for x in records]
+    coincidence = ""
+    if len(names) > 1:
+        coincidence = f"events {' and '.join(names)} act at the same time"
+    elif end - t <= rounding:
+        coincidence = f"event {names[0]} acts at the end of the run"
+    elif any(abs(t - b) <= rounding for b in equations.breakpoints):
+        coincidence = f"event {names[0]} acts at a breakpoint of a law"
+    if coincidence:
+        raise BeamdaeError(
+            f"{derivative_call()}: {coincidence}, t = {t:g} s, where the derivatives do not exist; "
+            "separate the two times."
+        )
+    return records[0]
+
+
+def find_stop(solution: Solution) -> int | None:
+    """Return the index of the event that stopped a run, None if it reached its end time.
+
+    Raises
+    ------
+    BeamdaeError
+        If several events stop the run at the same time.
+    """
+    end, rounding = solution.trajectory.end, time_rounding(solution.trajectory)
+    events = solution.equations.events
+    numbers = [
+        event_number(solution.equations, x.name)
+        for x in solution.event_records
+        if abs(x.t - end) <= rounding
+    ]
+    stops = [k for k in dict.fromkeys(numbers) if events[k].do == "stop"]
+    if len(stops) > 1:
+        names = " and ".join(events[k].name for k in stops)
+        raise BeamdaeError(
+            f"{derivative_call()}: events {names} stop the run at the same time, t = {end:g} s, "
+            "where the derivatives do not exist; separate the two times."
+        )
+    return stops[0] if stops else None
+
+
+def differentiate_breakpoint(difference: Difference, t: float, rounding: float) -> float:
+    """Return the derivative of the breakpoint at `t` [s]; zero if there is none.
+
+    Raises
+    ------
+    BeamdaeError
+        If breakpoints at this time move apart.
+    """
+    moves = breakpoint_derivatives(difference)
+    at = [dt for b, dt in moves if abs(b - t) <= rounding]
+    if at and max(at) != min(at):
+        raise BeamdaeError(
+            f"{derivative_call()}: {difference.name} moves one of several breakpoints at t = "
+            f"{t:g} s, where the derivatives do not exist; separate their times."
+        )
+    return at[0] if at else 0.0
+
+
+def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
+    """Reject a parameter that moves a breakpoint across the start or the end of the run."""
+    rounding = time_rounding(trajectory)
+    for b, dt in breakpoint_derivatives(difference):
+        if dt and min(abs(b - trajectory.start), abs(b - trajectory.end)) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: {difference.name} moves the breakpoint of a law at t = "
+                f"{b:g} s across the start or the end of the run, where the derivatives do "
+                "not exist; choose another value, or another t_end."
+            )
+
+
+def derive_states(difference: Difference) -> StartDerivatives:
+    """Return the derivatives of consistent states along directions of the parameter."""
+    moving = difference if moves_operators(difference) else None
+    return StartDerivatives(ConsistencySolver(difference.base), moving)
+
+
+def differentiate_event_time(
+    equations: EquationsOfMotion,
+    number: int,
+    interval: Interval,
+    t: float,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+) -> dict[str, float]:
+    """Return the derivatives of the time of an event [s] by parameter.
+
+    Parameters
+    ----------
+    equations, number
+        Equations of all parts, and index of the event in them.
+    interval, t
+        Interval of the run that contains the event, and the time of the event [s].
+    along
+        Derivatives of the state at this time before the event, one row, by parameter.
+    differences
+        Models at neighboring values, by parameter.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    times, at = np.array([[t, interval.branch]]), interval.at(np.array([t]))
+    term, rate = (
+        equations.events[number],
+        event_rate(equations, number, interval, t),
+    )
+    changes = differentiate_columns(
+        lambda e: e.events[number].observable, equations, times, at, along, differences
+    )
+    thresholds = {
+        name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()
+    }
+    return {
+        name: (thresholds[name] - float(change[0, term.column])) / rate + 0.0  # not -0.0
+        for name, change in changes.items()
+    }
+
+
+def event_rate(equations: EquationsOfMotion, number: int, interval: Interval, t: float) -> float:
+    """Return the rate of the quantity of an event at the time `t` [s] of the event.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    term = equations.events[number]
+    time, at = np.array([t, interval.branch]), interval.at(np.array([t]))
+    state = State(*(x[0] for x in at))
+    lam_rate = interval.derivative_at(np.array([t])).lam[0]
+    rate = float(time_derivative(term.observable, equations, time, state, lam_rate)[term.column])
+    values = term.evaluate_difference(
+        equations.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
+    )
+    duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
+    if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
+        raise BeamdaeError(
+            f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
+            f"{t:g} "
+            "s, where the derivatives do not exist; choose other values of the parameters."
+        )
+    return rate
+
+
+def state_before_restart(
+    before: Interval, solver: ConsistencySolver, method: GeneralizedAlpha | Radau
+) -> tuple[Array, State]:
+    """Return (t, branch) and the state at the end of an interval, with its accelerations."""
+    time, at = node_state(with_active_multipliers(before), -1)
+    if isinstance(method, Radau):
+        # Fast modes may be far from equilibrium within the steps; these accelerations belong to
+        # the positions and velocities.
+        at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
+    # The velocities of generalized-alpha change at the rate of its own accelerations, also for
+    # modes that are too fast for the step.
+    return time, at
+
+
+def rates_at_steps(interval: Interval) -> Array:
+    """Return the rates of (q, v, q'', lam) at the steps of a method without stages."""
+    rates = interval.derivative_at(interval.nodes)
+    return np.hstack([interval.rows.v, interval.rows.a, rates.a, rates.lam])
+
+
+def _numbers(phases: list[Phase]) -> Array:
+    """Return the derivatives of p of the active parts, one parameter a row."""
+    return np.array([x.active.derivative(lambda e: e.p) for x in phases])
+
+
+def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
+    """Return pairs of a breakpoint [s] and its derivative."""
+    derivatives = difference.derivative(lambda e: np.array(e.breakpoints))
+    return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))
+
+
+def with_active_multipliers(interval: Interval) -> Interval:
+    """Return an interval with the multipliers of the active parts."""
+    if interval.configuration is None:
+        return interval
+    lam = interval.configuration.select_multipliers(interval.rows.lam)
+    return replace(interval, rows=interval.rows._replace(lam=lam))
+
+
+def node_state(interval: Interval, k: int) -> tuple[Array, State]:
+    """Return (t, branch) and the state of a node."""
+    return interval.times[k], State(*(x[k] for x in interval.rows))
+
+
+def differentiate_start(
+    difference: Difference, derivatives: StartDerivatives, time: Array, at: State, dp: Array
+) -> tuple[Array, Array]:
+    """Return the derivatives of the requested initial positions and velocities.
+
+    `StartDerivatives.consistent_state` makes them consistent.
+    """
+    base = derivatives.equations
+    models = (base, *difference.equations)
+    if np.array_equal(at.q, base.q0) and not any(drivers_move(e, time) for e in models):
+        dq, dv = difference.derivative(lambda e: e.q0), difference.derivative(lambda e: e.v0)
+    else:
+
+        def start(e: EquationsOfMotion) -> Array:
+            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
+
+        dq, dv = np.split(difference.derivative(start), 2)
+    if base.start is not None and base.start.description == EQUILIBRIUM:
+        dq = derivatives.correct_equilibrium(time, at, dq, dp)
+    return dq, dv
+
+
+def drivers_move(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if laws of constraints move at the start, see `ConsistencySolver.start_state`."""
+    if equations.m == 0:
+        return False
+    levels = ConsistencySolver(equations).constraint_levels(time, equations.q0)
+    return bool(np.any(levels[1]))

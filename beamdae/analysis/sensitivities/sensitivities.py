@@ -1,0 +1,374 @@
+"""`sensitivities`: derivatives of a run with respect to parameters of its model function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.analysis.sensitivities.differentiable_methods import (
+    require_differentiable_method,
+    warn_of_unreliable_run,
+)
+from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
+from beamdae.analysis.sensitivities.model_differences import (
+    Difference,
+    derivative_call,
+    difference_model,
+)
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_columns
+from beamdae.analysis.sensitivities.operator_changes import moves_operators
+from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
+from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives, differentiate_event_time
+from beamdae.analysis.sensitivities.sensitivity_result import (
+    SensitivityResult,
+    complete_parameters,
+    derivative_columns,
+    derivative_header,
+    require_parameters,
+    select_derivative,
+)
+from beamdae.equations import measures
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import BeamdaeError
+from beamdae.integrators import Integrator, Radau
+from beamdae.interrupts import interruptible
+from beamdae.linear.blas_threads import single_threaded
+from beamdae.memory import require_memory
+from beamdae.model_functions import Model
+from beamdae.read_only import read_only_data
+from beamdae.results.run_data import coordinate_headers
+from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Trajectory
+from beamdae.simulation import as_equations, simulate
+
+# Imported by the methods that return tables: importing pandas takes as long as a short run.
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+# Copies of the derivatives of all steps that are in memory at the same time.
+_COPIES_OF_ROWS = 3.0
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(SensitivityResult):
+    """A run and its derivatives with respect to parameters of the model; see `sensitivities`.
+
+    Attributes
+    ----------
+    solution
+        The run.
+    parameters
+        Values by name of the parameters with respect to which the run is differentiated.
+    trajectories
+        Derivatives of (q, v, a, lam) with respect to each parameter, by its name: at the steps of
+        the run, with dense output, in the units of (q, v, a, lam) per unit of the parameter.
+    """
+
+    solution: Solution
+    parameters: Mapping[str, float]
+    trajectories: Mapping[str, Trajectory] = field(repr=False)
+    _differences: Mapping[str, Difference] = field(repr=False)
+
+    @property
+    def _summary(self) -> str:
+        t = self.solution.t
+        return f"t = {t[0]:g} to {t[-1]:g} s in {len(t)} rows"
+
+    @property
+    def t(self) -> Array:
+        """Output times (k,) of the run [s]."""
+        return self.solution.t
+
+    def sensitivity(self, column: str, parameter: str) -> pd.Series:
+        """Return the derivative of a column with respect to a parameter, over time.
+
+        Parameters
+        ----------
+        column
+            Header of an observed column, coordinate, velocity or multiplier, with or without its
+            unit, as in `solution["tip.y"]`.
+        parameter
+            Name of the parameter.
+
+        Returns
+        -------
+        pandas.Series
+            Derivative (k,) in the unit of the column per unit of the parameter, indexed by time
+            [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the parameter is not one of `parameters`, or the name selects no column or several
+            columns. Energies are in `energies`; works are not differentiated.
+        """
+        parameter = self._require_parameter("sensitivity", parameter)
+        observed = self._observed[parameter]
+        columns = {**observed, **self._coordinates[parameter], **observed}
+        index = measures.TIME, self.t
+        return select_derivative(columns, column, parameter, index, observed=observed)
+
+    def table(self) -> pd.DataFrame:
+        """Return time and the derivatives of all observed columns with respect to all parameters.
+
+        The header of the derivative of "tip.y [m]" with respect to "damping" is
+        "d(tip.y)/d(damping) [m per unit]": the unit of the column per unit of the parameter.
+        """
+        import pandas as pd
+
+        return pd.DataFrame({measures.TIME: self.t, **derivative_columns(self._observed)})
+
+    @property
+    def events(self) -> pd.DataFrame:
+        """Table of the events: name, time, and derivatives of the time with respect to parameters.
+
+        The header of the derivative is "d(t)/d(damping) [s per unit]". Events that act on the run
+        and events that are only recorded are included.
+
+        Raises
+        ------
+        BeamdaeError
+            If the quantity of an event only touches its value, where the derivative does not exist.
+        """
+        import pandas as pd
+
+        run, equations = self.solution, self.solution.equations
+        rows = []
+        for record in run.event_records:
+            t = np.array([record.t])
+            interval = run.trajectory.intervals[int(run.trajectory.interval_index(t)[0])]
+            number = next(k for k, x in enumerate(equations.events) if x.name == record.name)
+            along = {name: x.at(t)[1] for name, x in self.trajectories.items()}
+            derivatives = differentiate_event_time(
+                equations, number, interval, record.t, along, self._differences
+            )
+            rows.append({"event": record.name, measures.TIME: record.t, **derivatives})
+        headers = {name: derivative_header(measures.TIME, name) for name in self.parameters}
+        columns = ["event", measures.TIME, *self.parameters]
+        return pd.DataFrame(rows, columns=columns).rename(columns=headers)
+
+    @property
+    def energies(self) -> pd.DataFrame:
+        """Table of the derivatives of the kinetic, strain and gravitational energies over time.
+
+        The header of a derivative is "d(energy.kinetic)/d(damping) [J per unit]".
+
+        Raises
+        ------
+        BeamdaeError
+            If parts are inactive during the run.
+        """
+        import pandas as pd
+
+        trajectory = self.solution.trajectory
+        if any(x.configuration and x.configuration.inactive for x in trajectory.intervals):
+            raise BeamdaeError(
+                "sensitivities: energies of runs with inactive parts are not differentiated; "
+                "observe the quantities that you need."
+            )
+        times, at = trajectory.at(self.t)
+        columns = {measures.TIME: self.t}
+        for name, along in self.trajectories.items():
+            rows = differentiate_energies(self._differences[name], times, at, along.at(self.t)[1])
+            headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
+            columns |= dict(zip(headers, rows.T, strict=False))
+        return pd.DataFrame(columns)
+
+    def at_times(self, times: Array) -> Sensitivities:
+        """Return the result at other times [s], which must ascend and lie within the run."""
+        return replace(self, solution=self.solution.at_times(times))
+
+    @cached_property
+    def _coordinates(self) -> dict[str, dict[str, Array]]:
+        """Derivatives of coordinates, velocities and multipliers by parameter and header."""
+        headers = coordinate_headers(self.solution.equations)[1:]
+        result = {}
+        for name, trajectory in self.trajectories.items():
+            _, state = trajectory.at(self.t)
+            rows = np.hstack([state.q, state.v, state.lam])
+            result[name] = dict(zip(headers, rows.T, strict=True))
+        return result
+
+    @cached_property
+    def _observed(self) -> dict[str, dict[str, Array]]:
+        """Derivatives of the observed columns by parameter and header."""
+        run = self.solution
+        times, at = run.trajectory.at(run.t)
+        along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
+        result: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
+        for number, observable in enumerate(run.equations.observables):
+            for name, rows in differentiate_observable(
+                run.equations, number, times, at, along, self._differences
+            ).items():
+                result[name] |= dict(zip(observable.headers, rows.T, strict=True))
+        return result
+
+
+def differentiate_observable(
+    equations: EquationsOfMotion,
+    number: int,
+    times: Array,
+    at: State,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+) -> dict[str, Array]:
+    """Return the derivatives of an observable, (rows, columns), by parameter."""
+    return differentiate_columns(
+        lambda e: e.observables[number], equations, times, at, along, differences
+    )
+
+
+@interruptible
+def sensitivities(
+    model: Model,
+    by: Sequence[str] | str,
+    integrator: Integrator | None = None,
+    t_end: float | None = None,
+    output_step: float | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    start: Any = None,
+) -> Sensitivities:
+    """Integrate a model and differentiate the run with respect to parameters of its function.
+
+    The result contains d(column)/d(parameter) of every observed column, coordinate, velocity and
+    multiplier. Without events, it is the derivative of the discrete solution, up to the Newton
+    errors of the run: with F(t, q, v, a, p) + G^T lam = 0 and g(t, q, p) = 0, where p are the
+    numbers in the equations, each step solves
+
+        F_q dq + F_v dv + F_a da + d(G^T lam) + F_p dp = 0,    G dq + g_p dp = 0
+
+    for the derivatives of its unknowns, or of its stages, with the step sequence of the run and
+    directional derivatives of the kernels; cf. Maly & Petzold, Appl. Numer. Math. 20
+    (1996) 57, doi:10.1016/0168-9274(95)00117-4. In contrast to this paper, the derivatives do not
+    enter an error test. Only the model function is differenced, because it is an arbitrary Python
+    function: dp/dparameter and the derivatives of the initial positions and velocities are
+    differences of fourth order, with relative errors near 1e-12. Where the model rejects values on
+    one side, such as damping < 0, differences are one-sided and of third order.
+
+    The derivatives are those at fixed times. They can jump at events, impacts and breakpoints of
+    laws whose times depend on the parameters (Galan, Feehery & Barton, Appl. Numer. Math. 31 (1999)
+    17, doi:10.1016/S0168-9274(98)00125-1). In the interval before an event, the last step ends at
+    the event, and its stages are those of the dense output. Steps of `GeneralizedAlpha` after an
+    event are moved with its time and keep their lengths; in motions that are much too fast for the
+    step, derivatives after several events can differ from differences of runs, whose steps fill the
+    interval. Such runs are inaccurate themselves and violate the balance of energy.
+
+    Parameters
+    ----------
+    model
+        Model function.
+    by
+        Names of the parameters with respect to which the run is differentiated. They must be
+        floats.
+    integrator
+        `Radau`, or `GeneralizedAlpha` in the index-3 form, whose `newton_tolerance` is reduced to
+        1e-10. The derivatives do not include changes of adaptive steps. `Auto` is replaced by
+        `Radau`. Defaults to `Radau()`.
+    t_end
+        End time [s]. Defaults to the model's end time. It does not depend on the parameters. A run
+        that an event stops is differentiated up to its end.
+    output_step
+        Time between rows of the result [s]. Defaults to a thousandth of the end time.
+    parameters
+        Values of the parameters of the model that differ from the defaults.
+    start
+        Start of the run, see `simulate`; not a solution or checkpoint.
+
+    Returns
+    -------
+    Sensitivities
+        The run with its derivatives.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid, the run fails, a parameter changes the structure of the equations
+        or is at a kink of the model function, or the derivatives do not exist: two events act at
+        the same time, an event acts at a breakpoint or at the end of the run, an event quantity
+        only touches its value, or a parameter moves a breakpoint across the start or the end of the
+        run.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the run violates the balance of energy or has warnings, a parameter has no effect on the
+        model, or differences of the model function depend on their step.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=1.0)
+    ... def oscillator(stiffness=40.0):
+    ...     mech = bd.Mechanism()
+    ...     mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    ...     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    ...     mech.observe("mass", mass.point)
+    ...     return mech
+    >>> result = bd.sensitivities(oscillator, "stiffness", bd.GeneralizedAlpha(step=1e-3))
+    >>> print(f"{result.sensitivity('mass.x', 'stiffness').iloc[-1]:.3e} m per N/m")
+    2.481e-03 m per N/m
+    """
+    names = require_parameters("sensitivities", model, by)
+    values = complete_parameters("sensitivities", model, parameters)
+    method = require_differentiable_method(integrator, Radau())
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations("sensitivities", mechanism, start)
+
+    mechanism = model(**values)
+    equations = assemble(mechanism)
+    differences = {
+        name: difference_model(model, name, values, equations, assemble, moves_operators=True)
+        for name in names
+    }
+    solution = simulate(mechanism, method, t_end, output_step, start=start, keep_steps=True)
+    if not solution.status.success:
+        raise BeamdaeError(
+            f"{derivative_call()}: the run of {model.name} did not reach its end "
+            f"({solution.status.sentence}); differentiate a shorter run, or change the integrator."
+        )
+    warn_of_unreliable_run(model.name, solution)
+    redundant = RedundantConstraints.of(solution)
+    trajectories: dict[str, Any] = {}
+    with single_threaded:
+        for group in _group_by_structure(differences):
+            _require_memory(solution, len(group))
+            if redundant is None:
+                trajectories |= RunDerivatives(solution, method, group).trajectories()
+            else:
+                trajectories |= redundant.differentiate(method, group)
+    trajectories = {name: trajectories[name] for name in names}
+    return Sensitivities(
+        solution, {name: float(values[name]) for name in names}, trajectories, differences
+    )
+
+
+def _group_by_structure(differences: Mapping[str, Difference]) -> list[dict[str, Difference]]:
+    """Group parameters by the structure of the equations in which their forces are present.
+
+    A parameter that moves operators is a group.
+    """
+    groups: dict[Any, dict[str, Difference]] = {}
+    for name, difference in differences.items():
+        key = name if moves_operators(difference) else difference.base.structure
+        groups.setdefault(key, {})[name] = difference
+    return list(groups.values())
+
+
+def _require_memory(solution: Solution, count: int) -> None:
+    equations, trajectory = solution.equations, solution.trajectory
+    nodes = sum(len(x.nodes) for x in trajectory.intervals)
+    require_memory(
+        derivative_call(),
+        f"derivatives of {trajectory.steps} steps with respect to {count} parameters",
+        _COPIES_OF_ROWS * 8.0 * nodes * count * (3 * equations.n + equations.m),
+        "use longer steps or fewer parameters",
+    )

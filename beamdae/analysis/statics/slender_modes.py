@@ -1,0 +1,172 @@
+"""Modes of thin beams from differences of the forces.
+
+The stiffness matrix of a thin beam consists of axial stiffnesses EA, whose rounding errors are not
+small compared with the bending stiffness EI = EA h^2 / 12. Differences of the forces at displaced
+positions have no such error, see `LoadedEquations.multiply_tangent`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from beamdae.analysis.eigenproblems.eigensolution import EigenSolution
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import quadratic_form_rounding
+from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.equations.formulations.tangents import Tangent
+
+Array = np.ndarray
+
+# Differences replace the stiffness matrix if the bound on its rounding error exceeds this fraction
+# of the squared frequency of a mode. The actual error is about 20 times smaller. With many more
+# modes, errors of differences, which grow with the frequency, would exceed those of the matrix.
+_MAX_ROUNDING_RATIO = 1e-6
+# Modes up to this multiple of the highest such squared frequency are included, because modes that
+# nearly coincide determine each other.
+_SQUARE_MARGIN = 2.0
+# Combinations of mode shapes are dependent if their energy is below this fraction of the largest
+# one, and stiff if their inertia, relative to their energy, is below the second fraction of that of
+# the modes.
+_MIN_ENERGY_RATIO = 1e-12
+_MIN_INERTIA_RATIO = 1e-6
+# Errors may exceed the difference between two steps by this factor, and are at least this fraction
+# of the bound on the rounding error of the stiffness matrix: rigid-body motions of free strips have
+# a stiffness of up to 6e-4 of it, and the bending of a strip with L/h = 1e5 and 64 elements has a
+# stiffness of 5e-2 of it (measured).
+ERROR_MULTIPLE = 4.0
+ERROR_FLOOR = 5e-3
+# Prevents division by zero for defective eigenvalues.
+_TINY = 1e-300
+
+
+class ReducedStiffness(NamedTuple):
+    """Stiffness in the span of some displacements, from differences of the forces.
+
+    Attributes
+    ----------
+    matrix
+        B^T K B for the displacements B, (k, k).
+    error
+        Difference from the result with twice the step, (k, k).
+    """
+
+    matrix: Array
+    error: Array
+
+
+def reduce_stiffness(
+    system: LoadedEquations, x: Array, mu: float, basis: Array
+) -> ReducedStiffness:
+    """Return the stiffness in the span of the displacements `basis`, (n, k), at x = (q, lam)."""
+    n = system.equations.n
+    directions = np.vstack([basis, np.zeros((len(x) - n, basis.shape[1]))])
+    one, two = (
+        basis.T @ system.multiply_tangent(x, mu, directions, steps)[:n] for steps in (1.0, 2.0)
+    )
+    return ReducedStiffness(one, one - two)
+
+
+def refine_modes(
+    system: LoadedEquations, x: Array, mu: float, lin: LinearizedEquations, modes: EigenSolution
+) -> EigenSolution:
+    """Return `modes` with those of thin beams from differences of the forces.
+
+    They are the modes of the equations of motion in the span of the given shapes (Galerkin's
+    method). The result is `modes` if the stiffness matrix is accurate enough, or differences are
+    less accurate, for example where a contact begins. Of the refined modes, those that decay
+    without oscillation may be missing, and eigenvalues that are zero up to the error are zero.
+    """
+    tangent = lin.tangent
+    # Strongly damped motions are slow although they are stiff.
+    energy = np.einsum("ij,ij->j", modes.shapes.conj(), tangent.stiffness @ modes.shapes)
+    rounding = quadratic_form_rounding(tangent.stiffness, modes.shapes)
+    squares = np.maximum(np.maximum(np.abs(modes.values) ** 2, np.abs(energy)), rounding)
+    is_inaccurate = rounding > _MAX_ROUNDING_RATIO * squares
+    # Constraints on velocities make the admissible shapes depend on the eigenvalue.
+    if not np.any(is_inaccurate) or np.any(lin.nonholonomic):
+        return modes
+    is_refined = squares <= _SQUARE_MARGIN * np.max(squares[is_inaccurate])
+    shapes = modes.shapes[:, is_refined]
+    parts = np.hstack([shapes.real, shapes.imag])
+    basis = _span_soft_motions(tangent, parts, float(np.max(squares[is_refined])))
+    reduced = reduce_stiffness(system, x, mu, basis)
+    least = np.max(rounding[is_refined]) / _MAX_ROUNDING_RATIO
+    sizes = np.sqrt(np.maximum(np.abs(np.diag(reduced.matrix)), least))
+    if not np.linalg.norm(reduced.error / sizes / sizes[:, None], 2) <= _MAX_ROUNDING_RATIO:
+        return modes
+    damping = _reduce_damping(system, x, mu, tangent.damping, basis, np.median(squares[is_refined]))
+    floor = ERROR_FLOOR * float(np.max(rounding[is_refined]))
+    if not np.any(damping):
+        squares, shares, errors = _solve_with_errors(-reduced.matrix, reduced.error, floor)
+        squares = np.where(np.abs(squares.imag) <= errors, squares.real + 0j, squares)
+        values = np.sqrt(np.where(np.abs(squares) <= errors, 0.0, squares))
+        shapes = basis @ shares
+    else:
+        none, one = np.zeros_like(damping), np.eye(len(damping))
+        companion = np.block([[none, one], [-reduced.matrix, -damping]])
+        values, shares, errors = _solve_with_errors(companion, reduced.error, floor)
+        shapes = basis @ shares
+        # Errors of the stiffness move undamped eigenvalues off the imaginary axis.
+        power = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.damping @ shapes))
+        is_undamped = power <= quadratic_form_rounding(tangent.damping, shapes)
+        values = np.where(is_undamped & (np.abs(values.real) <= errors), 1j * values.imag, values)
+        values = np.where(np.abs(values) <= errors, 0.0, values)
+    is_upper = values.imag >= 0.0
+    return EigenSolution(
+        np.append(values[is_upper], modes.values[~is_refined]),
+        np.hstack([shapes[:, is_upper], modes.shapes[:, ~is_refined]]),
+    )
+
+
+def _span_soft_motions(tangent: Tangent, motions: Array, square: float) -> Array:
+    """Return a basis of the motions in the span of `motions`, (n, k), that stretch beams little.
+
+    The basis B satisfies B^T M B = I. Rounding adds motions to mode shapes that stretch thin beams.
+    In a basis with B^T M B = I alone, their stiffness would exceed that of the modes, which have
+    squared frequencies of up to `square`, by ten orders of magnitude. Therefore, motions are first
+    scaled to equal energies.
+    """
+    inertia, stiffness = (motions.T @ (x @ motions) for x in (tangent.mass, tangent.stiffness))
+    energy = 0.5 * (stiffness + stiffness.T) + 2.0 * square * inertia
+    # Imaginary parts of shapes are small, but not negligible.
+    sizes = np.sqrt(np.maximum(np.diag(energy), _TINY))
+    energies, shares = la.eigh(energy / sizes / sizes[:, None])
+    is_independent = energies > _MIN_ENERGY_RATIO * energies[-1]
+    scaled = shares[:, is_independent] / np.sqrt(energies[is_independent]) / sizes[:, None]
+    inertias, shares = la.eigh(scaled.T @ inertia @ scaled)
+    is_soft = inertias * square > _MIN_INERTIA_RATIO
+    return motions @ scaled @ (shares[:, is_soft] / np.sqrt(inertias[is_soft]))
+
+
+def _reduce_damping(
+    system: LoadedEquations, x: Array, mu: float, damping: sp.csc_array, basis: Array, square: float
+) -> Array:
+    """Return B^T C B, from differences of the forces where they agree with the matrix C.
+
+    They disagree for nonlinear dampers and friction. `square` is a typical squared frequency.
+    """
+    by_matrix = basis.T @ (damping @ basis)
+    if not np.any(by_matrix):
+        return by_matrix
+    by_forces = basis.T @ system.multiply_damping(x, mu, basis, float(np.sqrt(square)))
+    rounding = np.max(quadratic_form_rounding(damping, basis))
+    return by_forces if np.max(np.abs(by_forces - by_matrix)) <= rounding else by_matrix
+
+
+def _solve_with_errors(matrix: Array, error: Array, floor: float) -> tuple[Array, Array, Array]:
+    """Return eigenvalues of a matrix, the first k components of their vectors, and error bounds.
+
+    Only the last k rows of the first k columns contain errors: a sample of them is `error`, (k, k),
+    and their norm is at least `floor`. The bounds are of first order in the errors.
+    """
+    k = len(error)
+    values, left, right = la.eig(matrix, left=True)
+    first, last = right[:k], left[-k:]
+    changes = ERROR_MULTIPLE * np.abs(np.einsum("ij,ij->j", last.conj(), error @ first))
+    changes = np.maximum(changes, floor * la.norm(last, axis=0) * la.norm(first, axis=0))
+    conditions = np.abs(np.einsum("ij,ij->j", left.conj(), right))
+    return values, first, changes / np.maximum(conditions, _TINY)

@@ -1,0 +1,142 @@
+"""`beamdae export`: a model as a functional mock-up unit (FMU)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.options import (
+    ModelName,
+    ModelPath,
+    Settings,
+    Starts,
+    load_configured_model,
+    parse_start,
+)
+from beamdae.cli.output import WrittenFiles, create_console, record_results
+from beamdae.cli.output_paths import require_writable
+
+if TYPE_CHECKING:
+    from beamdae.export.fmu import ExportedFmu
+
+_MICROSECONDS = 1e6
+_KILOBYTE = 1e3
+
+
+def export_command(
+    path: ModelPath,
+    fmu: Annotated[Path, typer.Option(metavar="FILE.fmu", help="File to write.")],
+    settings: Settings = None,
+    model_name: ModelName = None,
+    step: Annotated[float, typer.Option(help="Internal step in seconds.")] = 1e-3,
+    inputs: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Inputs of the mechanism. Defaults to all."),
+    ] = None,
+    outputs: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Observed columns. Defaults to all."),
+    ] = None,
+    parameters: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Parameters of the model to be tunable."),
+    ] = None,
+    fmi: Annotated[int, typer.Option(help="Version of the interface: 2 or 3.")] = 2,
+    rho_inf: Annotated[
+        float, typer.Option(help="Spectral radius at infinite frequency of generalized-alpha.")
+    ] = 0.8,
+    start: Starts = None,
+    platforms: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="Platforms of the binaries, such as x86_64-linux,x86_64-windows; none for "
+            "sources only. Defaults to this machine.",
+        ),
+    ] = None,
+    real_time: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Take exactly N Newton iterations in every step."),
+    ] = None,
+    timed_steps: Annotated[
+        int, typer.Option(help="Number of steps to measure on this machine; 0 for none.")
+    ] = 100_000,
+) -> None:
+    """Export a model as an FMU for co-simulation, which runs without Python.
+
+    Exits with 0 if the FMU was written, and with 2 for a usage or model error, for example if the
+    model cannot be exported.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
+    require_writable(("--fmu", [fmu]))
+    from beamdae.export.fmu import export_fmu
+
+    result = export_fmu(
+        model,
+        fmu,
+        step=step,
+        inputs=_split_names(inputs),
+        outputs=_split_names(outputs),
+        parameters=_split_names(parameters) or (),
+        fmi=fmi,
+        rho_inf=rho_inf,
+        start=parse_start(start),
+        platforms=() if platforms == "none" else _split_names(platforms),
+        real_time=real_time,
+        timed_steps=timed_steps,
+    )
+    files = WrittenFiles([result.path])
+    _print_results(result, model.name)
+    files.finish()
+
+
+def _split_names(text: str | None) -> list[str] | None:
+    if text is None:
+        return None
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _print_results(result: ExportedFmu, name: str) -> None:
+    from beamdae.report.terminal import text_tables
+
+    record_results(lambda: _json_results(result))
+    facts = {
+        "interface": f"FMI {result.fmi}.0 for co-simulation",
+        "internal step": f"{result.step:g} s",
+        "inputs": ", ".join(result.inputs) or "none",
+        "tunable parameters": ", ".join(result.parameters) or "none",
+        "outputs": ", ".join(result.outputs) or "none",
+        "binaries": ", ".join(result.platforms) or "none (sources only)",
+        "size": f"{result.size / _KILOBYTE:.0f} kB",
+    }
+    times = result.step_times
+    if times is not None:
+        median, percentile, worst = (_MICROSECONDS * x for x in times[:3])
+        facts["time per step"] = (
+            f"median {median:.3g} us, 99.9 % {percentile:.3g} us, worst {worst:.3g} us "
+            f"({times.steps} steps)"
+        )
+        if times.row_exchanges:
+            facts["row exchanges"] = f"in {times.row_exchanges} matrices, which are slow"
+        if math.isfinite(times.error):
+            facts["error of iterations"] = f"{times.error:.1e} of the range of an output"
+    create_console().print(text_tables.fact_list(name, facts))
+
+
+def _json_results(result: ExportedFmu) -> dict[str, Any]:
+    times = result.step_times
+    return {
+        "fmi": result.fmi,
+        "step": result.step,
+        "inputs": list(result.inputs),
+        "parameters": list(result.parameters),
+        "outputs": list(result.outputs),
+        "platforms": list(result.platforms),
+        "size": result.size,
+        "step times": None if times is None else times._asdict(),
+    }

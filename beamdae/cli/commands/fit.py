@@ -1,0 +1,265 @@
+"""`beamdae fit`: parameters of a model from measured data."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.options import (
+    FixedStep,
+    Jobs,
+    ModelName,
+    ModelPath,
+    Out,
+    Page,
+    Picture,
+    RelativeTolerance,
+    Settings,
+    Starts,
+    create_integrator,
+    load_configured_model,
+    parse_assignments,
+    parse_start,
+)
+from beamdae.cli.output import (
+    WrittenFiles,
+    print_facts,
+    print_warnings,
+)
+from beamdae.cli.output_paths import require_writable
+from beamdae.cli.progress import show_study_progress
+from beamdae.errors import BeamdaeError, BeamdaeWarning
+
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
+if TYPE_CHECKING:
+    from beamdae.analysis.fit.result import Fit
+
+
+def fit_command(
+    path: ModelPath,
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DATA.csv",
+            help="Measured data: a column of times and observed columns, or one value per row "
+            "with the columns experiment, observable, time, value and sigma.",
+        ),
+    ],
+    by: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Parameters to estimate, separated by commas.")
+    ],
+    settings: Settings = None,
+    model_name: ModelName = None,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of a parameter; repeatable."),
+    ] = None,
+    log: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Parameters whose logarithms are varied.")
+    ] = "",
+    sigma: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[COLUMN=]VALUE",
+            help="Standard deviation of the errors of the data; repeatable. Defaults to the column "
+            "sigma, or to an estimate.",
+        ),
+    ] = None,
+    experiment: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="EXPERIMENT:NAME=VALUE",
+            help="Value of a parameter in one experiment of the data; repeatable.",
+        ),
+    ] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Column, or EXPERIMENT:COLUMN, with an unknown scale; '*' for all columns; "
+            "repeatable.",
+        ),
+    ] = None,
+    offset: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN", help="Column with an unknown offset; repeatable."),
+    ] = None,
+    shift: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN[=LOW:HIGH]",
+            help="Column with an unknown delay of its times, and bounds in seconds; repeatable.",
+        ),
+    ] = None,
+    integrator: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Integrator: radau (default), generalized-alpha (default with --step), or an "
+            "Integrator class or instance of the model file.",
+        ),
+    ] = None,
+    rtol: RelativeTolerance = None,
+    step: FixedStep = None,
+    start: Starts = None,
+    starts: Annotated[
+        int, typer.Option(help="Number of searches; all but the first begin at random points.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the random points.")] = 0,
+    jobs: Jobs = None,
+    max_evaluations: Annotated[
+        int, typer.Option(help="Maximum number of runs with derivatives of a search.")
+    ] = 100,
+    page: Page = True,
+    picture: Picture = True,
+    out: Out = Path("results"),
+) -> None:
+    """Estimate parameters of a model from measured data; write estimates, residuals and a page.
+
+    With several starts, finished searches are stored in the results folder: run the same command
+    again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
+    if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    file = ModelFile(path)
+    model = load_configured_model(file, model_name, settings)
+    # A step belongs to generalized-alpha.
+    integrator = integrator or ("radau" if step is None else "generalized-alpha")
+    method = create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file)
+    options: dict[str, Any] = {
+        "by": _split_names(by),
+        "sigma": _parse_sigma(sigma),
+        "experiments": _parse_experiments(experiment),
+        "bounds": {x: _parse_range("--bounds", x, y) for x, y in _assign("--bounds", bounds)},
+        "log": _split_names(log),
+        "scale": scale or [],
+        "offset": offset or [],
+        "shift": _parse_shifts(shift),
+        "start": parse_start(start),
+        "max_evaluations": max_evaluations,
+        "starts": starts,
+        "seed": seed,
+    }
+    stem = f"{model.name}_fit"
+    table_path, residuals_path = out / f"{stem}.csv", out / f"{stem}_residuals.csv"
+    page_path, picture_path = out / f"{stem}.html", out / f"{stem}.png"
+    planned = [table_path, residuals_path, *[page_path] * page, *[picture_path] * picture]
+    require_writable(("--out", planned))
+    from beamdae.analysis.fit.fit import fit
+    from beamdae.results.storage.files import escape_table, write_text
+
+    with warnings.catch_warnings(), ExitStack() as stack:
+        # The warnings are printed with the results.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        if starts > 1:
+            options |= {"folder": out / f"{stem}_starts", "jobs": jobs}
+            options["progress"] = stack.enter_context(show_study_progress())
+        result = fit(model, data, integrator=method, **options)
+    residuals = escape_table(result.residual_table()).to_csv(index=False)
+    files = WrittenFiles(
+        [result.to_csv(table_path), write_text(residuals_path, residuals)],
+        (page_path, picture_path),
+    )
+    _print_results(result, model.name)
+    _finish(result, files, page_path if page else None, picture_path if picture else None)
+
+
+def _finish(result: Fit, files: WrittenFiles, page: Path | None, picture: Path | None) -> None:
+    """Write the page and the picture, and end the command."""
+    from beamdae.results.outcome import Status
+
+    if page is not None:
+        files.write(page.name, lambda: [result.page(page)])
+    if picture is not None:
+        files.write(picture.name, lambda: [result.plot().save(picture)])
+    status = Status("ok" if result.converged else "limited", f"not converged: {result.reason}")
+    files.finish(status)
+
+
+def _split_names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _assign(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
+    return list(parse_assignments(texts, option).items())
+
+
+def _parse_number(option: str, name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise BeamdaeError(f"{option} {name}={text}: the value must be a number.") from None
+
+
+def _parse_range(option: str, name: str, text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise BeamdaeError(
+            f"{option} {name}={text}: the range must have the form LOW:HIGH."
+        ) from None
+    return low, high
+
+
+def _parse_sigma(texts: list[str] | None) -> float | dict[str, float] | None:
+    """Return the number of --sigma VALUE, or the numbers by column of --sigma COLUMN=VALUE."""
+    if not texts:
+        return None
+    if len(texts) == 1 and "=" not in texts[0]:
+        try:
+            return float(texts[0])
+        except ValueError:
+            raise BeamdaeError(f"--sigma {texts[0]}: the value must be a number.") from None
+    return {name: _parse_number("--sigma", name, x) for name, x in _assign("--sigma", texts)}
+
+
+def _parse_experiments(texts: list[str] | None) -> dict[str, dict[str, str]]:
+    """Return the values of --experiment EXPERIMENT:NAME=VALUE by experiment and parameter."""
+    experiments: dict[str, dict[str, str]] = {}
+    for key, value in _assign("--experiment", texts):
+        experiment, _, name = key.rpartition(":")
+        if not experiment or not name:
+            raise BeamdaeError(
+                f"--experiment {key}={value}: the setting must have the form EXPERIMENT:NAME=VALUE."
+            )
+        experiments.setdefault(experiment, {})[name] = value
+    return experiments
+
+
+def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | None]:
+    """Return the bounds of --shift COLUMN=LOW:HIGH by column, None without bounds."""
+    shifts: dict[str, tuple[float, float] | None] = {}
+    for text in texts or []:
+        name, equals, limits = text.rpartition("=")
+        shifts[name or text] = _parse_range("--shift", name, limits) if equals else None
+    return shifts
+
+
+def _print_results(result: Fit, name: str) -> None:
+    from beamdae.report.fit_page import describe_fit
+    from beamdae.report.terminal import text_tables
+
+    console = print_facts(name, describe_fit(result), lambda: _json_results(result))
+    console.print(text_tables.estimates_table(result.table()))
+    print_warnings(console, [*result.warnings, *result.undetermined])
+    for run in result.solutions.values():
+        print_warnings(console, run.warnings)
+
+
+def _json_results(result: Fit) -> dict[str, Any]:
+    return {
+        "status": "ok" if result.converged else "limited",
+        "reason": result.reason,
+        "estimates": result.table().to_dict("index"),
+        "chi-square": result.chi_square,
+        "degrees of freedom": result.degrees_of_freedom,
+        "sigma": dict(result.sigma),
+        "evaluations": result.evaluations,
+        "undetermined": list(result.undetermined),
+        "at bounds": list(result.at_bounds),
+    }

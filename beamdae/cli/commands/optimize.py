@@ -1,0 +1,192 @@
+"""`beamdae optimize`: parameters of a model that minimize a quantity under constraints."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdae.cli.options import (
+    FixedStep,
+    ModelName,
+    ModelPath,
+    Out,
+    Settings,
+    Starts,
+    load_configured_model,
+    parse_assignments,
+    parse_start,
+)
+from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
+from beamdae.cli.output_paths import require_writable
+from beamdae.errors import BeamdaeError, BeamdaeWarning
+
+# NumPy and CasADi are imported inside functions, so that --help responds quickly.
+if TYPE_CHECKING:
+    from beamdae.analysis.optimization.quantities import Limit, Quantity
+    from beamdae.analysis.optimization.result import Optimization
+
+_KINDS = "mass, frequency:NUMBER, equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, integral:COLUMN"
+
+
+def optimize_command(
+    path: ModelPath,
+    by: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Parameters to vary, separated by commas.")
+    ],
+    minimize: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help=f"Quantity to minimize: {_KINDS}.")
+    ] = None,
+    maximize: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Quantity to maximize instead.")
+    ] = None,
+    at_most: Annotated[
+        list[str] | None,
+        typer.Option(metavar="QUANTITY=LIMIT", help="Upper limit of a quantity; repeatable."),
+    ] = None,
+    at_least: Annotated[
+        list[str] | None,
+        typer.Option(metavar="QUANTITY=LIMIT", help="Lower limit of a quantity; repeatable."),
+    ] = None,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of a parameter; repeatable."),
+    ] = None,
+    settings: Settings = None,
+    model_name: ModelName = None,
+    step: FixedStep = None,
+    start: Starts = None,
+    method: Annotated[str, typer.Option(help="SLSQP or trust-constr.")] = "SLSQP",
+    max_evaluations: Annotated[
+        int, typer.Option(help="Maximum number of evaluated designs.")
+    ] = 200,
+    out: Out = Path("results"),
+) -> None:
+    """Minimize a quantity of a model under constraints; write the design and all evaluated designs.
+
+    Exits with 0 if the search converged, 1 if not (the best design is written), 2 for a usage or
+    model error, and 130 after Ctrl-C (the best design so far is written).
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    if (minimize is None) == (maximize is None):
+        raise BeamdaeError("optimize: pass either --minimize or --maximize.")
+    model = load_configured_model(ModelFile(path), model_name, settings)
+    table_path, history_path = (out / f"{model.name}_{name}.csv" for name in ("design", "designs"))
+    require_writable(("--out", [table_path, history_path]))
+    from beamdae.analysis.optimization.optimize import optimize
+    from beamdae.integrators import GeneralizedAlpha
+    from beamdae.results.storage.files import escape_table, write_text
+
+    objective = (
+        _parse_quantity("--minimize", minimize)
+        if maximize is None
+        else -_parse_quantity("--maximize", maximize)
+    )
+    limits = [_parse_limit("--at-most", x) for x in at_most or []]
+    limits += [_parse_limit("--at-least", x) for x in at_least or []]
+    with warnings.catch_warnings():
+        # The warnings are printed with the results.
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        result = optimize(
+            model,
+            objective,
+            [name.strip() for name in by.split(",") if name.strip()],
+            limits,
+            {
+                name: _parse_range(name, text)
+                for name, text in parse_assignments(bounds, "--bounds").items()
+            },
+            None if step is None else GeneralizedAlpha(step=step),
+            start=parse_start(start),
+            method=method,  # type: ignore[arg-type]
+            max_evaluations=max_evaluations,
+            partial="return",
+        )
+    table = escape_table(result.table()).to_csv(index_label="parameter")
+    files = WrittenFiles([write_text(table_path, table), result.to_csv(history_path)])
+    _print_results(result, model.name)
+    files.finish(result.status)
+
+
+def _parse_quantity(option: str, text: Any) -> Quantity:
+    """Return the quantity KIND:NAME."""
+    from beamdae.analysis.gradients.objectives import EndValue, SmoothMaximum, TimeIntegral
+    from beamdae.analysis.optimization.quantities import (
+        EquilibriumValue,
+        Frequency,
+        Mass,
+        as_quantity,
+    )
+
+    kind, _, name = str(text).partition(":")
+    kinds: dict[str, Any] = {
+        "frequency": lambda: Frequency(int(name)),
+        "equilibrium": lambda: EquilibriumValue(name),
+        "end": lambda: EndValue(name),
+        "maximum": lambda: SmoothMaximum(name),
+        "integral": lambda: TimeIntegral(name),
+    }
+    if kind == "mass" and not name:
+        return Mass()
+    is_valid = kind in kinds and (name.isdigit() if kind == "frequency" else bool(name))
+    if not is_valid:
+        raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
+    return as_quantity(option, kinds[kind]())
+
+
+def _parse_limit(option: str, text: str) -> Limit:
+    """Return the constraint QUANTITY=LIMIT."""
+    from beamdae.analysis.optimization.quantities import at_least, at_most
+
+    quantity, _, limit = text.rpartition("=")
+    try:
+        number = float(limit)
+    except ValueError:
+        number = None
+    if number is None or not quantity:
+        raise BeamdaeError(f"{option} {text}: the constraint must have the form QUANTITY=LIMIT.")
+    create = at_most if option == "--at-most" else at_least
+    return create(_parse_quantity(option, quantity), number)
+
+
+def _parse_range(name: str, text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise BeamdaeError(
+            f"--bounds {name}={text}: the range must have the form LOW:HIGH."
+        ) from None
+    return low, high
+
+
+def _print_results(result: Optimization, name: str) -> None:
+    from beamdae.report.terminal import text_tables
+
+    record_results(
+        lambda: {
+            "status": result.status.kind,
+            "reason": result.status.sentence,
+            "objective": result.objective,
+            "parameters": {x: row["value"] for x, row in result.table().iterrows()},
+            "constraints": result.constraint_table().to_dict("records"),
+            "evaluations": result.evaluations,
+            "at bounds": list(result.at_bounds),
+        }
+    )
+    console = create_console()
+    facts = {
+        "status": result.status.sentence,
+        "objective": f"{result.objective:.6g}",
+        "designs": str(result.evaluations),
+        "at a bound": ", ".join(result.at_bounds) or "none",
+    }
+    facts |= {x.name: f"value {x.value:.6g}, margin {x.margin:.3g}" for x in result.constraints}
+    values = result.table()["value"].items()
+    facts |= {str(parameter): f"{value:.6g}" for parameter, value in values}
+    console.print(text_tables.fact_list(name, facts))
+    print_warnings(console, result.warnings)
+    if result.solution is not None:
+        print_warnings(console, result.solution.warnings)

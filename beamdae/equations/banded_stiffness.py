@@ -1,0 +1,102 @@
+"""Stiffness matrices of one part at many states, assembled from element matrices as one band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from beamdae.bounded_cache import bounded_cache
+from beamdae.equations.structure import comparison_key
+from beamdae.read_only import read_only_data
+
+Array = np.ndarray
+
+# Largest total number of coordinates of the cached plans, which take about 5 kB per coordinate.
+_MAX_CACHED_COORDINATES = 4000
+
+
+@read_only_data
+@dataclass(frozen=True, eq=False)
+class BandedStiffness:
+    """Plan for the assembly of element matrices on the coordinates of a part.
+
+    Attributes
+    ----------
+    to_local
+        Operator (elements * size, n) from the coordinates, ordered for a small bandwidth, to the
+        local coordinates of all elements.
+    bandwidth
+        Number of diagonals above and below the main diagonal.
+    entries, sources, factors
+        Entry `entries` of the flattened band receives `factors` times entry `sources` of the
+        flattened element matrices.
+    """
+
+    to_local: sp.csr_array
+    bandwidth: int
+    entries: Array
+    sources: Array
+    factors: Array
+
+    def assemble(self, matrices: Array) -> Array:
+        """Return k matrices as one block-diagonal matrix in the storage of LAPACK.
+
+        Parameters
+        ----------
+        matrices
+            Symmetric element matrices (k, elements, size, size).
+
+        Returns
+        -------
+        ndarray
+            Band (2 bandwidth + 1, k n), see `scipy.linalg.solve_banded`.
+        """
+        count, n, height = len(matrices), self.to_local.shape[1], 2 * self.bandwidth + 1
+        values = matrices.reshape(count, -1)[:, self.sources] * self.factors
+        band = np.zeros((count, n * height))
+        for k in range(count):
+            band[k] = np.bincount(self.entries, values[k], n * height)
+        return band.reshape(count * n, height).T
+
+
+@dataclass(frozen=True)
+class _Operator:
+    """Operator on the coordinates of a part; equal operators have the same key."""
+
+    key: object
+    matrix: sp.csr_array = field(compare=False)
+
+
+def plan_banded_stiffness(operator: sp.csr_array, size: int) -> BandedStiffness:
+    """Return the plan for elements with `size` coordinates.
+
+    `operator` maps the coordinates of the mechanism to the coordinates of all elements. Plans are
+    cached, because the runs of a sweep share them.
+    """
+    return _plan_operator(_Operator(comparison_key(operator), operator), size)
+
+
+@bounded_cache(_MAX_CACHED_COORDINATES, lambda plan: plan.to_local.shape[1])
+def _plan_operator(operator: _Operator, size: int) -> BandedStiffness:
+    matrix = operator.matrix[:, np.unique(operator.matrix.nonzero()[1])]
+    elements = matrix.shape[0] // size
+    couplings = sp.kron(sp.eye_array(elements), np.ones((size, size)), "csr")
+    pattern = sp.csr_array(abs(matrix).T @ couplings @ abs(matrix))
+    to_local = sp.csr_array(matrix[:, reverse_cuthill_mckee(pattern, symmetric_mode=True)])
+    rows, columns, sources, factors = [], [], [], []
+    for k in range(elements):
+        block = to_local[k * size : (k + 1) * size].tocoo()
+        (local, coordinate), weight = block.coords, block.data
+        rows.append(np.repeat(coordinate, len(coordinate)))
+        columns.append(np.tile(coordinate, len(coordinate)))
+        sources.append(np.ravel((k * size + local[:, None]) * size + local))
+        factors.append(np.ravel(np.outer(weight, weight)))
+    row, column = np.concatenate(rows).astype(np.int64), np.concatenate(columns)
+    bandwidth = int(np.max(np.abs(row - column)))
+    entries = column * (2 * bandwidth + 1) + bandwidth + row - column
+    return BandedStiffness(
+        to_local, bandwidth, entries, np.concatenate(sources), np.concatenate(factors)
+    )

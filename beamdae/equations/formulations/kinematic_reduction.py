@@ -1,0 +1,130 @@
+"""Newton's equations of first-order forms without the velocities that q' = v defines.
+
+For a correction of (y, y') by (x, c x), rows q' - v = 0 that hold already give x_v = c x_q. Without
+these rows and velocities, the matrix R_y + c R_y' becomes K + c D + c^2 M, of about half the size.
+Coordinates whose rows contain corrections by joints, q' = v - G^T mu, keep both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.formulations.first_order import FirstOrderForm
+from beamdae.native.loop_functions import combine, pick
+from beamdae.symbolic.kernel_sums import SumPlan
+
+Array = np.ndarray
+
+# Entries of a row q' - v = 0.
+_DEFINITION_ENTRIES = 2
+
+
+class KinematicReduction(NamedTuple):
+    """Equations and unknowns that remain.
+
+    The unknowns are q, the velocities of corrected coordinates, and the multipliers; the equations
+    are the equations of motion, the rows q' = v - G^T mu of corrected coordinates, and the
+    constraints.
+
+    Attributes
+    ----------
+    corrected
+        Indices of the coordinates whose rows contain corrections.
+    defined
+        Indices of the other coordinates.
+    corrected_velocities, defined_velocities
+        Indices of their velocities in y.
+    remaining_velocities
+        Indices of the velocities of corrected coordinates among the remaining unknowns.
+    """
+
+    corrected: Array
+    defined: Array
+    corrected_velocities: Array
+    defined_velocities: Array
+    remaining_velocities: Array
+
+
+def reduce_kinematics(
+    form: FirstOrderForm,
+) -> tuple[sp.csc_array, SumPlan, KinematicReduction]:
+    """Return the pattern of the reduced matrix, the plan of its parts, and the reduction.
+
+    The reduced matrix is A_0 + c A_1 + c^2 A_2. The sum of the plan has the non-zeros of A_0, A_1
+    and A_2 on the pattern, followed by a number that is not used. `form` must have been built with
+    `apart`.
+    """
+    n, size, pattern = form.equations.n, form.size, form.pattern
+    entries = np.bincount(pattern.indices, minlength=size)[:n]
+    is_defined = entries <= _DEFINITION_ENTRIES
+    corrected, defined = np.flatnonzero(~is_defined), np.flatnonzero(is_defined)
+    reduced_size = size - len(defined)
+    remaining_velocities = n + np.arange(len(corrected))
+    # Reduced indices of the rows and columns of the full system, -1 for rows that are dropped.
+    rows, columns = np.full(size, -1), np.zeros(size, int)
+    rows[n : 2 * n] = columns[:n] = columns[n : 2 * n] = np.arange(n)
+    rows[corrected] = columns[n + corrected] = remaining_velocities
+    rows[2 * n :] = columns[2 * n :] = np.arange(n + len(corrected), reduced_size)
+    column = np.repeat(np.arange(size), np.diff(pattern.indptr))
+    is_kept = rows[pattern.indices] >= 0
+    keys = columns[column] * reduced_size + rows[pattern.indices]
+    reduced = sp.csc_array(
+        sp.coo_array(
+            (np.ones(int(is_kept.sum())), np.divmod(keys[is_kept], reduced_size)[::-1]),
+            (reduced_size, reduced_size),
+        )
+    )
+    reduced.sort_indices()
+    reduced.data[:] = 1.0
+    reduced_column = np.repeat(np.arange(reduced_size), np.diff(reduced.indptr))
+    target = np.searchsorted(reduced_column * reduced_size + reduced.indices, keys)
+    # Columns of defined velocities are multiplied by c.
+    is_velocity = np.zeros(size, bool)
+    is_velocity[n + defined] = True
+    power = is_velocity[column].astype(int)
+    targets = [
+        np.where(is_kept, (part + power) * reduced.nnz + target, 3 * reduced.nnz)
+        for part in range(2)
+    ]
+    new_targets = _to_unsigned(np.concatenate(targets))
+    plan = form.sums[1]
+    plan = replace(
+        plan,
+        add_targets=new_targets[plan.add_targets],
+        weighted_targets=new_targets[plan.weighted_targets],
+    )
+    indices = (corrected, defined, n + corrected, n + defined, remaining_velocities)
+    return reduced, plan, KinematicReduction(*map(_to_unsigned, indices))
+
+
+def reduce_unknowns(at: KinematicReduction, n: int, full: Array, reduced: Array) -> None:
+    """Write the remaining unknowns."""
+    combine(reduced[:n], (1.0,), (full[:n],))
+    pick(reduced, at.remaining_velocities, full, at.corrected_velocities, 0, at.corrected.size)
+    combine(reduced[n + at.corrected.size :], (1.0,), (full[2 * n :],))
+
+
+def reduce_right(at: KinematicReduction, n: int, full: Array, reduced: Array) -> None:
+    """Write the remaining entries of a right-hand side."""
+    combine(reduced[:n], (1.0,), (full[n : 2 * n],))
+    pick(reduced, at.remaining_velocities, full, at.corrected, 0, at.corrected.size)
+    combine(reduced[n + at.corrected.size :], (1.0,), (full[2 * n :],))
+
+
+def expand_solution(
+    at: KinematicReduction, n: int, c: complex, reduced: Array, full: Array
+) -> None:
+    """Write the correction of all unknowns, with x_v = c x_q for defined velocities."""
+    combine(full[:n], (1.0,), (reduced[:n],))
+    combine(full[n : 2 * n], (c,), (reduced[:n],))
+    pick(full, at.corrected_velocities, reduced, at.remaining_velocities, 0, at.corrected.size)
+    combine(full[2 * n :], (1.0,), (reduced[n + at.corrected.size :],))
+
+
+def _to_unsigned(indices: Array) -> Array:
+    # Compiled loops check signed indices for wrap-around from the end.
+    return indices.astype(np.uint32)

@@ -1,0 +1,146 @@
+"""Arguments of tables in force formulas, evaluated for many states at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
+
+Array = np.ndarray
+
+# Distance from the end of a table, relative to its range, that is a rounding error.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TableArgumentTerm:
+    """Argument of a table in the force formula of a part.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    table, axis
+        The table, and the index of its argument.
+    observable, numbers
+        Compiled argument, and the numbers to which it refers.
+    """
+
+    part: str
+    table: Any
+    axis: int
+    observable: Observable
+    numbers: Array
+
+    @property
+    def is_limited(self) -> bool:
+        """True if a run ends where the argument leaves the table."""
+        return bool(self.table.outside == "error")
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """First and last value of the argument in the table."""
+        axis = self.table.axes[self.axis]
+        return float(axis[0]), float(axis[-1])
+
+    def evaluate(self, t: Array, branch: float, state: State) -> Array:
+        """Return the argument, (rows,), at times `t` (rows,) on one branch."""
+        o = self.observable
+        times = np.column_stack([t, np.full(len(t), branch)])
+        q, v = (np.asarray(o.operator @ x.T).T for x in (state.q, state.v))
+        return o.function(times, q, v, self.numbers[o.data], np.zeros((len(t), 0)))[:, 0]
+
+    def distance_outside(self, values: Array) -> Array:
+        """Return distances from the table beyond rounding errors; negative values are inside."""
+        low, high = self.limits
+        return np.maximum(low - values, values - high) - _ROUNDING * (high - low)
+
+    def describe(self, value: float) -> str:
+        """Return a phrase about a value outside the table."""
+        return f"{self.part}: {self.table.describe_argument(self.axis, value)}"
+
+
+def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgumentTerm, ...]:
+    """Return the arguments of the tables of all parts, active or not."""
+    mechanism = equations.mechanism
+    arguments = [
+        argument
+        for of_part in equations.statements
+        for statement in of_part.forces
+        for argument in statement.tables
+    ]
+    if mechanism is None or not arguments:
+        return ()
+    coordinate_map, numbers = map_coordinates(mechanism), NumberStore()
+    laws = select_input_laws(mechanism.inputs)
+    found = [
+        (
+            argument,
+            axis,
+            build_observable(argument.part, quantity, coordinate_map, numbers, {}, laws),
+        )
+        for argument in arguments
+        for axis, quantity in _list_quantities(argument)
+    ]
+    p = numbers.all(mechanism.inputs)
+    return tuple(
+        TableArgumentTerm(x.part, x.call.table, axis, observable, p)
+        for x, axis, observable in found
+    )
+
+
+def _list_quantities(argument: TableArgument) -> Iterator[tuple[int, Quantity]]:
+    local = argument.local
+    symbols = ca.vertcat(local.time, local.q, local.v, local.data)
+    for axis, expression in enumerate(argument.call.arguments):
+        if not ca.symvar(expression):
+            continue
+
+        def express(other: Local, expression: Any = expression) -> Any:
+            values = ca.vertcat(other.time, other.q, other.v, other.data)
+            return ca.substitute(expression, symbols, values)
+
+        column = (Variable(f"argument {axis}", "-"),)
+        yield axis, Quantity(column, argument.pieces, express, argument.data[:, 0])
+
+
+def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm, ...]:
+    """Return one term for each distinct argument of each table."""
+    distinct: dict[Any, TableArgumentTerm] = {}
+    for term in terms:
+        o = term.observable
+        operator = o.operator.tocsr()
+        key = (
+            id(term.table),
+            term.axis,
+            id(o.function),
+            operator.indices.tobytes(),
+            operator.data.tobytes(),
+            term.numbers[o.data].tobytes(),
+        )
+        distinct.setdefault(key, term)
+    return tuple(distinct.values())
+
+
+def list_arguments_outside(equations: EquationsOfMotion, time: Array, q: Array) -> list[str]:
+    """Return a phrase for each argument that is outside its table in states of rest.
+
+    `time` is (t, branch), and `q` has shape (rows, n). Only tables that limit their arguments are
+    considered.
+    """
+    phrases = []
+    rows = State(q, *(np.zeros_like(q),) * 2, np.zeros((len(q), 0)))
+    for term in find_distinct(compile_table_arguments(equations)):
+        if term.is_limited:
+            values = term.evaluate(np.full(len(q), time[0]), float(time[1]), rows)
+            outside = term.distance_outside(values) > 0.0
+            phrases += [term.describe(float(value)) for value in values[outside][:1]]
+    return phrases

@@ -1,0 +1,265 @@
+/* FMI 2.0 Co-Simulation interface of an exported model. */
+
+#include "fmi2Functions.h"
+#include "model.h"
+#include "stepper.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    Instance *instance;
+    char *name;
+    fmi2CallbackFunctions callbacks;
+} Component;
+
+static fmi2Status report(const Component *c, const char *message) {
+    if (c->callbacks.logger)
+        c->callbacks.logger(c->callbacks.componentEnvironment, c->name, fmi2Error, "logStatusError",
+                            "%s", message);
+    return fmi2Error;
+}
+
+static fmi2Status check(const Component *c, int code) {
+    return code == 0 ? fmi2OK : report(c, instance_message(c->instance));
+}
+
+const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+
+const char *fmi2GetVersion(void) { return fmi2Version; }
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n,
+                               const fmi2String categories[]) {
+    (void)c, (void)on, (void)n, (void)categories;
+    return fmi2OK;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
+                              fmi2String resources, const fmi2CallbackFunctions *callbacks,
+                              fmi2Boolean visible, fmi2Boolean logging) {
+    (void)resources, (void)visible, (void)logging;
+    Component *c = calloc(1, sizeof(Component));
+    if (!c) return NULL;
+    if (callbacks) c->callbacks = *callbacks;
+    c->name = malloc(strlen(name ? name : "") + 1);
+    if (c->name) strcpy(c->name, name ? name : "");
+    if (type != fmi2CoSimulation) {
+        report(c, "The FMU supports co-simulation only.");
+    } else if (!guid || strcmp(guid, model_token)) {
+        report(c, "The GUID is not that of the model description of this FMU.");
+    } else if (!c->name || !(c->instance = instance_create(&model))) {
+        report(c, "Out of memory.");
+    } else {
+        return c;
+    }
+    fmi2FreeInstance(c);
+    return NULL;
+}
+
+void fmi2FreeInstance(fmi2Component component) {
+    Component *c = component;
+    if (!c) return;
+    instance_free(c->instance);
+    free(c->name);
+    free(c);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean with_tolerance, fmi2Real tolerance,
+                               fmi2Real start, fmi2Boolean with_stop, fmi2Real stop) {
+    (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
+    return start == 0.0 ? fmi2OK : report(c, "The start time must be 0.");
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
+    (void)c;
+    return fmi2OK;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
+    Component *c = component;
+    return check(c, instance_initialize(c->instance));
+}
+
+fmi2Status fmi2Terminate(fmi2Component c) {
+    (void)c;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Reset(fmi2Component component) {
+    Component *c = component;
+    return check(c, instance_reset(c->instance));
+}
+
+fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], size_t n,
+                       fmi2Real value[]) {
+    Component *c = component;
+    for (size_t k = 0; k < n; k++) {
+        if (vr[k] < model.n_values) {
+            value[k] = instance_value(c->instance, vr[k]);
+        } else if (vr[k] - model.n_values < model.n_outputs) {
+            const double *outputs = instance_outputs(c->instance);
+            if (!outputs) return check(c, -1);
+            value[k] = outputs[vr[k] - model.n_values];
+        } else {
+            return report(c, "There is no variable with this value reference.");
+        }
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference vr[], size_t n,
+                       const fmi2Real value[]) {
+    Component *c = component;
+    for (size_t k = 0; k < n; k++) {
+        if (vr[k] >= model.n_values)
+            return report(c, "Only inputs and parameters can be set.");
+        if (instance_set_value(c->instance, vr[k], value[k])) return check(c, -1);
+    }
+    return fmi2OK;
+}
+
+#define NO_VARIABLES(type, Type)                                                                   \
+    fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
+                             type value[]) {                                                       \
+        (void)vr, (void)value;                                                                     \
+        return n == 0 ? fmi2OK : report(c, "All variables are of type Real.");                     \
+    }                                                                                              \
+    fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
+                             const type value[]) {                                                 \
+        (void)vr, (void)value;                                                                     \
+        return n == 0 ? fmi2OK : report(c, "All variables are of type Real.");                     \
+    }
+
+NO_VARIABLES(fmi2Integer, Integer)
+NO_VARIABLES(fmi2Boolean, Boolean)
+NO_VARIABLES(fmi2String, String)
+
+fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    Component *c = component;
+    if (!*state) *state = malloc(instance_state_size(c->instance));
+    if (!*state) return report(c, "Out of memory.");
+    instance_get_state(c->instance, *state);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
+    Component *c = component;
+    return check(c, instance_set_state(c->instance, state));
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate state, size_t *size) {
+    Component *c = component;
+    (void)state;
+    *size = instance_state_size(c->instance);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
+                                 size_t size) {
+    Component *c = component;
+    if (size < instance_state_size(c->instance)) return report(c, "The array is too short.");
+    memcpy(bytes, state, instance_state_size(c->instance));
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size,
+                                   fmi2FMUstate *state) {
+    Component *c = component;
+    if (size != instance_state_size(c->instance))
+        return report(c, "The bytes are not a state of this FMU.");
+    if (!*state) *state = malloc(size);
+    if (!*state) return report(c, "Out of memory.");
+    memcpy(*state, bytes, size);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component component,
+                                        const fmi2ValueReference unknowns[], size_t n_unknowns,
+                                        const fmi2ValueReference knowns[], size_t n_knowns,
+                                        const fmi2Real seed[], fmi2Real result[]) {
+    Component *c = component;
+    double *direction = calloc(model.n_values + model.n_outputs + 1, sizeof(double));
+    double *derivative = direction ? direction + model.n_values : NULL;
+    fmi2Status status = fmi2OK;
+    if (!direction) return report(c, "Out of memory.");
+    for (size_t k = 0; k < n_knowns && status == fmi2OK; k++) {
+        if (knowns[k] < model.n_values)
+            direction[knowns[k]] += seed[k];
+        else
+            status = report(c, "Derivatives exist with respect to inputs and parameters.");
+    }
+    if (status == fmi2OK)
+        status = check(c, instance_derivative(c->instance, direction, derivative));
+    for (size_t k = 0; k < n_unknowns && status == fmi2OK; k++) {
+        if (unknowns[k] >= model.n_values && unknowns[k] - model.n_values < model.n_outputs)
+            result[k] = derivative[unknowns[k] - model.n_values];
+        else
+            status = report(c, "Derivatives exist of outputs only.");
+    }
+    free(direction);
+    return status;
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real value[]) {
+    (void)vr, (void)order, (void)value;
+    return n == 0 ? fmi2OK : report(c, "Inputs are constant during a step.");
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                        const fmi2Integer order[], fmi2Real value[]) {
+    (void)vr, (void)order, (void)value;
+    return n == 0 ? fmi2OK : report(c, "Time derivatives of outputs are not available.");
+}
+
+fmi2Status fmi2DoStep(fmi2Component component, fmi2Real t, fmi2Real step, fmi2Boolean no_set_state) {
+    Component *c = component;
+    (void)no_set_state;
+    if (!(fabs(t - instance_time(c->instance)) <= model.step))
+        return report(c, "The communication point is not the end of the last step.");
+    if (!(step > 0.0)) return report(c, "The communication step must be positive.");
+    return check(c, instance_advance(c->instance, t + step));
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c) { return report(c, "Steps cannot be canceled."); }
+
+static fmi2Status no_status(fmi2Component c) {
+    report(c, "Steps are synchronous.");
+    return fmi2Discard;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Real *value) {
+    Component *c = component;
+    if (kind != fmi2LastSuccessfulTime) return no_status(c);
+    *value = instance_time(c->instance);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}

@@ -1,0 +1,171 @@
+"""C source of kernels and of constant tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+Array = np.ndarray
+
+_NUMBERS_PER_LINE = 12
+
+# C expressions of operations of CasADi with the operands {x} and {y}.
+_EXPRESSIONS = {
+    ca.OP_ASSIGN: "{x}",
+    ca.OP_ADD: "{x} + {y}",
+    ca.OP_SUB: "{x} - {y}",
+    ca.OP_MUL: "{x} * {y}",
+    ca.OP_DIV: "{x} / {y}",
+    ca.OP_NEG: "-{x}",
+    ca.OP_SQ: "{x} * {x}",
+    ca.OP_TWICE: "{x} + {x}",
+    ca.OP_INV: "1.0 / {x}",
+    ca.OP_LT: "{x} < {y}",
+    ca.OP_LE: "{x} <= {y}",
+    ca.OP_EQ: "{x} == {y}",
+    ca.OP_NE: "{x} != {y}",
+    ca.OP_NOT: "{x} == 0.0",
+    ca.OP_AND: "{x} != 0.0 && {y} != 0.0",
+    ca.OP_OR: "{x} != 0.0 || {y} != 0.0",
+    ca.OP_IF_ELSE_ZERO: "{x} != 0.0 ? {y} : 0.0",
+    ca.OP_SIGN: "{x} < 0.0 ? -1.0 : {x} > 0.0 ? 1.0 : {x}",
+}
+_UNARY_FUNCTIONS = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_FABS: "fabs",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_EXP: "exp",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG: "log",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_ERF: "erf",
+}
+_BINARY_FUNCTIONS = {
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+}
+_EXPRESSIONS |= {code: f"{name}({{x}})" for code, name in _UNARY_FUNCTIONS.items()}
+_EXPRESSIONS |= {code: f"{name}({{x}}, {{y}})" for code, name in _BINARY_FUNCTIONS.items()}
+
+
+class UnsupportedOperationError(ValueError):
+    """Raised for a function with an operation that has no C expression."""
+
+
+def write_kernel(name: str, function: ca.Function) -> str:
+    """Return a C function of the type `Kernel` that evaluates an SX function.
+
+    The function takes two dense columns (shared, local) and returns one dense column.
+
+    Raises
+    ------
+    UnsupportedOperationError
+        If the function contains an operation that cannot be written.
+    """
+    if function.class_name() != "SXFunction":
+        function = function.expand()
+    work: dict[int, str] = {}
+    lines = []
+    for k in range(function.n_instructions()):
+        code, sources = function.instruction_id(k), function.instruction_input(k)
+        targets = function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            lines.append(f"out[{targets[1]}] = {work[sources[0]]};")
+            continue
+        if code == ca.OP_CONST:
+            work[targets[0]] = format_number(function.instruction_constant(k))
+            continue
+        if code == ca.OP_INPUT:
+            expression = f"{('shared', 'local')[sources[0]]}[{sources[1]}]"
+        elif code in _EXPRESSIONS:
+            operands = [work[i] for i in sources]
+            expression = _EXPRESSIONS[code].format(x=operands[0], y=operands[-1])
+        else:
+            raise UnsupportedOperationError(f"operation {code} of CasADi")
+        lines.append(f"const double v{k} = {expression};")
+        work[targets[0]] = f"v{k}"
+    body = "\n".join(f"    {line}" for line in lines)
+    head = f"static void {name}(const double *shared, const double *local, double *out) {{"
+    return f"{head}\n    (void)shared, (void)local, (void)out;\n{body}\n}}\n"
+
+
+def format_number(value: float) -> str:
+    """Return a C expression of exactly this number."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    text = repr(float(value))
+    return f"({text})" if text.startswith("-") else text
+
+
+def format_string(text: str) -> str:
+    """Return a C literal of a string in UTF-8."""
+    plain = "".join(
+        chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f"\\{byte:03o}"
+        for byte in text.encode()
+    )
+    return f'"{plain}"'
+
+
+class Tables:
+    """Constant arrays of a source file; equal arrays are written once."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, bytes], str] = {}
+        self._lines: list[str] = []
+
+    def numbers(self, values: Sequence[float] | Array) -> str:
+        """Return the name of an array of doubles; "NULL" for no values."""
+        array = np.asarray(values, float)
+        return self._add("double", array, [format_number(x) for x in array.tolist()])
+
+    def indices(self, values: Sequence[int] | Array) -> str:
+        """Return the name of an array of indices; "NULL" for no values."""
+        array = np.asarray(values, np.int64)
+        return self._add("Index", array, [str(x) for x in array.tolist()])
+
+    def rows(self, kind: str, rows: Sequence[str]) -> str:
+        """Return the name of an array of structs; "NULL" for no rows."""
+        return self._add(kind, np.frombuffer("\n".join(rows).encode(), np.uint8), list(rows), 1)
+
+    def _add(
+        self, kind: str, array: Array, texts: list[str], width: int = _NUMBERS_PER_LINE
+    ) -> str:
+        if not texts:
+            return "NULL"
+        key = (kind, array.tobytes())
+        if key not in self._names:
+            name = self._names[key] = f"table{len(self._names)}"
+            lines = [", ".join(texts[i : i + width]) for i in range(0, len(texts), width)]
+            body = ",\n    ".join(lines)
+            self._lines.append(f"static const {kind} {name}[] = {{\n    {body}}};\n")
+        return self._names[key]
+
+    @property
+    def source(self) -> str:
+        """Definitions of all arrays."""
+        return "\n".join(self._lines)

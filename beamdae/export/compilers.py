@@ -1,0 +1,158 @@
+"""Compilation of C sources by the machine's compiler or by the ziglang package."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from beamdae.errors import BeamdaeError
+
+# The sources are standard C. Fused multiplications would differ between processors.
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
+_MAX_MESSAGE_LENGTH = 500
+
+
+class Platform(NamedTuple):
+    """Platform of a binary.
+
+    Attributes
+    ----------
+    name
+        Name in FMI 3.0, the folder of the binary.
+    fmi2_name
+        Folder of the binary in FMI 2.0; "" if FMI 2.0 defines none.
+    suffix
+        Suffix of shared libraries.
+    zig_target
+        Target of the compiler of ziglang. The binary for Linux runs with glibc 2.17 and later.
+    """
+
+    name: str
+    fmi2_name: str
+    suffix: str
+    zig_target: str
+
+
+PLATFORMS = {
+    x.name: x
+    for x in (
+        Platform("x86_64-linux", "linux64", ".so", "x86_64-linux-gnu.2.17"),
+        Platform("aarch64-linux", "", ".so", "aarch64-linux-gnu.2.17"),
+        Platform("x86_64-windows", "win64", ".dll", "x86_64-windows-gnu"),
+        Platform("x86_64-darwin", "darwin64", ".dylib", "x86_64-macos"),
+        Platform("aarch64-darwin", "", ".dylib", "aarch64-macos"),
+    )
+}
+
+
+def current_platform() -> Platform | None:
+    """Return the platform of this machine; None if FMUs have no name for it."""
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
+        platform.machine().lower(), platform.machine().lower()
+    )
+    return PLATFORMS.get(f"{machine}-{platform.system().lower()}")
+
+
+def find_compiler(part: str, target: Platform) -> list[str]:
+    """Return the command of a C compiler for a platform, with its target.
+
+    The compiler of this machine ($CC, cc, gcc or clang) is used for its own platform. All other
+    platforms require the package ziglang, whose compiler needs no other files.
+
+    Raises
+    ------
+    BeamdaeError
+        If there is none.
+    """
+    if target == current_platform():
+        candidates = (os.environ.get("CC", ""), "cc", "gcc", "clang")
+        for command in filter(None, map(shlex.split, filter(None, candidates))):
+            if shutil.which(command[0]):
+                return command
+    if importlib.util.find_spec("ziglang") is None:
+        raise BeamdaeError(
+            f"{part}: there is no C compiler for {target.name}; install one by "
+            '`pip install "beamdae[fmu]"`, or pass platforms=() for an FMU with sources only.'
+        )
+    return [sys.executable, "-m", "ziglang", "cc", "-target", target.zig_target]
+
+
+def compile_objects(
+    part: str, compiler: Sequence[str], target: Platform, sources: Sequence[Path], folder: Path
+) -> dict[str, Path]:
+    """Compile each source to an object file in `folder`; return the files by name of the source.
+
+    Flags in the environment variable CFLAGS are added.
+
+    Raises
+    ------
+    BeamdaeError
+        If the compiler fails; with the end of its message.
+    """
+    further = shlex.split(os.environ.get("CFLAGS", ""))
+    position = () if target.suffix == ".dll" else ("-fPIC",)
+    objects = {}
+    for source in sources:
+        objects[source.name] = folder / f"{source.stem}.o"
+        output = ["-o", str(objects[source.name])]
+        flags = [*_FLAGS, *position, *further]
+        run_compiler(part, [*compiler, *flags, "-c", str(source), *output])
+    return objects
+
+
+def link_library(
+    part: str, compiler: Sequence[str], target: Platform, objects: Sequence[Path], file: Path
+) -> None:
+    """Link object files to a shared library.
+
+    Raises
+    ------
+    BeamdaeError
+        If the linker fails.
+    """
+    file.parent.mkdir(parents=True, exist_ok=True)
+    libraries = () if target.suffix == ".dll" else ("-lm",)
+    names = [str(x) for x in objects]
+    run_compiler(part, [*compiler, "-shared", "-s", "-o", str(file), *names, *libraries])
+
+
+def link_program(part: str, compiler: Sequence[str], objects: Sequence[Path], file: Path) -> None:
+    """Link object files to a program for this machine.
+
+    Raises
+    ------
+    BeamdaeError
+        If the linker fails.
+    """
+    run_compiler(part, [*compiler, "-o", str(file), *(str(x) for x in objects), "-lm"])
+
+
+def run_compiler(part: str, command: Sequence[str]) -> None:
+    """Run a command of the compiler.
+
+    Raises
+    ------
+    BeamdaeError
+        If it fails.
+    """
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as problem:
+        raise BeamdaeError(
+            f"{part}: the C compiler {command[0]} cannot be run ({problem.strerror}); "
+            "set the environment variable CC to another compiler."
+        ) from None
+    if result.returncode:
+        message = result.stderr.strip()[-_MAX_MESSAGE_LENGTH:]
+        raise BeamdaeError(
+            f"{part}: the C compiler {command[0]} failed; set the environment variable CC to "
+            f"another compiler. Its message ends with: {message}"
+        )

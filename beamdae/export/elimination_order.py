@@ -1,0 +1,67 @@
+"""Elimination of the matrices of a step with diagonal pivots, for all positions of a mechanism."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from beamdae.linear.fixed_order import FixedOrder
+
+Array = np.ndarray
+
+# Coordinates with more couplings than this many times the median, such as those of a floating
+# frame, follow the others.
+_MAX_RELATIVE_COUPLINGS = 2.0
+
+
+def plan_elimination(pattern: sp.csc_array, n: int) -> FixedOrder:
+    """Return the elimination of a matrix of n coordinates, followed by multipliers.
+
+    Coordinates are eliminated first: their block, dominated by inertia, has suitable diagonal
+    pivots in all positions. The remaining block of the multipliers is then definite if the
+    constraints are independent. Pivots chosen for one position would fail in others.
+    """
+    size = pattern.shape[0]
+    ones = sp.csc_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
+    symmetric = sp.csr_array(ones + ones.T)
+    couplings = np.diff(symmetric.indptr)[:n]
+    limit = _MAX_RELATIVE_COUPLINGS * np.median(couplings) if n else 0.0
+    path = _compute_path(symmetric)
+    is_coordinate = path < n
+    band = np.flatnonzero(couplings <= limit)
+    last = path[is_coordinate]
+    order = np.concatenate(
+        [
+            band[_compute_path(symmetric[band][:, band])],
+            last[couplings[last] > limit],
+            path[~is_coordinate],
+        ]
+    ).astype(int)
+    # Only the diagonal of the multipliers may be missing; these entries have no source.
+    entries = sp.csc_array((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr))
+    whole = sp.csc_array(ones + sp.eye_array(size, format="csc"))
+    whole.sort_indices()
+    plan = FixedOrder.of(whole, order)
+    columns = np.repeat(np.arange(size), np.diff(whole.indptr))
+    key, known = columns * size + whole.indices, _keys(entries)
+    at = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
+    source = np.where(known[at] == key, at, -1)[plan.sources]
+    kept = source >= 0
+    ends = np.concatenate([[0], np.cumsum(kept)])
+    return plan._replace(
+        starts=ends[plan.starts].astype(np.uint32),
+        positions=plan.positions[kept],
+        sources=source[kept].astype(np.uint32),
+    )
+
+
+def _keys(matrix: sp.csc_array) -> Array:
+    columns = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+    return columns * len(matrix.indptr[:-1]) + matrix.indices
+
+
+def _compute_path(symmetric: sp.csr_array) -> Array:
+    if symmetric.shape[0] == 0:
+        return np.zeros(0, int)
+    return np.asarray(reverse_cuthill_mckee(sp.csr_matrix(symmetric), symmetric_mode=True), int)

@@ -1,0 +1,501 @@
+"""Export of models as functional mock-up units (FMUs) for co-simulation."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import subprocess
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.table_arguments import compile_table_arguments
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    require_count,
+    require_finite,
+    require_names,
+    require_positive,
+    require_sequence,
+    short_repr,
+    suggest,
+)
+from beamdae.export.c_code import UnsupportedOperationError, format_string
+from beamdae.export.compilers import (
+    PLATFORMS,
+    Platform,
+    compile_objects,
+    current_platform,
+    find_compiler,
+    link_library,
+    link_program,
+)
+from beamdae.export.model_description import (
+    Description,
+    write_build_description,
+    write_description,
+)
+from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
+from beamdae.export.parameter_maps import map_numbers
+from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.alpha.stepper import INCREMENT_ROUNDING
+from beamdae.integrators.redundant_constraints import remove_redundant
+from beamdae.integrators.run_plan import plan_run
+from beamdae.interrupts import interruptible
+from beamdae.model_functions import Model
+from beamdae.parts.laws import Law
+from beamdae.parts.mechanism import Mechanism
+from beamdae.results.columns import select_columns
+from beamdae.results.storage.files import require_file_path, write_bytes
+from beamdae.simulation import as_equations, unpack_model
+
+PART = "export_fmu"
+_C_FOLDER = Path(__file__).parent / "c"
+_SHARED_SOURCES = ("stepper.c", "stepper.h", "model.h")
+_INTERFACE_SOURCES = {
+    2: ("fmi2.c", "fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3.c", "fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_BENCHMARK = "benchmark.c"
+# Entries of the archive have the same date, so that equal models give equal files.
+_DATE = (1980, 1, 1, 0, 0, 0)
+_FILE_MODE = 0o100755  # regular, executable file
+_LICENSE = """\
+The sources of this FMU were written by beamdae and are licensed under the MIT license.
+The headers fmi2*.h and fmi3*.h are licensed under the 2-Clause BSD license by the Modelica
+Association Project "FMI"; the files contain the text of the license.
+"""
+
+
+class StepTimes(NamedTuple):
+    """Measured times of one internal step on this machine [s].
+
+    Attributes
+    ----------
+    median, percentile, worst
+        Median, 99.9th percentile and maximum.
+    steps
+        Number of measured steps.
+    error
+        Largest difference of an output from steps whose iterations converge to rounding, relative
+        to the range of the output in the measured steps; NaN if the iterations of these steps do
+        not converge.
+    row_exchanges
+        Number of matrices that could not be eliminated in the fixed order. The elimination with row
+        exchanges takes a time proportional to the cube of the number of unknowns.
+    """
+
+    median: float
+    percentile: float
+    worst: float
+    steps: int
+    error: float
+    row_exchanges: int
+
+
+@dataclass(frozen=True)
+class ExportedFmu:
+    """Result of `export_fmu`.
+
+    Attributes
+    ----------
+    path
+        The file.
+    fmi
+        Version of the interface, 2 or 3.
+    step
+        Internal step [s].
+    inputs, parameters, outputs
+        Names of the variables.
+    platforms
+        Names of the platforms of the binaries.
+    size
+        Size of the file [bytes].
+    step_times
+        Measured times of a step; None if they were not measured.
+    """
+
+    path: Path
+    fmi: int
+    step: float
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    platforms: tuple[str, ...]
+    size: int
+    step_times: StepTimes | None = None
+
+
+@interruptible
+def export_fmu(
+    model: Any,
+    path: str | Path,
+    *,
+    step: float = 1e-3,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    parameters: Sequence[str] = (),
+    fmi: int = 2,
+    rho_inf: float = 0.8,
+    newton_tolerance: float = 1e-6,
+    start: Any = None,
+    t_end: float | None = None,
+    platforms: Sequence[str] | None = None,
+    real_time: int | None = None,
+    timed_steps: int = 0,
+) -> ExportedFmu:
+    """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
+
+    The FMU contains C source and binaries. It takes steps of `GeneralizedAlpha(step, rho_inf)` with
+    the same kernels, equations and tolerance; results differ from those of `simulate` by rounding
+    errors and errors of Newton's iteration.
+
+    Communication steps can have any length: they are divided into equal internal steps of at most
+    `step`. Each change of the internal step, and each breakpoint of a law, restarts the method with
+    consistent accelerations; constant communication steps that are multiples of `step` avoid this.
+    Inputs are constant during a communication step.
+
+    Directional derivatives are those of the outputs at the end of the last internal step with
+    respect to inputs and parameters held during this step, for the same state at its beginning. The
+    state of an instance can be saved, restored and serialized; runs from a restored state are equal
+    to the last bit.
+
+    Parameters
+    ----------
+    model
+        A model function, a mechanism, a constrained system or equations of motion.
+    path
+        Path of the file to write, with the suffix ".fmu".
+    step
+        Internal step [s].
+    inputs
+        Names of inputs of the mechanism. Defaults to all inputs whose value is a number.
+    outputs
+        Names of observed columns or observables, such as "tip.x" or "tip". Defaults to all.
+    parameters
+        Names of parameters of the model function to be tunable. A parameter is accepted if it
+        changes nothing but numbers of the equations, each through a sum of products of powers of
+        the parameters, and neither positions nor velocities at the start. Both are verified by
+        building the model with other values.
+    fmi
+        Version of the interface, 2 (accepted by most tools) or 3.
+    rho_inf, newton_tolerance
+        Spectral radius at infinite frequency and tolerance of Newton's iteration, as in
+        `GeneralizedAlpha`.
+    start
+        Start of the run, as in `simulate`.
+    t_end
+        Default end time [s] of the FMU. Defaults to the end time of the model.
+    platforms
+        Platforms of the binaries: "x86_64-linux", "aarch64-linux", "x86_64-windows",
+        "x86_64-darwin" and "aarch64-darwin". Defaults to this machine. Other platforms require the
+        package ziglang (`pip install "beamdae[fmu]"`). Empty for sources only.
+    real_time
+        Number of Newton iterations of every step, each step with one factorization, so that all
+        steps take the same time. By default, the number follows from the tolerance.
+    timed_steps
+        Number of steps to be measured on this machine; see `ExportedFmu.step_times`.
+
+    Returns
+    -------
+    ExportedFmu
+        Path, variables and platforms.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model has events, parts that events switch, sampled controllers, redundant
+        constraints, tables that end the run or formulas that have no C expression, an argument is
+        invalid, or no C compiler is found.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> mech.observe("ball", ball.point)
+    >>> fmu = bd.export_fmu(mech, "ball.fmu", t_end=1.0, outputs=["ball.y"], platforms=())
+    >>> fmu.outputs
+    ('ball.y',)
+    """
+    file = require_file_path(PART, path)
+    if file.suffix != ".fmu":
+        raise BeamdaeError(f"{PART}: the path must end with .fmu, got {short_repr(path)}.")
+    step = require_positive(PART, "step", step)
+    require_choice(PART, "fmi", fmi, (2, 3))
+    method = GeneralizedAlpha(step=step, rho_inf=rho_inf, newton_tolerance=newton_tolerance)
+    targets = _require_platforms(platforms, fmi)
+    iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
+    steps = require_count(PART, "timed_steps", timed_steps, least=0)
+    built, end, origin = unpack_model(PART, model, t_end)
+    stop = require_positive(PART, "t_end", end)
+    names = _require_parameters(model, parameters)
+
+    times = np.array([0.0, stop])
+    equations = as_equations(PART, built, start)
+    _require_exportable(equations)
+    plan = plan_run(equations, times)
+
+    def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
+        others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
+        return others, plan_run(others, times).state
+
+    weights = 1.0 / plan.scales
+    size = float(np.max(equations.position_scales * weights, initial=0.0))
+    exported = ExportedModel(
+        equations=equations,
+        state=plan.state,
+        weights=weights,
+        min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
+        method=method,
+        duration=stop,
+        outputs=_select_outputs(equations, outputs),
+        numbers=map_numbers(
+            PART,
+            build,
+            equations,
+            plan.state,
+            _select_inputs(equations, inputs),
+            {name: float(origin["parameters"][name]) for name in names},
+        ),
+        fixed_iterations=iterations,
+    )
+    description = Description(
+        name=origin.get("name", file.stem),
+        identifier=re.sub(r"\W|^(?=\d)", "_", file.stem, flags=re.ASCII),
+        token="",
+        step=step,
+        stop=stop,
+        values=exported.numbers.values,
+        outputs=exported.outputs,
+        sources=("model.c", "stepper.c", f"fmi{fmi}.c"),
+    )
+    _require_unique_names(description)
+    contents, binaries, step_times = _compile(exported, description, fmi, targets, steps)
+    write_bytes(file, _pack(contents | binaries))
+    values = exported.numbers.values
+    return ExportedFmu(
+        path=file,
+        fmi=fmi,
+        step=step,
+        inputs=tuple(x.name for x in values if x.is_input),
+        parameters=tuple(x.name for x in values if not x.is_input),
+        outputs=tuple(x.name for x in exported.outputs),
+        platforms=tuple(x.name for x in targets),
+        size=file.stat().st_size,
+        step_times=step_times,
+    )
+
+
+def _pack(contents: Mapping[str, bytes]) -> bytes:
+    """Return a ZIP archive."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in contents.items():
+            info = zipfile.ZipInfo(name, _DATE)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = _FILE_MODE << 16
+            archive.writestr(info, content)
+    return stream.getvalue()
+
+
+def _require_exportable(e: EquationsOfMotion) -> None:
+    """Reject models that need more than steps of the same equations."""
+    if e.configurations is not None or e.events:
+        events = ", ".join(event.name for event in e.events) or "inactive parts"
+        raise BeamdaeError(
+            f"{PART}: the model has events ({events}), which the FMU cannot detect; "
+            "remove the events and parts that are inactive at the start."
+        )
+    for term in compile_table_arguments(e):
+        if term.is_limited:
+            raise BeamdaeError(
+                f"{PART}: the table of {term.part} ends the run where its argument leaves it, "
+                'which the FMU cannot detect; use outside="hold".'
+            )
+    for owner, law in _time_laws(e.mechanism):
+        if law.ranges:
+            raise BeamdaeError(
+                f"{PART}: the table of {owner} ends the run where the time leaves it, "
+                'which the FMU cannot detect; use outside="hold".'
+            )
+    if remove_redundant(e, 0.0) is not None:
+        raise BeamdaeError(
+            f"{PART}: the model has redundant constraints, whose reactions the FMU cannot "
+            "distribute; remove them."
+        )
+
+
+def _time_laws(mechanism: Mechanism | None) -> Iterator[tuple[str, Law]]:
+    """Yield the time laws of parts, gravity and inputs, with the names of their owners."""
+    if mechanism is None:
+        return
+    for part in mechanism.parts.values():
+        yield from ((part.name, law) for law in part.laws)
+    if mechanism.gravity_laws is not None:
+        yield from (("gravity", law) for law in mechanism.gravity_laws.laws)
+    yield from mechanism.input_laws.items()
+
+
+def _require_platforms(platforms: Any, fmi: int) -> tuple[Platform, ...]:
+    if platforms is None:
+        here = current_platform()
+        return () if here is None or (fmi == 2 and not here.fmi2_name) else (here,)
+    allowed = f"a list of {', '.join(PLATFORMS)}"
+    names = tuple(require_sequence(PART, "platforms", platforms, allowed))
+    for name in names:
+        require_choice(PART, "platforms", name, tuple(PLATFORMS))
+        if fmi == 2 and not PLATFORMS[name].fmi2_name:
+            raise BeamdaeError(f"{PART}: FMI 2.0 has no name for the platform {name}; pass fmi=3.")
+    return tuple(PLATFORMS[name] for name in dict.fromkeys(names))
+
+
+def _require_names(name: str, value: Any) -> list[str]:
+    names = require_names(PART, name, value, "a list of names")
+    return list(dict.fromkeys(names))
+
+
+def _require_parameters(model: Any, parameters: Any) -> list[str]:
+    names = _require_names("parameters", parameters)
+    known: Mapping[str, Any] = model.parameters if isinstance(model, Model) else {}
+    for name in names:
+        if name not in known:
+            raise BeamdaeError(
+                f"{PART}: the model has no parameter {short_repr(name)}{suggest(name, known)}; "
+                f"available parameters: {', '.join(known) or 'none'}."
+            )
+        if not isinstance(known[name], float):
+            raise BeamdaeError(
+                f"{PART}: the parameter {name} must be a real number to be tunable, got "
+                f"{short_repr(known[name])}."
+            )
+        require_finite(PART, name, known[name])
+    return names
+
+
+def _select_inputs(e: EquationsOfMotion, inputs: Any) -> list[tuple[Value, np.ndarray]]:
+    terms = {term.name: term for term in e.inputs}
+    if inputs is None:
+        names = [name for name, term in terms.items() if term.law is None]
+    else:
+        names = _require_names("inputs", inputs)
+    for name in names:
+        if name not in terms:
+            raise BeamdaeError(
+                f"{PART}: the model has no input {short_repr(name)}{suggest(name, terms)}; "
+                f"available inputs: {', '.join(terms) or 'none'}."
+            )
+        if terms[name].law is not None:
+            raise BeamdaeError(
+                f"{PART}: the input {name} is a law of time; give it a number to export it."
+            )
+    return [
+        (Value(x.name, x.unit, float(x.value), is_input=True), np.array(x.indices, int))
+        for x in (terms[name] for name in names)
+    ]
+
+
+def _select_outputs(e: EquationsOfMotion, outputs: Any) -> tuple[Output, ...]:
+    columns = {
+        header: (observable, k)
+        for observable in e.observables
+        for k, header in enumerate(observable.headers)
+    }
+    # Inputs are observed under their names.
+    names = {term.name for term in e.inputs}
+    headers = [header for header in columns if header.rpartition(" [")[0] not in names]
+    if outputs is not None:
+        selected = [
+            select_columns(columns, name, PART) for name in _require_names("outputs", outputs)
+        ]
+        headers = list(dict.fromkeys(header for group in selected for header in group))
+    result = []
+    for header in headers:
+        observable, k = columns[header]
+        name = header.rpartition(" [")[0] or header
+        result.append(Output(name, observable.columns[k].unit, observable, k))
+    return tuple(result)
+
+
+def _require_unique_names(description: Description) -> None:
+    names = [x.name for x in description.values] + [x.name for x in description.outputs]
+    names.append("time")
+    for name in names:
+        if names.count(name) > 1:
+            raise BeamdaeError(
+                f"{PART}: several variables have the name {name}; rename one, or select inputs, "
+                "outputs and parameters."
+            )
+
+
+def _compile(
+    exported: ExportedModel,
+    description: Description,
+    fmi: int,
+    targets: Sequence[Platform],
+    timed_steps: int,
+) -> tuple[dict[str, bytes], dict[str, bytes], StepTimes | None]:
+    """Return texts and binaries of the archive by name, and the times of steps."""
+    try:
+        model_source = write_model_source(exported)
+    except UnsupportedOperationError as problem:
+        raise BeamdaeError(
+            f"{PART}: a formula of the model has no C expression ({problem}); use other functions."
+        ) from None
+    # Equal models have equal tokens.
+    contents = model_source + write_description(description, fmi)
+    token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, contents)}}}"
+    description = replace(description, token=token)
+    sources = {"model.c": f"{model_source}\nconst char model_token[] = {format_string(token)};\n"}
+    for name in (*_SHARED_SOURCES, *_INTERFACE_SOURCES[fmi]):
+        sources[name] = (_C_FOLDER / name).read_text("utf-8")
+    texts = {"modelDescription.xml": write_description(description, fmi)}
+    texts |= {f"sources/{name}": text for name, text in sources.items()}
+    texts["documentation/licenses/license.txt"] = _LICENSE
+    if fmi == 3:
+        texts["sources/buildDescription.xml"] = write_build_description(description)
+    binaries: dict[str, bytes] = {}
+    times = None
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for source, text in sources.items():
+            (folder / source).write_text(text, "utf-8")
+        (folder / _BENCHMARK).write_bytes((_C_FOLDER / _BENCHMARK).read_bytes())
+        for target in targets:
+            compiler = find_compiler(PART, target)
+            is_timed = timed_steps > 0 and target == current_platform()
+            files = [folder / x for x in (*description.sources, *([_BENCHMARK] * is_timed))]
+            objects = compile_objects(PART, compiler, target, files, folder)
+            library = folder / f"{target.name}{target.suffix}"
+            parts = [objects[x] for x in description.sources]
+            link_library(PART, compiler, target, parts, library)
+            place = target.fmi2_name if fmi == 2 else target.name
+            entry = f"binaries/{place}/{description.identifier}{target.suffix}"
+            binaries[entry] = library.read_bytes()
+            if is_timed:
+                # Windows runs only files with this suffix.
+                program = folder / "benchmark.exe"
+                parts = [objects[x] for x in ("model.c", "stepper.c", _BENCHMARK)]
+                link_program(PART, compiler, parts, program)
+                times = _measure(program, timed_steps)
+    return {name: text.encode() for name, text in texts.items()}, binaries, times
+
+
+def _measure(program: Path, steps: int) -> StepTimes:
+    command = [str(program), str(steps)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise BeamdaeError(
+            f"{PART}: steps cannot be timed ({result.stdout.strip()}); pass timed_steps=0 to "
+            "omit the measurement."
+        )
+    return StepTimes(**json.loads(result.stdout))

@@ -1,0 +1,214 @@
+"""Model descriptions of FMUs, versions 2.0 and 3.0 of the Functional Mock-up Interface.
+
+https://fmi-standard.org
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib.metadata import version
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from beamdae.export.model_source import Output, Value
+
+LOG_CATEGORY = "logStatusError"
+# Exponents of SI base units, and of the radian, by unit.
+_BASE_EXPONENTS = {
+    "m": {"m": 1},
+    "s": {"s": 1},
+    "kg": {"kg": 1},
+    "rad": {"rad": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "W": {"kg": 1, "m": 2, "s": -3},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "Hz": {"s": -1},
+    "1": {},
+}
+_FACTOR = re.compile(r"([A-Za-z]+|1)\^?(-?\d*)")
+
+
+@dataclass(frozen=True)
+class Description:
+    """Contents of a model description.
+
+    Attributes
+    ----------
+    name, identifier
+        Name of the model, and name of the binaries (a C identifier).
+    token
+        GUID or instantiation token.
+    step, stop
+        Internal step and default end time [s].
+    values, outputs
+        Inputs, parameters and outputs; value references count values, then outputs.
+    sources
+        Names of the source files to compile.
+    """
+
+    name: str
+    identifier: str
+    token: str
+    step: float
+    stop: float
+    values: tuple[Value, ...]
+    outputs: tuple[Output, ...]
+    sources: tuple[str, ...]
+
+
+def write_description(description: Description, fmi: int) -> str:
+    """Return modelDescription.xml for FMI 2.0 (`fmi` = 2) or 3.0 (3)."""
+    return _format(_describe_2(description) if fmi == 2 else _describe_3(description))
+
+
+def write_build_description(description: Description) -> str:
+    """Return sources/buildDescription.xml of FMI 3.0."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    build = SubElement(root, "BuildConfiguration", modelIdentifier=description.identifier)
+    files = SubElement(build, "SourceFileSet", language="C99")
+    for name in description.sources:
+        SubElement(files, "SourceFile", name=name)
+    SubElement(build, "Library", name="m")
+    return _format(root)
+
+
+def _describe_2(x: Description) -> Element:
+    root = _root(x, "2.0", guid=x.token)
+    interface = SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=x.identifier,
+        canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate="true",
+        canSerializeFMUstate="true",
+        providesDirectionalDerivative=_flag(bool(x.values)),
+    )
+    files = SubElement(interface, "SourceFiles")
+    for name in x.sources:
+        SubElement(files, "File", name=name)
+    _add_common(root, x)
+    variables = SubElement(root, "ModelVariables")
+    for k, value in enumerate(x.values):
+        variable = SubElement(
+            variables, "ScalarVariable", {"name": value.name, "valueReference": str(k)}
+        )
+        variable.attrib |= _role(value)
+        SubElement(variable, "Real", {"start": repr(value.start), **_unit(value.unit)})
+    for k, output in enumerate(x.outputs, len(x.values)):
+        variable = SubElement(
+            variables,
+            "ScalarVariable",
+            {
+                "name": output.name,
+                "valueReference": str(k),
+                "causality": "output",
+                "variability": "continuous",
+            },
+        )
+        SubElement(variable, "Real", _unit(output.unit))
+    structure = SubElement(root, "ModelStructure")
+    if x.outputs:
+        for name in ("Outputs", "InitialUnknowns"):
+            unknowns = SubElement(structure, name)
+            for k in range(len(x.outputs)):
+                SubElement(unknowns, "Unknown", index=str(1 + len(x.values) + k))
+    return root
+
+
+def _describe_3(x: Description) -> Element:
+    root = _root(x, "3.0", instantiationToken=x.token)
+    SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=x.identifier,
+        canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true",
+        canSerializeFMUState="true",
+        providesDirectionalDerivatives=_flag(bool(x.values)),
+        fixedInternalStepSize=repr(x.step),
+    )
+    _add_common(root, x)
+    variables = SubElement(root, "ModelVariables")
+    for k, value in enumerate(x.values):
+        attributes = {"name": value.name, "valueReference": str(k), **_role(value)}
+        SubElement(
+            variables, "Float64", {**attributes, "start": repr(value.start), **_unit(value.unit)}
+        )
+    for k, output in enumerate(x.outputs, len(x.values)):
+        attributes = {"name": output.name, "valueReference": str(k), "causality": "output"}
+        SubElement(variables, "Float64", {**attributes, **_unit(output.unit)})
+    SubElement(
+        variables,
+        "Float64",
+        name="time",
+        valueReference=str(len(x.values) + len(x.outputs)),
+        causality="independent",
+        variability="continuous",
+        unit="s",
+    )
+    structure = SubElement(root, "ModelStructure")
+    for name in ("Output", "InitialUnknown"):
+        for k in range(len(x.outputs)):
+            SubElement(structure, name, valueReference=str(len(x.values) + k))
+    return root
+
+
+def _root(x: Description, fmi: str, **token: str) -> Element:
+    return Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": fmi,
+            "modelName": x.name,
+            **token,
+            "generationTool": f"beamdae {version('beamdae')}",
+            "variableNamingConvention": "flat",
+        },
+    )
+
+
+def _add_common(root: Element, x: Description) -> None:
+    units = {y.unit for y in x.values} | {y.unit for y in x.outputs} | {"s"}
+    definitions = SubElement(root, "UnitDefinitions")
+    for unit in sorted(units - {"-", ""}):
+        element = SubElement(definitions, "Unit", name=unit)
+        exponents = base_exponents(unit)
+        if exponents is not None:
+            SubElement(element, "BaseUnit", {k: str(n) for k, n in exponents.items() if n})
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name=LOG_CATEGORY)
+    times = {"startTime": "0.0", "stopTime": repr(x.stop), "stepSize": repr(x.step)}
+    SubElement(root, "DefaultExperiment", times)
+
+
+def _role(value: Value) -> dict[str, str]:
+    if value.is_input:
+        return {"causality": "input", "variability": "continuous"}
+    return {"causality": "parameter", "variability": "tunable"}
+
+
+def _unit(unit: str) -> dict[str, str]:
+    return {"unit": unit} if unit not in ("-", "") else {}
+
+
+def _flag(value: bool) -> str:
+    return "true" if value else "false"
+
+
+def base_exponents(unit: str) -> dict[str, int] | None:
+    """Return the exponents of the base units of a product such as 'N m/rad'; None if unknown."""
+    exponents: dict[str, int] = {}
+    for sign, product in zip((1, *[-1] * unit.count("/")), unit.split("/"), strict=True):
+        for factor in re.split(r"[ *·()]+", product.strip(" ()")):
+            match = _FACTOR.fullmatch(factor)
+            if match is None or match[1] not in _BASE_EXPONENTS:
+                return None
+            for base, exponent in _BASE_EXPONENTS[match[1]].items():
+                power = sign * exponent * int(match[2] or 1)
+                exponents[base] = exponents.get(base, 0) + power
+    return exponents
+
+
+def _format(root: Element) -> str:
+    indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, "unicode")}\n'

@@ -1,0 +1,151 @@
+"""Detection of arguments that leave a table, and of steps that pass over a peak of a table.
+
+Adaptive methods pass single kinks of tables without loss of accuracy, because the error test sees
+them (see the decisions in the developer pages). A peak between the places at which the method
+evaluates the table is not seen; the run then restarts where the peak begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.table_arguments import TableArgumentTerm
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+# Relative tolerance of the time at which an argument passes a row.
+_TIME_TOLERANCE = 1e-14
+# A step passes over a peak if the values of rows inside the step differ by this fraction of the
+# range of all values from those at both ends and in the middle of the step.
+_MIN_PEAK = 0.05
+
+
+class TableStop(NamedTuple):
+    """Time at which a step must end.
+
+    Attributes
+    ----------
+    t
+        The time [s].
+    reason
+        Reason why the run ends there; empty at a peak, where the run restarts.
+    probe
+        Time [s] inside the peak, at which the first step after the restart ends at the latest.
+    """
+
+    t: float
+    reason: str
+    probe: float
+
+
+@dataclass(frozen=True)
+class TableDetector:
+    """Detector of arguments that leave tables, and of steps that pass over their peaks.
+
+    Attributes
+    ----------
+    terms
+        Arguments of the tables in force formulas.
+    finds_peaks
+        True to detect peaks that a step passes over, for adaptive methods: their error test does
+        not see a peak between the places at which they evaluate the table.
+    """
+
+    terms: Sequence[TableArgumentTerm]
+    finds_peaks: bool
+
+    def find_first(self, interval: Interval, begin: float) -> TableStop | None:
+        """Return the first stop in the steps after `begin` [s], or None."""
+        inactive = (
+            frozenset() if interval.configuration is None else interval.configuration.inactive
+        )
+        first = int(np.searchsorted(interval.t, begin))
+        t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
+        stops = []
+        for term in self.terms if len(t) > 1 else ():
+            if term.part in inactive:
+                continue
+            values = term.evaluate(t, interval.branch, state)
+            if term.is_limited:
+                stops.append(_find_end(term, interval, t, values))
+            if self.finds_peaks:
+                stops.append(_find_peak(term, interval, t, values))
+        return min((stop for stop in stops if stop is not None), default=None)
+
+    def reason_at(self, t: float, branch: float, state: State, inactive: frozenset[str]) -> str:
+        """Return the reason why a run cannot continue from a state; "" if it can."""
+        rows = State(*(x[None] for x in state))
+        for term in self.terms:
+            if term.is_limited and term.part not in inactive:
+                value = term.evaluate(np.array([t]), branch, rows)
+                if term.distance_outside(value)[0] > 0.0:
+                    return term.describe(float(value[0]))
+        return ""
+
+
+def _find_end(
+    term: TableArgumentTerm, interval: Interval, t: Array, values: Array
+) -> TableStop | None:
+    (outside,) = np.nonzero(term.distance_outside(values) > 0.0)
+    if not len(outside):
+        return None
+    k = max(int(outside[0]), 1)
+    level = term.limits[int(values[k] > term.limits[0])]
+    when = _locate(term, interval, float(t[k - 1]), float(t[k]), level)
+    return TableStop(when, term.describe(float(values[k])), when)
+
+
+def _find_peak(
+    term: TableArgumentTerm, interval: Interval, t: Array, values: Array
+) -> TableStop | None:
+    """Return the first row of the first peak that a step passed over; tables of one argument."""
+    if len(term.table.axes) > 1:
+        return None
+    (knots,), heights = term.table.axes, term.table.values
+    place = np.searchsorted(knots, values)
+    # A peak lies between two other rows.
+    for k in np.flatnonzero(np.abs(np.diff(place)) > 1):
+        start, end = float(t[k]), float(t[k + 1])
+        ascends = place[k + 1] > place[k]
+        rows = np.arange(min(place[k : k + 2]), max(place[k : k + 2]))[:: 1 if ascends else -1]
+        middle = _evaluate(term, interval, 0.5 * (start + end))
+        seen = term.table(np.array([values[k], middle, values[k + 1]]))
+        excess = np.maximum(heights[rows] - seen.max(), seen.min() - heights[rows])
+        (peaks,) = np.nonzero(excess > _MIN_PEAK * np.ptp(heights))
+        if not len(peaks):
+            continue
+        peak = int(peaks[0])
+        probe = _locate(term, interval, start, end, float(knots[rows[peak]]))
+        foot = (
+            start
+            if peak == 0
+            else _locate(term, interval, start, probe, float(knots[rows[peak - 1]]))
+        )
+        return TableStop(foot, "", probe)
+    return None
+
+
+def _evaluate(term: TableArgumentTerm, interval: Interval, t: float) -> float:
+    times = np.array([t])
+    return float(term.evaluate(times, interval.branch, interval.at(times))[0])
+
+
+def _locate(
+    term: TableArgumentTerm, interval: Interval, start: float, end: float, level: float
+) -> float:
+    """Return the time between two times [s] at which an argument passes a level."""
+    # Imported here because the import takes as long as a short run.
+    from scipy.optimize import brentq
+
+    def difference(t: float) -> float:
+        return _evaluate(term, interval, t) - level
+
+    if difference(start) * difference(end) >= 0.0:
+        return end if abs(difference(end)) < abs(difference(start)) else start
+    return float(brentq(difference, start, end, rtol=_TIME_TOLERANCE))

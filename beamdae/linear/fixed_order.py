@@ -1,0 +1,173 @@
+"""Elimination of sparse matrices in a fixed order, with diagonal pivots.
+
+The order depends on the pattern only, so that no search for pivots is needed, and a symmetric
+matrix has as many negative eigenvalues as negative pivots (Sylvester's law of inertia). Solutions
+may be inaccurate: the caller refines and checks them. `eliminate` and `substitute` are plain loops
+over arrays that numba can compile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from beamdae.linear.pivots import compute_fill
+
+Array = np.ndarray
+
+
+class FixedOrder(NamedTuple):
+    """Order of elimination and pattern of the factors; a position is an index in the order.
+
+    Attributes
+    ----------
+    order
+        Indices of the unknowns, and of their equations, by position.
+    starts, positions, sources
+        Columns of the matrix, by position: their starts, the positions of their rows, and the
+        indices of their CSC non-zeros.
+    upper_starts, upper_rows, lower_starts, lower_rows
+        Columns of the factors above and below the diagonal: their starts, and the positions of
+        their rows, ascending.
+    """
+
+    order: Array
+    starts: Array
+    positions: Array
+    sources: Array
+    upper_starts: Array
+    upper_rows: Array
+    lower_starts: Array
+    lower_rows: Array
+
+    @classmethod
+    def of(cls, pattern: sp.csc_array, order: Array) -> FixedOrder:
+        """Return the elimination of matrices with this CSC pattern, which includes the diagonal."""
+        position = np.empty(len(order), int)
+        position[order] = np.arange(len(order))
+        numbers = (np.arange(pattern.nnz), position[pattern.indices], pattern.indptr)
+        permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
+        upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
+        arrays = (order, permuted.indptr, permuted.indices, permuted.data)
+        flat = (*_flatten_columns(upper), *_flatten_columns(lower))
+        return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))
+
+
+def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
+    starts = np.cumsum([0, *map(len, columns)])
+    return starts, np.fromiter(chain.from_iterable(columns), int, starts[-1])
+
+
+@dataclass(slots=True)
+class FixedOrderFactors:
+    """Factors of the last matrix.
+
+    Attributes
+    ----------
+    plan
+        Order and pattern.
+    upper, lower, inverse
+        Entries of the factors above and below the diagonal, and the reciprocals of the pivots.
+    x
+        Work array by position.
+    smallest_pivot
+        Smallest magnitude of a pivot.
+    """
+
+    plan: FixedOrder
+    upper: Array
+    lower: Array
+    inverse: Array
+    x: Array
+    smallest_pivot: float = 0.0
+
+    @classmethod
+    def of(cls, plan: FixedOrder) -> FixedOrderFactors:
+        """Return the arrays of the factors, filled with zeros."""
+        size = len(plan.order)
+        upper, lower = np.zeros(len(plan.upper_rows)), np.zeros(len(plan.lower_rows))
+        return cls(plan, upper, lower, np.zeros(size), np.zeros(size))
+
+
+def eliminate(factors: FixedOrderFactors, nonzeros: Array) -> int:
+    """Factorize the matrix with these CSC non-zeros.
+
+    Return the number of negative pivots, or -1 if a pivot or its reciprocal is not finite.
+    """
+    plan, upper, lower, x = factors.plan, factors.upper, factors.lower, factors.x
+    starts, positions, sources = plan.starts, plan.positions, plan.sources
+    upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
+    lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
+    count, smallest = 0, np.inf
+    for j in range(len(x)):
+        x[j] = 0.0
+    for j in range(len(x)):
+        for e in range(starts[j], starts[j + 1]):
+            x[positions[e]] = nonzeros[sources[e]]
+        for p in range(upper_starts[j], upper_starts[j + 1]):
+            k = upper_rows[p]
+            factor = x[k]
+            x[k] = 0.0
+            upper[p] = factor
+            for q in range(lower_starts[k], lower_starts[k + 1]):
+                x[lower_rows[q]] -= lower[q] * factor
+        pivot = x[j]
+        if pivot == 0.0:
+            return -1
+        inverse = 1.0 / pivot
+        if not (np.isfinite(pivot) and np.isfinite(inverse)):
+            return -1
+        if pivot < 0.0:
+            count += 1
+        smallest = min(smallest, abs(pivot))
+        factors.inverse[j] = inverse
+        x[j] = 0.0
+        for q in range(lower_starts[j], lower_starts[j + 1]):
+            row = lower_rows[q]
+            lower[q] = x[row] * inverse
+            x[row] = 0.0
+    factors.smallest_pivot = smallest
+    return count
+
+
+def substitute(factors: FixedOrderFactors, right: Array) -> None:
+    """Replace `right` by the solution, without refinement."""
+    plan, upper, lower, x = factors.plan, factors.upper, factors.lower, factors.x
+    lower_starts, lower_rows, order = plan.lower_starts, plan.lower_rows, plan.order
+    upper_starts, upper_rows, inverse = plan.upper_starts, plan.upper_rows, factors.inverse
+    size = len(x)
+    for k in range(size):
+        x[k] = right[order[k]]
+    for k in range(size):
+        value = x[k]
+        for q in range(lower_starts[k], lower_starts[k + 1]):
+            x[lower_rows[q]] -= lower[q] * value
+    for back in range(size):
+        k = size - 1 - back
+        value = x[k] * inverse[k]
+        x[k] = value
+        for p in range(upper_starts[k], upper_starts[k + 1]):
+            x[upper_rows[p]] -= upper[p] * value
+    for k in range(size):
+        right[order[k]] = x[k]
+
+
+def count_negative_pivots_by_scipy(plan: FixedOrder, nonzeros: Array) -> int:
+    """Return the result of `eliminate` for a symmetric matrix, by SuperLU."""
+    size = len(plan.order)
+    data = (nonzeros[plan.sources], plan.positions.astype(np.int32), plan.starts.astype(np.int32))
+    matrix = sp.csc_matrix(sp.csc_array(data, shape=(size, size)))
+    matrix.sort_indices()
+    options = {"SymmetricMode": True}
+    try:
+        factors = splu(matrix, "NATURAL", 0.0, relax=1, panel_size=1, options=options)
+    except RuntimeError:
+        return -1
+    if not np.array_equal(factors.perm_r, np.arange(size)):
+        return -1
+    return int(np.sum(factors.U.diagonal() < 0.0))

@@ -1,0 +1,1 @@
+"""Controllers: sampled laws in Python, and formulas of states."""

@@ -1,0 +1,262 @@
+"""Blocks of continuous controllers: filters, transfer functions and PID, made of states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_name,
+    require_pair,
+    require_positive,
+    require_sequence,
+    short_repr,
+)
+from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.signals import State, require_formula
+from beamdae.symbolic.local_symbols import SX
+
+
+def low_pass(
+    mechanism: Mechanism,
+    name: str,
+    value: Any,
+    time_constant: float,
+    start: float = 0.0,
+    unit: str = "-",
+    scale: float = 1.0,
+) -> State:
+    """Add a first-order low-pass filter T y' = value - y and return its state y.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism to which the state is added.
+    name, start, unit, scale
+        See `Mechanism.state`.
+    value
+        Filtered value: a formula of inputs, sensors and states.
+    time_constant
+        Time constant T [s].
+
+    Returns
+    -------
+    State
+        The filtered value.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    >>> x = mech.sensor("x", ball.point, "x")
+    >>> smooth = bd.low_pass(mech, "smooth", x, time_constant=0.5, unit="m")
+    >>> run = bd.simulate(mech, bd.Radau(), t_end=1.0)
+    >>> print(f"{run['smooth'].iloc[-1]:.4f} m")
+    0.8647 m
+    """
+    _require_mechanism("low_pass", mechanism)
+    name = require_name("low_pass", name)
+    value = require_formula(name, "value", value)
+    time = require_positive(name, "time_constant", time_constant)
+    return mechanism.state(name, lambda y, t: (value - y) / time, start, unit, scale)
+
+
+def _require_mechanism(caller: str, value: Any) -> None:
+    if not isinstance(value, Mechanism):
+        raise BeamdaeError(f"{caller}: mechanism must be a Mechanism, got {short_repr(value)}.")
+
+
+def transfer_function(
+    mechanism: Mechanism,
+    name: str,
+    value: Any,
+    numerator: Sequence[float],
+    denominator: Sequence[float],
+    scale: float = 1.0,
+) -> SX:
+    """Add a transfer function and return its output, a formula of its states.
+
+    The block is the controllable canonical form x_1' = x_2, ...,
+    x_n' = value - (a_0 x_1 + ... + a_n-1 x_n) with the output b_0 x_1 + ... + b_n-1 x_n + d value.
+    All states start at zero.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism to which the states `name` 1, ..., `name` n are added.
+    name
+        Name of the block.
+    value
+        Input of the block: a formula of inputs, sensors and states.
+    numerator, denominator
+        Coefficients in descending powers of s, as in `scipy.signal.TransferFunction`. The degree of
+        the numerator must not exceed that of the denominator.
+    scale
+        Typical size of the states; see `Mechanism.state`.
+
+    Returns
+    -------
+    casadi.SX
+        The output, for laws and formulas.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> step = mech.input("step", default=1.0)
+    >>> output = bd.transfer_function(mech, "filter", step, [4.0], [1.0, 2.0, 4.0])
+    >>> response = mech.state("response", output)
+    """
+    _require_mechanism("transfer_function", mechanism)
+    name, what = require_name("transfer_function", name), "a list of numbers"
+    value = require_formula(name, "value", value)
+    b, a = (
+        np.trim_zeros(
+            np.array(
+                [require_finite(name, key, x) for x in require_sequence(name, key, values, what)]
+            ),
+            "f",
+        )
+        for key, values in (("numerator", numerator), ("denominator", denominator))
+    )
+    if len(a) == 0 or len(b) > len(a):
+        raise BeamdaeError(
+            f"{name}: the degree of the numerator must not exceed that of the denominator, got "
+            f"{short_repr(numerator)} and {short_repr(denominator)}."
+        )
+    what = f"the coefficients divided by the first of the denominator ({a[0]:g})"
+    # Python floats: overflows of arrays issue warnings.
+    a, b = (
+        np.array([require_finite(name, what, x / float(a[0])) for x in values.tolist()])
+        for values in (a, np.concatenate([np.zeros(len(a) - len(b)), b]))
+    )
+    direct, count = b[0], len(a) - 1
+    states = [mechanism.state(f"{name} {k + 1}", scale=scale) for k in range(count)]
+    # Ascending powers, without the leading coefficient 1.
+    feedback, output = value, direct * value
+    for state, low, out in zip(states, a[:0:-1], b[:0:-1], strict=True):
+        feedback = feedback - low * state
+        output = output + (out - direct * low) * state
+    for k, state in enumerate(states):
+        state.follows(states[k + 1] if k + 1 < count else feedback)
+    return output
+
+
+def pid(
+    mechanism: Mechanism,
+    name: str,
+    error: Any,
+    kp: float,
+    ki: float = 0.0,
+    kd: float = 0.0,
+    *,
+    rate: Any = None,
+    filter_time: float | None = None,
+    limits: tuple[float, float] | None = None,
+    tracking_time: float | None = None,
+    scale: float = 1.0,
+) -> SX:
+    """Add a continuous PID controller and return its output, a formula of its states.
+
+    u = kp error + ki I + kd D with I' = error and D = `rate`, or, with a filter,
+    D = (error - F) / T and T F' = error - F. With `limits`, the output is clipped to them, and the
+    integral follows I' = error + (clipped u - u) / (ki T_t), so that it does not wind up (back
+    calculation: Astrom & Hagglund, Advanced PID Control, ISA 2006, section 3.5).
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism to which the states `name` integral and `name` filter are added.
+    name
+        Name of the controller.
+    error
+        Setpoint minus measured value: a formula of inputs, sensors and states.
+    kp, ki, kd
+        Gains.
+    rate
+        Rate of the error, such as the negative value of a sensor. If None, `filter_time` is
+        required for kd.
+    filter_time
+        Time constant T of the derivative [s].
+    limits
+        Smallest and largest output.
+    tracking_time
+        Time constant T_t [s] by which the integral leaves saturation. Defaults to kp / ki.
+    scale
+        Typical size of the states; see `Mechanism.state`.
+
+    Returns
+    -------
+    casadi.SX
+        The output, for laws and formulas.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
+    >>> rail = mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    >>> x = mech.sensor("x", stage.point, "x")
+    >>> v = mech.sensor("v", stage.point, "x_dot")
+    >>> force = bd.pid(mech, "servo", 0.1 - x, kp=300.0, ki=400.0, kd=40.0, rate=-v)
+    >>> motor = mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+    >>> run = bd.simulate(mech, bd.Radau(), t_end=9.0)
+    >>> print(f"{run['x'].iloc[-1]:.4f} m")
+    0.1000 m
+    """
+    _require_mechanism("pid", mechanism)
+    name, error = require_name("pid", name), require_formula(name, "error", error)
+    kp, ki, kd = (require_finite(name, key, x) for key, x in (("kp", kp), ("ki", ki), ("kd", kd)))
+    # Checked before states are added, so that an error leaves the mechanism unchanged.
+    bounds, tracking = None, 0.0
+    if limits is not None:
+        bounds = [require_finite(name, "limits", x) for x in require_pair(name, "limits", limits)]
+        if not bounds[0] < bounds[1]:
+            raise BeamdaeError(f"{name}: limits must ascend, got {short_repr(limits)}.")
+        if ki:
+            tracking = require_positive(
+                name, "tracking_time", kp / ki if tracking_time is None else tracking_time
+            )
+    output = kp * error
+    if kd and rate is not None:
+        output = output + kd * require_formula(name, "rate", rate)
+    elif kd:
+        if filter_time is None:
+            raise BeamdaeError(
+                f"{name}: the derivative requires rate= or filter_time=; pass the measured rate of "
+                "the error or a time constant [s]."
+            )
+        time = require_positive(name, "filter_time", filter_time)
+        filtered = low_pass(mechanism, f"{name} filter", error, time, scale=scale)
+        output = output + (kd / time) * (error - filtered)
+    integral = None
+    if ki:
+        integral = mechanism.state(f"{name} integral", scale=scale)
+        output = output + ki * integral
+    clipped = output if bounds is None else ca.fmin(ca.fmax(output, bounds[0]), bounds[1])
+    if integral is not None and bounds is not None:
+        integral.follows(error + (clipped - output) / (ki * tracking))
+    elif integral is not None:
+        integral.follows(error)
+    return clipped

@@ -1,0 +1,299 @@
+"""Sampled controllers: Python functions that set inputs at equal intervals of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.errors import (
+    MAX_MAGNITUDE,
+    BeamdaeError,
+    as_real,
+    format_exception,
+    require_count,
+    require_finite,
+    require_name,
+    require_positive,
+    require_sequence,
+    set_fields,
+    short_repr,
+)
+from beamdae.parts.attachments import Attachment
+from beamdae.parts.forces.formula_checks import require_function
+from beamdae.parts.observables import as_quantity
+from beamdae.parts.part import Part
+from beamdae.parts.signals import Input, Value
+from beamdae.symbolic.statements import (
+    ForceKernel,
+    ForceStatement,
+    Local,
+    Piece,
+    Quantity,
+    Variable,
+)
+
+Array = np.ndarray
+_MAX_DELAY = 1000  # samples; each adds one coordinate per driven input
+
+
+@dataclass
+class Sample:
+    """One sample of a `Controller`, the argument of its law.
+
+    Attributes
+    ----------
+    t
+        Time of the sample [s].
+    index
+        Number of the sample, t = index * every.
+    every
+        Interval between samples [s].
+    reads
+        Measured values, (number of read columns,).
+    state
+        Discrete state of the law, which the law may change in place; it is kept until the next
+        sample.
+    """
+
+    t: float
+    index: int
+    every: float
+    reads: Array
+    state: Array
+    seed: int = field(repr=False)
+
+    @cached_property
+    def random(self) -> np.random.Generator:
+        """Random numbers of this sample; the same in every run with the same `seed`."""
+        return np.random.default_rng((self.seed, self.index))
+
+
+@dataclass(frozen=True, eq=False)
+class Controller(Part):
+    """Sampled controller: a Python function that sets inputs, which are held between samples.
+
+    At t = 0, `every`, 2 `every`, ..., the law receives the measured values and returns the values
+    of the driven inputs. Integrators end a step at each sample and restart from a consistent state.
+    The held values and the discrete state of the law are coordinates of the mechanism: they are
+    part of results, saved runs and restarts, and the law is a pure function of its argument.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    every
+        Interval between samples [s].
+    reads
+        Sensors, states, inputs, quantities or attachments; the law receives all their columns.
+    drives
+        Inputs of the mechanism whose values are numbers. Until the first delayed value arrives,
+        they keep their defaults. They may define forces and rates of states, but no constraints.
+    law
+        Function of a sample with the attributes `t` [s], `index`, `every`, `reads` (array),
+        `state` (array, which the law may change in place) and `random`, a NumPy generator for
+        noise. It returns one number per driven input (for one input, a number).
+    state
+        Initial values of the discrete state.
+    delay
+        Number of whole samples after which the values take effect, at most 1000.
+    seed
+        Seed of the random numbers.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument is invalid. `Mechanism.add` raises this error for inputs that are not part of
+        the mechanism, have a law or are already driven. A run ends with the status "failed" if the
+        law raises an exception or does not return finite numbers of at most 1e75.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism()
+    >>> wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5))
+    >>> pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    >>> torque = mech.input("torque", unit="N m")
+    >>> motor = mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
+    >>> angle = mech.sensor("angle", wheel.at(0.0, 0.0), "angle")
+    >>> rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
+    >>> def law(sample):
+    ...     angle, rate = sample.reads
+    ...     return 8.0 * (1.0 - angle) - 4.0 * rate
+    >>> servo = mech.add(bd.Controller("servo", 0.05, [angle, rate], [torque], law))
+    >>> run = bd.simulate(mech, bd.GeneralizedAlpha(0.01), t_end=3.0)
+    >>> print(f"{run['angle'].iloc[-1]:.3f}")
+    1.000
+    """
+
+    name: str
+    every: float
+    reads: Any
+    drives: Any
+    law: Callable[[Sample], Any]
+    state: Any = ()
+    delay: int = 0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        name = require_name("Controller", self.name)
+        require_function(name, "law", self.law)
+        what = "a list of sensors, states, quantities or attachments"
+        reads = [self.reads] if _is_readable(self.reads) else self.reads
+        reads = require_sequence(name, "reads", reads, what)
+        drives = [self.drives] if isinstance(self.drives, Input) else self.drives
+        drives = require_sequence(name, "drives", drives, "a list of inputs")
+        for read in reads:
+            if not _is_readable(read):
+                raise BeamdaeError(f"{name}: reads must be {what}, got {short_repr(read)}.")
+        for drive in drives:
+            if not isinstance(drive, Input) or drive.law is not None:
+                raise BeamdaeError(
+                    f"{name}: drives must be inputs of the mechanism with numbers as default, got "
+                    f"{short_repr(drive)}."
+                )
+        if not drives:
+            raise BeamdaeError(f"{name}: drives must contain at least one input.")
+        state = require_sequence(name, "state", self.state, "a list of numbers")
+        set_fields(
+            self,
+            name=name,
+            every=require_positive(name, "every", self.every),
+            reads=tuple(reads),
+            drives=tuple(drives),
+            state=tuple(require_finite(name, "state", x) for x in state),
+            delay=require_count(name, "delay", self.delay, least=0, most=_MAX_DELAY),
+            seed=require_count(name, "seed", self.seed, least=0),
+        )
+
+    @property
+    def bodies(self) -> tuple[Part, ...]:
+        """Empty: the mechanism checks the parts to which the quantities refer."""
+        return ()
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Quantities that the law reads."""
+        quantities = tuple(as_quantity(self.name, read) for read in self.reads)
+        if any(quantity.joint is not None for quantity in quantities):
+            raise BeamdaeError(
+                f"{self.name}: a controller cannot read the reaction of a joint; read a "
+                "deformation or a motion."
+            )
+        return quantities
+
+    @property
+    def coordinates(self) -> tuple[Variable, ...]:
+        """Driven values, values that wait for their delay, and the discrete state."""
+        driven = [Variable(x.name, x.unit) for x in self.drives]
+        waiting = [
+            Variable(f"{x.name} after {k + 1}", x.unit)
+            for k in range(self.delay)
+            for x in self.drives
+        ]
+        state = [Variable(f"state{k + 1}", "-") for k in range(len(self.state))]
+        return (*driven, *waiting, *state)
+
+    @property
+    def is_state(self) -> bool:
+        """True: the values have no inertia."""
+        return True
+
+    @property
+    def scale(self) -> float:
+        """One: the values may have different units."""
+        return 1.0
+
+    @property
+    def initial_position(self) -> Array:
+        """Defaults of the inputs, and the initial state."""
+        defaults = [x.default for x in self.drives]
+        return np.array([*defaults * (1 + self.delay), *self.state], float)
+
+    @property
+    def initial_velocity(self) -> Array:
+        """Zero: the values are constant between samples."""
+        return np.zeros(len(self.coordinates))
+
+    def piece(self, k: int) -> Piece:
+        """Return the piece of the value of driven input number `k`."""
+        return Piece(self, sp.csr_array(np.eye(len(self.coordinates))[[k]]))
+
+    def forces(self, gravity: Array) -> list[ForceStatement]:
+        """Return the rows x' = 0 of the held values."""
+        n = len(self.coordinates)
+        local = Local(n)
+        piece = Piece(self, sp.csr_array(np.eye(n)))
+        return [ForceStatement(self.name, ForceKernel(local, local.v), (piece,), np.zeros((0, 1)))]
+
+    def next_values(self, t: float, index: int, reads: Array, values: Array) -> Array:
+        """Return the coordinates after sample number `index` at time `t` [s].
+
+        Parameters
+        ----------
+        t, index
+            Time and number of the sample.
+        reads
+            Measured values.
+        values
+            Coordinates before the sample.
+
+        Raises
+        ------
+        BeamdaeError
+            If the law fails or does not return finite numbers of at most 1e75.
+        """
+        n_driven = len(self.drives)
+        n_queue = n_driven * (1 + self.delay)
+        sample = Sample(t, index, self.every, reads, values[n_queue:].copy(), self.seed)
+        try:
+            result = self.law(sample)
+        except Exception as problem:
+            raise BeamdaeError(
+                f"{self.name}: the law failed at t = {t:g} s: {format_exception(problem)}; correct "
+                "the law."
+            ) from problem
+        numbers = _as_finite_numbers(self.name, [result] if as_real(result) is not None else result)
+        if numbers is None or len(numbers) != n_driven:
+            raise BeamdaeError(
+                f"{self.name}: the law must return one finite number per driven input "
+                f"({n_driven}), at most {MAX_MAGNITUDE:g} in absolute value, got "
+                f"{short_repr(result)} at t = {t:g} s."
+            )
+        state = _as_finite_numbers(self.name, sample.state)
+        if state is None or len(state) != len(self.state):
+            raise BeamdaeError(
+                f"{self.name}: the state must consist of {len(self.state)} finite numbers, at "
+                f"most {MAX_MAGNITUDE:g} in absolute value, got {short_repr(sample.state)} at "
+                f"t = {t:g} s."
+            )
+        # The first values of the queue are in effect.
+        queue = np.concatenate([values[:n_queue], numbers])[n_driven:]
+        return np.concatenate([queue, state])
+
+
+def _as_finite_numbers(name: str, values: Any) -> Array | None:
+    """Return a list, tuple or array of numbers as an array; None for other values.
+
+    The limit of `require_finite` applies: with a force of 1e308 N, runs do not end.
+    """
+    if not isinstance(values, (list, tuple, np.ndarray)):
+        return None
+    try:
+        return np.array([require_finite(name, "value", x) for x in values], float)
+    except Exception:
+        # The methods of a user's list may fail, too.
+        return None
+
+
+def _is_readable(value: Any) -> bool:
+    return isinstance(value, (Value, Quantity, Attachment))
+
+
+def select_controllers(parts: Sequence[Part]) -> list[Controller]:
+    """Return the controllers among parts."""
+    return [part for part in parts if isinstance(part, Controller)]

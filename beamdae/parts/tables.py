@@ -1,0 +1,691 @@
+"""Tables: interpolated functions of one or two arguments, for laws and force formulas."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import (
+    BeamdaeError,
+    as_text,
+    format_message,
+    is_valid_path,
+    path_as_text,
+    require_choice,
+    require_finite,
+    require_name,
+    require_positive,
+    require_sequence,
+    short_repr,
+    suggest,
+)
+from beamdae.read_only import read_only
+from beamdae.symbolic.signals import Signal, as_expression
+from beamdae.symbolic.statements import SX, Local
+from beamdae.symbolic.table_calls import record_call, uses_symbols_for_numbers
+
+Array = np.ndarray
+
+KINDS = ("linear", "pchip", "spline")
+OUTSIDE = ("hold", "error")
+_MIN_ROWS = {"linear": 2, "pchip": 2, "spline": 3}
+_DEGREES = {"linear": 1, "pchip": 3, "spline": 3}
+_MAX_AXES = 2
+# Smaller jumps of the slope, relative to the steepest slope, are rounding errors of rows on a line.
+_MIN_SLOPE_JUMP = 1e-12
+
+# Units that headers of CSV files may contain, in SI units.
+_SI_FACTORS = {
+    "-": 1.0,
+    "": 1.0,
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "um": 1e-6,
+    "µm": 1e-6,
+    "in": 0.0254,
+    "rad": 1.0,
+    "deg": np.pi / 180.0,
+    "°": np.pi / 180.0,
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "min": 60.0,
+    "m/s": 1.0,
+    "mm/s": 1e-3,
+    "km/h": 1.0 / 3.6,
+    "rad/s": 1.0,
+    "deg/s": np.pi / 180.0,
+    "rpm": np.pi / 30.0,
+    "1/min": np.pi / 30.0,
+    "Hz": 1.0,
+    "1/s": 1.0,
+    "m/s^2": 1.0,
+    "N": 1.0,
+    "kN": 1e3,
+    "MN": 1e6,
+    "mN": 1e-3,
+    "N m": 1.0,
+    "Nm": 1.0,
+    "N*m": 1.0,
+    "N mm": 1e-3,
+    "Nmm": 1e-3,
+    "kN m": 1e3,
+    "kNm": 1e3,
+    "N/m": 1.0,
+    "N/mm": 1e3,
+    "kN/m": 1e3,
+    "W": 1.0,
+    "kW": 1e3,
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "GPa": 1e9,
+    "bar": 1e5,
+    "kg": 1.0,
+    "g": 1e-3,
+}
+
+
+# Argument t of a time law and a time at which tables select one smooth piece, or None.
+_LOCK: ContextVar[tuple[SX, float] | None] = ContextVar("_LOCK", default=None)
+
+
+@contextmanager
+def locked_pieces(t: SX, at: float) -> Iterator[None]:
+    """Let tables of the symbol `t` return the smooth piece that is valid at t = `at`."""
+    token = _LOCK.set((t, at))
+    try:
+        yield
+    finally:
+        _LOCK.reset(token)
+
+
+class _TableNumbers(Signal):
+    """Numbers of a table, which become data of the statements whose formulas contain the table."""
+
+    # No input or state can have this name.
+    name = "=table"
+
+    def __init__(self, data: Array) -> None:
+        self._data = data.tolist()
+
+    @property
+    def size(self) -> int:
+        """Number of all numbers."""
+        return len(self._data)
+
+    @property
+    def data(self) -> list[float]:
+        """The numbers."""
+        return self._data
+
+    reference = data
+
+    def express(self, local: Local) -> SX:
+        """Return the numbers in terms of `local`."""
+        return local.data
+
+
+class _Numbers(NamedTuple):
+    """Numbers of a table, or symbols in their place.
+
+    Attributes
+    ----------
+    axes
+        Values of each argument.
+    coefficients
+        One row per function of `Table._clamped_basis` of the first argument, one column per
+        function of the second argument.
+    values
+        Values at all points.
+    """
+
+    axes: Sequence[SX]
+    coefficients: SX
+    values: SX
+
+
+def _combine(x: _Numbers, bases: Sequence[SX]) -> SX:
+    by_first = ca.mtimes(x.coefficients.T, bases[0])
+    return by_first if len(bases) == 1 else ca.dot(by_first, bases[1])
+
+
+def _as_matrix(coefficients: Array) -> Array:
+    return coefficients.reshape(len(coefficients), -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Table:
+    """Interpolated function of one or two arguments, see `table`.
+
+    Attributes
+    ----------
+    name
+        Name in messages.
+    axes
+        Ascending values of each argument, a tuple of arrays.
+    values
+        Values at the points of the grid; the shape is the length of each axis.
+    kind, outside
+        As in `table`.
+    arguments
+        Names of the arguments in messages.
+    """
+
+    name: str
+    axes: tuple[Array, ...]
+    values: Array
+    kind: str
+    outside: str
+    arguments: tuple[str, ...]
+    # One entry per function of `_clamped_basis` of each axis.
+    coefficients: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        coefficients = self.values
+        for axis, knots in enumerate(self.axes):
+            rows = _fit_axis(knots, np.moveaxis(coefficients, axis, 0), self.kind)
+            coefficients = np.moveaxis(rows, 0, axis)
+        object.__setattr__(self, "coefficients", read_only(coefficients))
+
+    def __repr__(self) -> str:
+        size = " x ".join(str(len(axis)) for axis in self.axes)
+        return f"<table {self.name} of {size} values, {self.kind}>"
+
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomials between the rows."""
+        return _DEGREES[self.kind]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return the interpolated value.
+
+        Parameters
+        ----------
+        *arguments
+            One number, array or symbol of a formula per axis, in the units of the table.
+
+        Returns
+        -------
+        float, ndarray or SX
+            The values. Outside the table, they are those at its edge; symbols may be outside the
+            table even if `outside` is "error", because only the runs stop.
+
+        Raises
+        ------
+        BeamdaeError
+            If the number of arguments differs from the number of axes, or an argument is neither a
+            number nor an array of numbers nor a symbol; if `outside` is "error", also if a number
+            is outside the table, or if the table is evaluated with a symbol elsewhere than in a
+            time law or the formula of a force.
+        """
+        if len(arguments) != len(self.axes):
+            raise BeamdaeError(
+                f"{self.name}: the table has {len(self.axes)} argument"
+                f"{'s' if len(self.axes) > 1 else ''} ({', '.join(self.arguments)}), got "
+                f"{len(arguments)}."
+            )
+        values = [as_expression(x) for x in arguments]
+        if any(isinstance(x, (ca.SX, ca.DM)) for x in values):
+            return self._express(tuple(SX(x) for x in values))
+        try:
+            arrays = [np.asarray(x) for x in values]
+            if any(x.dtype == object for x in arrays):
+                return np.vectorize(self.__call__, otypes=[object])(*arrays)[()]
+            result = self._evaluate([np.asarray(x, float) for x in arrays])
+        except (TypeError, ValueError) as problem:
+            if isinstance(problem, BeamdaeError):
+                raise
+            raise BeamdaeError(
+                f"{self.name}: arguments must be numbers, arrays or symbols of a formula, got "
+                f"{', '.join(map(short_repr, arguments))}."
+            ) from None
+        return float(result) if result.ndim == 0 else result
+
+    def at(self, *arguments: float) -> float:
+        """Return the value at numbers; see `__call__`."""
+        numbers = [require_finite(self.name, "argument", x) for x in arguments]
+        return float(self(*numbers))
+
+    def _evaluate(self, arguments: list[Array]) -> Array:
+        if self.outside == "error":
+            for axis, (x, knots) in enumerate(zip(arguments, self.axes, strict=True)):
+                is_outside = (x < knots[0]) | (x > knots[-1])
+                if np.any(is_outside):
+                    first = float(x[is_outside].flat[0])
+                    raise BeamdaeError(
+                        f"{self.name}: {self.describe_argument(axis, first)}; extend the table or "
+                        "pass outside='hold'."
+                    )
+        if len(arguments) == 1:
+            return self._evaluate_one(arguments[0])
+        result = self.coefficients
+        for number, (x, knots) in enumerate(
+            zip(np.broadcast_arrays(*arguments), self.axes, strict=True)
+        ):
+            depth = np.clip(x[..., None] - knots[:-1], 0.0, np.diff(knots))
+            powers = [depth**p for p in range(1, self.degree + 1)]
+            basis = np.concatenate([np.ones((*x.shape, 1)), *powers], axis=-1)
+            if number == 0:
+                result = np.tensordot(basis, result, axes=1)
+            else:
+                result = np.einsum("...k,...k->...", result, basis)
+        return np.asarray(result)
+
+    def _evaluate_one(self, x: Array) -> Array:
+        """Return the values of a table of one argument, without the errors of a long sum."""
+        (knots,) = self.axes
+        k = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+        depth = np.maximum(x - knots[k], 0.0)
+        rates = self.coefficients[1:].reshape(self.degree, -1)[:, k]
+        # Products: powers of NumPy round differently in arrays and in numbers.
+        change = np.zeros_like(depth)
+        for rate in rates[::-1]:
+            change = depth * (rate + change)
+        return np.where(x >= knots[-1], self.values[-1], self.values[k] + change)
+
+    def _express(self, arguments: tuple[SX, ...]) -> SX:
+        lock, x = _LOCK.get(), self._numbers
+        if lock is not None:
+            return self._express_piece(x, arguments, *lock)
+        bases = [self._clamped_basis(*pair) for pair in zip(arguments, x.axes, strict=True)]
+        return record_call(self, arguments, _combine(x, bases))
+
+    @property
+    def _numbers(self) -> _Numbers:
+        """Numbers of the table, or symbols in their place."""
+        data = self._signal.value_symbol if uses_symbols_for_numbers() else SX(self._signal.data)
+        sizes = [*map(len, self.axes), self.coefficients.size, self.values.size]
+        *axes, coefficients, values = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
+        return _Numbers(
+            axes, ca.reshape(coefficients, *_as_matrix(self.coefficients).shape), values
+        )
+
+    @cached_property
+    def _signal(self) -> _TableNumbers:
+        coefficients = _as_matrix(self.coefficients).ravel(order="F")
+        return _TableNumbers(np.concatenate([*self.axes, coefficients, self.values.ravel()]))
+
+    def _express_piece(self, x: _Numbers, arguments: tuple[SX, ...], t: SX, at: float) -> SX:
+        """Return the smooth piece of a time law that is valid around t = `at`."""
+        places = ca.Function("arguments", [t], [ca.vertcat(*arguments)])(at)
+        intervals = [
+            int(np.searchsorted(knots, float(place))) - 1
+            for knots, place in zip(self.axes, ca.vertsplit(places), strict=True)
+        ]
+        if len(intervals) == 1 and self._is_one_piece(0, intervals[0]):
+            # The sum over all intervals before this one would have larger rounding errors.
+            (k,), n = intervals, len(self.axes[0]) - 1
+            if not 0 <= k < n:
+                return x.values[max(k, 0)]
+            depth = arguments[0] - x.axes[0][k]
+            terms = (x.coefficients[1 + k + n * p] * depth ** (p + 1) for p in range(self.degree))
+            return sum(terms, start=x.values[k])
+        bases = zip(arguments, x.axes, range(len(intervals)), intervals, strict=True)
+        return _combine(x, [self._smooth_basis(*values) for values in bases])
+
+    def _is_one_piece(self, axis: int, interval: int) -> bool:
+        """Return True if one polynomial, not a sum over intervals, defines a time law there."""
+        return self.kind == "linear" or not 0 <= interval < len(self.axes[axis]) - 1
+
+    def _clamped_basis(self, x: SX, knots: SX) -> SX:
+        """Return 1 and the powers of max(0, min(x - x_k, h_k)) for all intervals k, by power.
+
+        The sum of these terms, each with the coefficients of the polynomial on its interval, is the
+        interpolating function, constant outside the table. A formula with comparisons would have
+        jumps, which only cancel up to rounding.
+        """
+        return self._powers(ca.fmin(ca.fmax(x - knots[:-1], 0.0), knots[1:] - knots[:-1]))
+
+    def _smooth_basis(self, x: SX, knots: SX, axis: int, interval: int) -> SX:
+        """Return the functions of `_clamped_basis` for a time law in an interval.
+
+        Before and after the table, they are constant. Within the table, the polynomials at its ends
+        are continued; derivatives at a row are those to its right.
+        """
+        n = len(self.axes[axis]) - 1
+        lengths, depths = knots[1:] - knots[:-1], x - knots[:-1]
+        if self._is_one_piece(axis, interval):
+            fixed = lengths * ca.DM((np.arange(n) < interval).astype(float))
+            if 0 <= interval < n:
+                fixed[interval] = depths[interval]
+            return self._powers(fixed)
+        is_before, is_after = x < knots[:-1], x >= knots[1:]
+        # The first and the last polynomial are continued.
+        is_before[0] = is_after[n - 1] = 0.0
+        return self._powers(ca.if_else(is_after, lengths, ca.if_else(is_before, 0.0, depths)))
+
+    def _powers(self, depths: SX) -> SX:
+        return ca.vertcat(1.0, *(ca.power(depths, p) for p in range(1, self.degree + 1)))
+
+    def kinks(self, axis: int) -> Array:
+        """Return the arguments on an axis at which the slope of the table jumps."""
+        knots, values = self.axes[axis], np.moveaxis(self.values, axis, 0)
+        if self.kind != "linear":
+            return knots[[0, -1]]
+        lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
+        slopes = np.diff(values, axis=0) / lengths
+        edge = np.zeros((1, *slopes.shape[1:]))
+        jumps = np.abs(np.diff(np.concatenate([edge, slopes, edge]), axis=0))
+        jumps = jumps.reshape(len(knots), -1).max(axis=1)
+        return knots[jumps > _MIN_SLOPE_JUMP * np.max(np.abs(slopes), initial=0.0)]
+
+    def describe_argument(self, axis: int, value: float) -> str:
+        """Return a phrase about an argument outside the table."""
+        knots = self.axes[axis]
+        return (
+            f"{self.arguments[axis]} = {value:.6g} leaves the range {knots[0]:.6g} to "
+            f"{knots[-1]:.6g} of {self.name}"
+        )
+
+
+def _fit_axis(knots: Array, values: Array, kind: str) -> Array:
+    """Return the coefficients of the functions of `Table._clamped_basis` along the first axis."""
+    if kind == "linear":
+        lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
+        return np.concatenate([values[:1], np.diff(values, axis=0) / lengths])
+    # Imported here because the import takes as long as a short run, and few models have tables.
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    if kind == "pchip":
+        polynomials = PchipInterpolator(knots, values).c
+    else:
+        polynomials = CubicSpline(knots, values, bc_type="natural").c
+    return np.concatenate([values[:1], polynomials[2], polynomials[1], polynomials[0]])
+
+
+def table(
+    x: Any, y: Any, kind: str = "spline", outside: str = "hold", name: str | None = None
+) -> Table:
+    """Return a table: a function of one or two arguments that interpolates given values.
+
+    Tables are time laws of loads and drivers, and functions in the formulas of force laws, springs
+    and distributed forces, of any argument: `curve(tip.position[0])`. In a formula, an argument may
+    be any expression.
+
+    Parameters
+    ----------
+    x
+        Ascending values of the argument, at least 2 (3 for "spline"); for two arguments, a pair of
+        such lists.
+    y
+        Values, one for each entry of `x`; for two arguments, the rows belong to the first argument,
+        shape (k, l).
+    kind
+        "linear"; "pchip" (monotone between the rows, with a continuous slope; Fritsch & Butland,
+        SIAM J. Sci. Stat. Comput. 5, 1984, doi:10.1137/0905021), for one argument only; or "spline"
+        (natural cubic spline with a continuous second derivative, which may overshoot).
+    outside
+        Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
+        an argument leaves the range, with a reason that names the table, argument and value.
+    name
+        Name in messages. Defaults to "table".
+
+    Returns
+    -------
+    Table
+        The table. As a time law, it has breakpoints at the first and the last time, and at each
+        time if it is linear; steps of adaptive integrators are at most the shortest interval
+        between times if it is not.
+
+    Raises
+    ------
+    BeamdaeError
+        If the lists have different lengths, too few entries or entries that are not finite numbers,
+        `x` does not ascend, `kind` or `outside` is unknown, or `kind` is "pchip" for two arguments.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> characteristic = bd.table([0.0, 0.01, 0.02], [0.0, 50.0, 300.0], kind="pchip")
+    >>> round(characteristic(0.01), 6)
+    50.0
+    >>> mech = bd.Mechanism()
+    >>> ball = mech.add(bd.PointMass("ball", 0.2, at=(1.0, 0.0)))
+    >>> top = mech.ground.at(0.0, 0.0)
+    >>> spring = mech.add(bd.Spring("spring", top, ball.point, law=characteristic))
+    """
+    label = "table" if name is None else require_name("table", name)
+    require_choice(label, "kind", kind, KINDS)
+    require_choice(label, "outside", outside, OUTSIDE)
+    entries = require_sequence(label, "x", x, "a list of numbers or a pair of lists")
+    if not entries or _is_list(entries[0]):
+        if len(entries) != _MAX_AXES:
+            raise BeamdaeError(
+                f"{label}: x must be a list of numbers or a pair of lists, got {len(entries)} "
+                "lists."
+            )
+        axes = tuple(_require_axis(label, f"x[{k}]", e, kind) for k, e in enumerate(entries))
+        rows = require_sequence(label, "y", y, "a list of rows")
+        numbers = [_require_numbers(label, f"y[{k}]", row) for k, row in enumerate(rows)]
+        if [len(row) for row in numbers] != [len(axes[1])] * len(axes[0]):
+            lengths = ", ".join(str(len(row)) for row in numbers[:6])
+            raise BeamdaeError(
+                f"{label}: y must have {len(axes[0])} rows of {len(axes[1])} values, got "
+                f"{len(numbers)} rows of lengths {lengths}."
+            )
+        if kind == "pchip":
+            raise BeamdaeError(
+                f"{label}: kind='pchip' is not defined for two arguments; use 'linear' or 'spline'."
+            )
+        return Table(label, axes, np.array(numbers), kind, outside, ("x[0]", "x[1]"))
+    axis, values = _require_axis(label, "x", entries, kind), _require_numbers(label, "y", y)
+    if axis.shape != values.shape:
+        raise BeamdaeError(
+            f"{label}: x and y must be lists of the same length, got {len(axis)} and {len(values)}."
+        )
+    return Table(label, (axis,), values, kind, outside, ("x",))
+
+
+def _is_list(value: Any) -> bool:
+    try:
+        require_sequence("table", "x", value, "a list")
+    except BeamdaeError:
+        return False
+    return True
+
+
+def _require_axis(part: str, name: str, values: Any, kind: str) -> Array:
+    axis = _require_numbers(part, name, values)
+    if len(axis) < _MIN_ROWS[kind]:
+        raise BeamdaeError(
+            f"{part}: {name} must have at least {_MIN_ROWS[kind]} entries for kind={kind!r}, got "
+            f"{len(axis)}."
+        )
+    k = int(np.argmin(np.diff(axis)))
+    if axis[k + 1] <= axis[k]:
+        raise BeamdaeError(
+            f"{part}: {name} must ascend, but {axis[k]:g} is followed by {axis[k + 1]:g}; sort "
+            f"the rows by {name} and give each value once."
+        )
+    require_positive(part, f"the shortest interval of {name}", float(axis[k + 1] - axis[k]))
+    return axis
+
+
+def _require_numbers(part: str, name: str, values: Any) -> Array:
+    entries = require_sequence(part, name, values, "a list of numbers")
+    return np.array([require_finite(part, name, value) for value in entries])
+
+
+def table_from_csv(
+    path: Any,
+    x: Any = None,
+    y: str | None = None,
+    kind: str = "spline",
+    outside: str = "hold",
+) -> Table:
+    r"""Return a table from columns of a CSV file; units in the header are converted to SI units.
+
+    The file has a header, commas and decimal points; headers such as "force [kN]" contain the unit.
+    Columns without a unit are used as they are.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    x
+        Header of the column of the argument, with or without its unit, or a pair of headers for two
+        arguments, whose rows form a complete grid in any order. Defaults to the first column.
+    y
+        Header of the column of the values. Defaults to the column after the last argument.
+    kind, outside
+        As in `table`.
+
+    Returns
+    -------
+    Table
+        The table, in m, rad, s, N, kg and units derived from them. It has the name of the file, and
+        its arguments have the names of their columns.
+
+    Raises
+    ------
+    BeamdaeError
+        If the file cannot be read, a column is missing or contains a cell that is not a number, a
+        unit is unknown, the rows of two arguments do not form a grid, or as in `table`.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> from pathlib import Path
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "pad.csv"
+    >>> _ = file.write_text("travel [mm],force [kN]\n0,0\n5,1\n10,4\n", "utf-8")
+    >>> pad = bd.table_from_csv(file, kind="linear")
+    >>> pad(0.0075)
+    2500.0
+    """
+    text = path_as_text(path)
+    if text is None:
+        raise BeamdaeError(f"table_from_csv: path must be a path, got {short_repr(path)}.")
+    if not is_valid_path(text):
+        raise BeamdaeError(
+            f"table_from_csv: the path {short_repr(text)} is too long or contains unprintable "
+            "characters; rename the file."
+        )
+    label = f"table {Path(text).name}"
+    columns = _read_columns(text)
+    headers = list(columns)
+    if x is None or as_text(x) is not None:
+        wanted: list[Any] = [x]
+    else:
+        wanted = require_sequence("table_from_csv", "x", x, "a header or a pair of headers")
+    if len(wanted) not in (1, _MAX_AXES):
+        raise BeamdaeError(
+            f"table_from_csv: x must be a header or a pair of headers, got {short_repr(x)}."
+        )
+    chosen = [
+        headers[0] if header is None else _find_header(text, headers, header, "x")
+        for header in wanted
+    ]
+    if y is None:
+        following = headers[headers.index(chosen[-1]) + 1 :]
+        if not following:
+            raise BeamdaeError(
+                f"{label}: there is no column after {chosen[-1]!r}; pass y= with the header of "
+                "the values."
+            )
+        value_header = following[0]
+    else:
+        value_header = _find_header(text, headers, y, "y")
+    arrays = [_convert_column(label, header, columns[header]) for header in chosen]
+    values = _convert_column(label, value_header, columns[value_header])
+    result = table(*_as_grid(label, arrays, values), kind, outside)
+    names = tuple(header.partition(" [")[0] for header in chosen)
+    return Table(label, result.axes, result.values, kind, outside, names)
+
+
+def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:
+    if len(arrays) == 1:
+        return arrays[0], values
+    axes = [np.unique(array) for array in arrays]
+    grid = np.full([len(axis) for axis in axes], np.nan)
+    grid[tuple(np.searchsorted(a, x) for a, x in zip(axes, arrays, strict=True))] = values
+    if np.isnan(grid).any() or len(values) != grid.size:
+        raise BeamdaeError(
+            f"{label}: the rows must form a grid of {len(axes[0])} by {len(axes[1])} arguments, "
+            f"each once, got {len(values)} rows."
+        )
+    return tuple(axes), grid
+
+
+def _read_columns(path: str) -> dict[str, list[str]]:
+    """Return the cells of a CSV file by header."""
+    try:
+        content = Path(path).read_text("utf-8-sig")
+    except OSError as problem:
+        reason = problem.strerror or format_message(problem)
+        raise BeamdaeError(
+            f"table_from_csv: {short_repr(path)} cannot be read: {reason}; check the path."
+        ) from None
+    except ValueError:
+        raise BeamdaeError(
+            f"table_from_csv: {path} is not a text file in UTF-8; write a CSV table."
+        ) from None
+    try:
+        rows = [row for row in csv.reader(content.splitlines()) if any(x.strip() for x in row)]
+    except csv.Error as problem:
+        raise BeamdaeError(
+            f"table_from_csv: {path} is not a CSV table ({problem}); write a header and rows."
+        ) from None
+    if not rows:
+        raise BeamdaeError(f"table_from_csv: {path} is empty; write a header and rows.")
+    # Spreadsheets write no-break spaces.
+    headers = [cell.replace("\xa0", " ").strip() for cell in rows[0]]
+    for header in headers:
+        if not header.isprintable():
+            raise BeamdaeError(
+                f"table_from_csv: the header {short_repr(header)} of {path} contains unprintable "
+                "characters; rename the column."
+            )
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(headers):
+            raise BeamdaeError(
+                f"table_from_csv: row {number} of {path} has {len(row)} cells, but the header has "
+                f"{len(headers)}; write one cell per column."
+            )
+    if len(set(headers)) < len(headers):
+        raise BeamdaeError(
+            f"table_from_csv: {path} has two columns of the same name; rename one of them."
+        )
+    return {header: [row[k] for row in rows[1:]] for k, header in enumerate(headers)}
+
+
+def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> str:
+    text = as_text(wanted)
+    matches = [x for x in headers if text is not None and text in (x, x.partition(" [")[0])]
+    if not matches:
+        raise BeamdaeError(
+            f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
+            f"{suggest(wanted, headers)}; its columns are {', '.join(headers)}."
+        )
+    return matches[0]
+
+
+def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
+    """Return the numbers of a column in SI units."""
+    unit = header.partition("[")[2].rpartition("]")[0].strip()
+    if unit not in _SI_FACTORS:
+        raise BeamdaeError(
+            f"{label}: the unit of {header!r} is unknown{suggest(unit, _SI_FACTORS)}; use "
+            f"{', '.join(x for x in ('m', 'mm', 'rad', 'deg', 's', 'N', 'kN', 'N m'))} or another "
+            "unit of the reference, or omit the unit."
+        )
+    numbers = []
+    for row, cell in enumerate(cells, 2):
+        try:
+            numbers.append(float(cell))
+        except ValueError:
+            raise BeamdaeError(
+                f"{label}: row {row} of {header!r} must be a number, got {short_repr(cell)}."
+            ) from None
+    return np.array(numbers, float) * _SI_FACTORS[unit]

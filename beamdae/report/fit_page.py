@@ -1,0 +1,127 @@
+"""HTML page of a fit: estimates, curves of data and model, and the motion of the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.equations.measures import TIME
+from beamdae.report.page.page_data import compute_row_limit, select_curves
+from beamdae.report.page.page_file import write_page
+from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.terminal.text_tables import format_number
+
+if TYPE_CHECKING:
+    from beamdae.analysis.fit.result import Fit
+
+_DIGITS = 6  # of estimates and limits
+_GROUP = "data"  # id of the group of experiments without a name
+
+
+def write_fit_page(fit: Fit, path: Path, title: str = "") -> Path:
+    """Write the page of a fit and return its path; see `Fit.page`."""
+    return write_page(path, build_fit_page(fit, title or f"Fit of {fit.model_name}"))
+
+
+def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
+    """Return the page content of a fit for `beamdae.report.page.page_file.write_page`."""
+    runs = fit.solutions
+    columns = sum(len(run.columns) for run in runs.values()) + len(fit.series)
+    limit = compute_row_limit(columns)
+    cases: list[dict[str, Any]] = []
+    for experiment, run in runs.items():
+        cases.append(
+            {
+                "id": f"model {experiment}",
+                "group": experiment or _GROUP,
+                "label": "model",
+                "family": "model",
+                "curves": select_curves({TIME: run.t, **run.columns}, limit),
+            }
+        )
+    ends = np.cumsum([0, *(len(series.values) for series, _ in fit.series)])
+    for k, (series, header) in enumerate(fit.series):
+        shift, scale, offset = fit.sensor_of(k)
+        curve = {TIME: series.times - shift, header: (series.values - offset) / scale}
+        cases.append(
+            {
+                "id": f"data {k}",
+                "group": series.experiment or _GROUP,
+                "label": f"data of {header}",
+                "family": "data",
+                "values": {
+                    "count": len(series.values),
+                    "rms": float(np.sqrt(np.mean(fit.residuals[ends[k] : ends[k + 1]] ** 2))),
+                },
+                "curves": select_curves(curve, limit),
+            }
+        )
+    correction = (
+        "Data are corrected by the estimated shifts, offsets and scales."
+        if fit.sensors
+        else "Data are shown as measured."
+    )
+    return {
+        "title": title,
+        "subtitle": describe_fit(fit)["status"],
+        "made": next(iter(runs.values())).versions,
+        "notes": [
+            *fit.warnings,
+            *fit.undetermined,
+            *(x for run in runs.values() for x in run.warnings),
+        ],
+        "groups": [
+            {
+                "id": experiment or _GROUP,
+                "label": experiment or fit.model_name,
+                "reference": {"accepted": True, "sentence": correction},
+                "frames": export_run_frames(run),
+            }
+            for experiment, run in runs.items()
+        ],
+        "columns": [
+            {"key": "count", "label": "number of data", "unit": "", "kind": "number"},
+            {"key": "rms", "label": "rms residual", "unit": "sigma", "kind": "number"},
+        ],
+        "axes": {"x": "count", "y": "rms"},
+        "tables": [
+            {"title": "Fit", "rows": list(describe_fit(fit).items())},
+            _estimates_table(fit),
+        ],
+        "cases": cases,
+    }
+
+
+def describe_fit(fit: Fit) -> dict[str, str]:
+    """Return texts about the end of the search and the quality of a fit, by topic."""
+    interval = (
+        "normal distribution, sigma is known"
+        if fit.is_sigma_known
+        else f"t distribution with {fit.degrees_of_freedom} degrees of freedom, sigma is estimated"
+    )
+    facts = {"status": "converged" if fit.converged else f"not converged: {fit.reason}"}
+    if fit.is_sigma_known:
+        # Otherwise, both numbers are equal by construction.
+        freedom = f"{fit.degrees_of_freedom} degrees of freedom"
+        facts["chi-square"] = f"{fit.chi_square:.4g} at {freedom}"
+    count = len(fit.solutions)
+    facts |= {
+        "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),
+        "intervals": interval,
+        "data": f"{fit.residuals.size} in {count} experiment{'s' * (count != 1)}",
+        "runs": f"{fit.evaluations} with derivatives of each experiment",
+    }
+    if fit.at_bounds:
+        facts["at a bound"] = ", ".join(fit.at_bounds)
+    return facts
+
+
+def _estimates_table(fit: Fit) -> dict[str, Any]:
+    table = fit.table()
+    rows = [
+        [name, *(format_number(x, _DIGITS) for x in row)]
+        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
+    ]
+    return {"title": "Estimates", "head": ["parameter", *table], "rows": rows}

@@ -1,0 +1,45 @@
+"""Measures of observed columns: final value, extremes and root mean square of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from beamdae.results.columns import observed_columns
+
+Array = np.ndarray
+
+
+def _time_average(t: Array, x: Array) -> Array:
+    """Return the averages of the rows of `x` over the times `t` by the trapezoidal rule."""
+    if len(t) < 2:
+        return x[..., 0]
+    return np.sum(0.5 * (x[..., 1:] + x[..., :-1]) * np.diff(t), axis=-1) / (t[-1] - t[0])
+
+
+# Measures of observed columns, as functions of the times (n,) and the values (..., n).
+MEASURES: Mapping[str, Callable[[Array, Array], Array]] = {
+    "end": lambda t, x: x[..., -1],
+    "max": lambda t, x: x.max(axis=-1),
+    "min": lambda t, x: x.min(axis=-1),
+    "RMS": lambda t, x: np.sqrt(_time_average(t, x**2)),
+}
+
+
+def measure_table(table: pd.DataFrame) -> dict[str, list[float]]:
+    """Return all `MEASURES` of each observed column of a trajectory, by column.
+
+    The measures of a table without rows are NaN.
+    """
+    headers = observed_columns([str(column) for column in table])
+    values = np.full((len(headers), len(MEASURES)), np.nan)
+    if headers and len(table):
+        positions = {str(column): k for k, column in enumerate(table)}
+        curves = table.to_numpy(float)[:, [positions[header] for header in headers]]
+        # Rows in memory are summed with smaller rounding errors.
+        times, curves = table.index.to_numpy(float), np.ascontiguousarray(curves.T)
+        for k, measure in enumerate(MEASURES.values()):
+            values[:, k] = measure(times, curves)
+    return dict(zip(headers, values.tolist(), strict=True))

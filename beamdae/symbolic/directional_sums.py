@@ -1,0 +1,190 @@
+"""Directional derivatives of sums of kernels with respect to their inputs and their data.
+
+For a sum r = S k(shared, L x, p), the derivative along (dx, dp) is the sum
+
+    dr = S (dk/dlocal (L dx) + dk/dp dp)
+
+over the same copies. Its kernels are Jacobian-vector products of the kernels k, so that no residual
+is differenced. Shared numbers, such as time and matrix factors, are constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+
+Array = np.ndarray
+SX = ca.SX
+
+# Replaces a base of zero in powers, see `expand_powers`; powers with exponents above 1.1 are zero.
+_TINY_BASE = 1e-300
+
+
+def directional_plan(
+    plan: SumPlan, n_inputs: int, weight_changes: tuple[Array, Array] | None = None
+) -> SumPlan:
+    """Return the plan of the directional derivative of a sum.
+
+    Parameters
+    ----------
+    plan
+        The sum, with inputs x of size `n_inputs`.
+    n_inputs
+        Size of x.
+    weight_changes
+        Derivatives of `gather_weights` and of `weights` of the plan, if L and S depend on the
+        parameter of the direction: dr also contains S dk/dlocal dL x + dS k. None if they do not.
+
+    Returns
+    -------
+    SumPlan
+        Sum with the inputs (x, dx, dp), where p are the numbers of the model. `SumPlan.sum` of the
+        result takes p, as the original sum does.
+    """
+    table = plan.batch_table.copy()
+    n_add, n_weighted = table[-1, 4:6] if len(table) else (0, 0)
+    gather_changes, changes = np.zeros(len(plan.gather_weights)), np.zeros(n_weighted)
+    if weight_changes is not None:
+        gather_changes, changes = weight_changes[0], weight_changes[1][:n_weighted]
+    (moved,) = np.nonzero(changes)
+    entry_batch = np.searchsorted(table[:, 5], np.arange(n_weighted), "right")
+    with_value = np.isin(np.arange(len(plan.batches)), entry_batch[moved])
+    valued = {id(b.kernel) for b, x in zip(plan.batches, with_value, strict=True) if x}
+    kernels = {
+        id(b.kernel): _directional_kernel(b.kernel, id(b.kernel) in valued) for b in plan.batches
+    }
+    # Each batch has twice as many local inputs: those of the original batch, then their tangents.
+    batches = tuple(
+        Batch(kernels[id(b.kernel)], 2 * b.start, b.lanes, b.copies) for b in plan.batches
+    )
+    starts = np.array([b.start for b in plan.batches], int)
+    sizes = np.array([b.kernel.n_local * b.lanes for b in plan.batches], int)
+
+    def locate(targets: Array) -> tuple[Array, Array, Array]:
+        """Return the batch of local inputs, and the new positions of values and tangents."""
+        targets = targets.astype(np.int64)
+        batch = np.searchsorted(starts, targets, "right") - 1
+        value = targets + starts[batch]
+        return batch, value, value + sizes[batch]
+
+    pick_batch, pick_value, pick_tangent = locate(plan.pick_targets)
+    data_batch, data_value, data_tangent = locate(plan.data_targets)
+    gather_batch, gather_value, gather_tangent = locate(plan.gather_targets)
+    pick_source, gather_source = (
+        x.astype(np.int64) for x in (plan.pick_sources, plan.gather_sources)
+    )
+    pick_order, pick_ends = group_by_batch(len(starts), pick_batch, pick_batch, data_batch)
+    (moving,) = np.nonzero(gather_changes)
+    gather_order, gather_ends = group_by_batch(
+        len(starts), gather_batch, gather_batch, gather_batch[moving]
+    )
+    # Values follow the derivatives in the outputs of a batch.
+    value_start = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
+    weighted_order, weighted_ends = group_by_batch(len(starts), entry_batch, entry_batch[moved])
+    weighted_sources = plan.weighted_sources[:n_weighted].astype(np.int64)
+    weighted_sources = np.concatenate(
+        [weighted_sources, weighted_sources[moved] + value_start[entry_batch[moved]]]
+    )
+    weighted_targets, weights = (
+        np.concatenate([x[:n_weighted], y[moved]])
+        for x, y in (
+            (plan.weighted_targets, plan.weighted_targets[:n_weighted]),
+            (plan.weights, changes),
+        )
+    )
+    pick_targets = np.concatenate([pick_value, pick_tangent, data_tangent])
+    pick_sources = np.concatenate(
+        [pick_source, pick_source + n_inputs, plan.data_sources.astype(np.int64) + 2 * n_inputs]
+    )
+    gather_targets = np.concatenate([gather_value, gather_tangent, gather_tangent[moving]])
+    gather_sources = np.concatenate(
+        [gather_source, gather_source + n_inputs, gather_source[moving]]
+    )
+    gather_weights = np.concatenate(
+        [plan.gather_weights, plan.gather_weights, gather_changes[moving]]
+    )
+    table[:, 0] *= 2
+    table[:, 2], table[:, 3], table[:, 5] = pick_ends, gather_ends, weighted_ends
+    # Entries beyond the last batch add shared numbers, which are constant.
+    return replace(
+        plan,
+        n_local=2 * plan.n_local,
+        n_out=max([plan.n_out, *(b.kernel.n_out * b.lanes for b in batches)]),
+        data_targets=data_value.astype(np.uint32),
+        batches=batches,
+        batch_table=table,
+        pick_targets=pick_targets[pick_order].astype(np.uint32),
+        pick_sources=pick_sources[pick_order].astype(np.uint32),
+        gather_targets=gather_targets[gather_order].astype(np.uint32),
+        gather_sources=gather_sources[gather_order].astype(np.uint32),
+        gather_weights=gather_weights[gather_order],
+        add_targets=plan.add_targets[:n_add],
+        add_sources=plan.add_sources[:n_add],
+        weighted_targets=weighted_targets[weighted_order].astype(np.uint32),
+        weighted_sources=weighted_sources[weighted_order].astype(np.uint32),
+        weights=weights[weighted_order],
+        weight_factors=None,
+    )
+
+
+def group_by_batch(count: int, *batches: Array) -> tuple[Array, Array]:
+    """Return the order that sorts entries by batch, and the end of each batch in this order."""
+    batch = np.concatenate(batches)
+    order = np.argsort(batch, kind="stable")
+    return order, np.searchsorted(batch[order], np.arange(count), "right")
+
+
+def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
+    """Return the kernel of (shared, (local, tangent)) for the derivative along the tangent.
+
+    If `with_value`, the outputs of `kernel` follow.
+    """
+    key = "directional with value" if with_value else "directional"
+    cached = kernel.rotated_kernels.get(key)
+    if cached is not None:
+        return cached
+    function = kernel.function
+    shared = SX.sym("shared", function.numel_in(0))
+    local, tangent = SX.sym("local", kernel.n_local), SX.sym("tangent", kernel.n_local)
+    value = expand_powers(function, shared, local)
+    derivative = ca.densify(ca.jtimes(value, local, tangent))
+    results = ca.vertcat(derivative, value) if with_value else derivative
+    (results,) = ca.cse([results])
+    directional = ca.Function(
+        f"{function.name()}_directional", [shared, ca.vertcat(local, tangent)], [results]
+    )
+    result = Kernel(directional, kernel.outputs * 2 if with_value else kernel.outputs)
+    kernel.rotated_kernels[key] = result
+    return result
+
+
+def expand_powers(function: ca.Function, *arguments: SX) -> SX:
+    """Return the value of a function at symbols, prepared for differentiation.
+
+    The derivative of x^n with respect to n is x^n log x. At x = 0, for example for an open contact,
+    it is NaN instead of its limit zero. Therefore, zero bases are replaced by a tiny number.
+    """
+    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if ca.OP_POW not in codes:
+        return ca.densify(ca.vec(function(*arguments)))
+    work, value = [SX(0)] * function.sz_w(), SX.zeros(function.numel_out(0))
+    for k, code in enumerate(codes):
+        sources, targets = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            value[targets[1]] = work[sources[0]]
+        elif code == ca.OP_INPUT:
+            work[targets[0]] = arguments[sources[0]].nz[sources[1]]
+        elif code == ca.OP_CONST:
+            work[targets[0]] = SX(function.instruction_constant(k))
+        elif len(sources) == 1:
+            work[targets[0]] = SX.unary(code, work[sources[0]])
+        else:
+            one, other = (work[i] for i in sources)
+            if code == ca.OP_POW:
+                one = one + _TINY_BASE * (one == 0.0)
+            work[targets[0]] = SX.binary(code, one, other)
+    return value

@@ -1,0 +1,248 @@
+"""Signals: inputs, states and sensors as symbols in the formulas of parts.
+
+A formula may contain the symbol of a signal. When a statement of such a formula is created, the
+symbols are replaced: an input by a number of the statement, a state by its coordinate, and a sensor
+by its expression in the coordinates that it measures. All parts therefore accept signals, without
+further code.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
+
+import casadi as ca
+import numpy as np
+
+from beamdae.errors import BeamdaeError
+from beamdae.symbolic.local_symbols import SX, Local
+
+# Signals by the hash of their symbols.
+_SIGNALS: WeakValueDictionary[int, Signal] = WeakValueDictionary()
+
+
+def _forward(operation: Callable[[Any, Any], Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the methods of a binary operator, with the signal as its first and second operand."""
+    return (
+        lambda self, other: operation(self.value_symbol, as_expression(other)),
+        lambda self, other: operation(as_expression(other), self.value_symbol),
+    )
+
+
+class Signal:
+    """Scalar symbol in the formulas of parts; operators and NumPy functions return expressions.
+
+    Attributes
+    ----------
+    name
+        Name of the signal.
+    """
+
+    name: str
+
+    @cached_property
+    def value_symbol(self) -> SX:
+        """Symbol that formulas contain until their statement is created."""
+        symbol = SX.sym(self.name, self.size)
+        for element in ca.vertsplit(symbol):
+            _SIGNALS[element.element_hash()] = self
+        return symbol
+
+    @property
+    def size(self) -> int:
+        """Number of entries of the symbol."""
+        return 1
+
+    @property
+    def reference(self) -> float | Sequence[float]:
+        """Value or values at which formulas of the signal are checked."""
+        return 0.0
+
+    @property
+    def rows(self) -> int:
+        """Number of local coordinates on which the signal depends."""
+        return 0
+
+    @property
+    def pieces(self) -> tuple[Any, ...]:
+        """Operators that select these local coordinates."""
+        return ()
+
+    @property
+    def data(self) -> Sequence[float]:
+        """Numbers of the signal in each statement that contains it."""
+        return ()
+
+    def express(self, local: Local) -> SX:
+        """Return the value in terms of `local`, which has the sizes of `pieces` and `data`."""
+        raise NotImplementedError
+
+    def __SX__(self) -> SX:
+        # CasADi converts an operand by this method.
+        return self.value_symbol
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Symbols do not keep their identity in other processes; each creates its own.
+        return {name: value for name, value in vars(self).items() if name != "value_symbol"}
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        return getattr(ufunc, method)(*map(as_expression, inputs), **options)
+
+    __add__, __radd__ = _forward(operator.add)
+    __sub__, __rsub__ = _forward(operator.sub)
+    __mul__, __rmul__ = _forward(operator.mul)
+    __truediv__, __rtruediv__ = _forward(operator.truediv)
+    __pow__, __rpow__ = _forward(operator.pow)
+    # Comparisons return expressions, whose truth value raises CasADi's error about branches.
+    __lt__, __gt__ = _forward(operator.lt)
+    __le__, __ge__ = _forward(operator.le)
+
+    def __neg__(self) -> SX:
+        return -self.value_symbol
+
+    def __pos__(self) -> SX:
+        return self.value_symbol
+
+    def __abs__(self) -> SX:
+        return ca.fabs(self.value_symbol)
+
+
+def as_expression(value: Any) -> Any:
+    """Return the symbol of a signal; other values are returned unchanged."""
+    return value.value_symbol if isinstance(value, Signal) else value
+
+
+def find_signals(*expressions: Any) -> tuple[Signal, ...]:
+    """Return the signals whose symbols occur in expressions; other objects are ignored."""
+    columns = [ca.vec(x) for x in expressions if isinstance(x, SX)]
+    if not _SIGNALS or not columns:
+        return ()
+    symbols = ca.symvar(ca.vertcat(*columns))
+    signals = (_SIGNALS.get(symbol.element_hash()) for symbol in symbols)
+    return tuple(dict.fromkeys(signal for signal in signals if signal is not None))
+
+
+def with_references(expression: Any) -> Any:
+    """Return an expression with the reference values of its signals; other values unchanged."""
+    if not isinstance(expression, SX) or not (signals := find_signals(expression)):
+        return expression
+    symbols = ca.vertcat(*(signal.value_symbol for signal in signals))
+    references = ca.vertcat(*(ca.DM(signal.reference) for signal in signals))
+    return ca.substitute(expression, symbols, references)
+
+
+class SignalNumbers(NamedTuple):
+    """Rows of the data of a statement that belong to a signal."""
+
+    signal: Signal
+    rows: slice
+
+
+class SignalBinding(NamedTuple):
+    """Outputs of a kernel without symbols of signals, in terms of `local`.
+
+    Attributes
+    ----------
+    local
+        The original symbols, followed by the coordinates and data of the signals.
+    outputs
+        The outputs in terms of `local`.
+    numbers
+        Rows of the data of each signal.
+    """
+
+    local: Local
+    outputs: list[SX]
+    numbers: tuple[SignalNumbers, ...]
+
+    @property
+    def pieces(self) -> tuple[Any, ...]:
+        """Pieces of the coordinates of the signals, for one copy."""
+        return tuple(piece for one in self.numbers for piece in one.signal.pieces)
+
+    @property
+    def data(self) -> np.ndarray:
+        """Data of the signals, for one copy."""
+        return np.array([x for one in self.numbers for x in one.signal.data], float)
+
+
+def bind_signals(local: Local, outputs: Sequence[SX], signals: Sequence[Signal]) -> SignalBinding:
+    """Replace the symbols of signals in expressions of `local`.
+
+    Raises
+    ------
+    BeamdaeError
+        If a sensor measures a value that depends on the sensor.
+    """
+    signals = _add_measured_signals(signals)
+    whole = Local(
+        local.size + sum(signal.rows for signal in signals),
+        local.n_data + sum(len(signal.data) for signal in signals),
+        local.n_multipliers,
+    )
+    row, first = local.size, local.n_data
+    expressions, numbers = [], []
+    for signal in signals:
+        end, last = row + signal.rows, first + len(signal.data)
+        expressions.append(signal.express(_LocalView(whole, slice(row, end), slice(first, last))))
+        numbers.append(SignalNumbers(signal, slice(first, last)))
+        row, first = end, last
+    n = local.size
+    motion = [_select_rows(x, slice(0, n)) for x in (whole.q, whole.v, whole.a)]
+    data = _select_rows(whole.data, slice(0, local.n_data))
+    values = [whole.time, *motion, whole.lam, data, *expressions]
+    symbols = [local.time, local.q, local.v, local.a, local.lam, local.data]
+    symbols += [signal.value_symbol for signal in signals]
+    results = ca.substitute(list(outputs), [ca.vertcat(*symbols)], [ca.vertcat(*values)])
+    # Sensors may measure forces that depend on further signals.
+    inner = [ca.vertcat(*(x.value_symbol for x in signals))], [ca.vertcat(*expressions)]
+    for _ in signals:
+        if not find_signals(*results):
+            return SignalBinding(whole, results, tuple(numbers))
+        results = ca.substitute(results, *inner)
+    if find_signals(*results):
+        raise BeamdaeError(
+            f"{signals[0].name}: the sensor measures a force that depends on the sensor; insert "
+            "a state, such as a low-pass filter."
+        )
+    return SignalBinding(whole, results, tuple(numbers))
+
+
+def _add_measured_signals(signals: Sequence[Signal]) -> list[Signal]:
+    """Return signals, followed by those on which their expressions depend."""
+    every = list(signals)
+    for signal in every:
+        expression = signal.express(Local(signal.rows, len(signal.data)))
+        every += [other for other in find_signals(expression) if other not in every]
+    return every
+
+
+class _LocalView(Local):
+    """Some of the coordinates and data of a local statement, for the expression of a signal."""
+
+    def __init__(self, whole: Local, rows: slice, data: slice) -> None:
+        super().__init__(rows.stop - rows.start, data.stop - data.start)
+        motion = {name: _select_rows(getattr(whole, name), rows) for name in ("q", "v", "a")}
+        vars(self).update(motion, time=whole.time, data=_select_rows(whole.data, data))
+
+
+def _select_rows(column: SX, rows: slice) -> SX:
+    # An empty slice of a single entry would be a row.
+    return column[rows] if rows.stop > rows.start else SX(0, 1)
+
+
+def bind_laws(
+    local: Local,
+    outputs: Sequence[SX],
+    numbers: Sequence[SignalNumbers],
+    laws: Mapping[str, Callable[[SX], SX]],
+) -> list[SX]:
+    """Return outputs in which the numbers of inputs are increased by the laws of these inputs."""
+    changed = [one for one in numbers if one.signal.name in laws and one.rows.stop > one.rows.start]
+    data = SX(local.data)
+    for one in changed:
+        data[one.rows] += laws[one.signal.name](local.time)
+    return ca.substitute(list(outputs), [local.data], [data]) if changed else list(outputs)

@@ -1,0 +1,392 @@
+"""Derivatives of equilibria and critical loads: closed forms, scaling, differences of paths."""
+
+import numpy as np
+import pytest
+from four_bar import four_bar
+from leaf_spring_vehicle import leaf_spring_vehicle
+from numpy.testing import assert_allclose
+from pendulum import pendulum
+from quick_return import quick_return
+from ring_mount import ring_mount
+from shallow_arch import shallow_arch
+
+import beamdae as bd
+
+G = 9.81
+SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
+WEIGHTS = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+
+
+@bd.model(t_end=1.0)
+def hanging(stiffness=400.0, mass=2.0, length=0.5, load=3.0, damping=0.0):
+    """Mass on a vertical spring, under its weight and a force."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    bob = mech.add(bd.PointMass("bob", mass, at=(0.0, -length)))
+    hook = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", hook, bob.point, direction=(0.0, 1.0)))
+    mech.add(bd.SpringDamper("spring", hook, bob.point, stiffness, damping))
+    mech.add(bd.Force("pull", bob.point, (0.5 * load, -load)))
+    mech.observe("bob", bob.point)
+    mech.observe("guide", mech.parts["guide"].reaction)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_hanging_mass_has_the_derivatives_of_its_closed_form():
+    names = ["stiffness", "mass", "length", "load"]
+    result = bd.equilibrium_sensitivities(hanging, names, loads=["pull"], to=[0.5, 2.0])
+    mu = result.equilibrium.factors[:, 0]
+    expected = {
+        "stiffness": (2.0 * G + 3.0 * mu) / 400.0**2,
+        "mass": np.full_like(mu, -G / 400.0),
+        "length": np.full_like(mu, -1.0),
+        "load": -mu / 400.0,
+    }
+    for name in names:
+        assert_allclose(result.sensitivity("bob.y", name), expected[name], rtol=1e-9, atol=1e-15)
+        assert np.all(result.sensitivity("load factor", name) == 0.0)
+    force = result.equilibrium.columns["guide.F [N]"]
+    assert_allclose(result.sensitivity("guide.F", "load"), force / 3.0, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_prescribed_position_has_derivatives_of_the_load_factor():
+    # The weight and mu times the load stretch the spring by 0.1 m: 2 G + 3 mu = 40.
+    result = bd.equilibrium_sensitivities(
+        hanging, ["stiffness", "mass", "load"], loads=["pull"], to={"bob.y": -0.6}
+    )
+    factor = (40.0 - 2.0 * G) / 3.0
+    assert result.equilibrium.factor == pytest.approx(factor, rel=1e-12)
+    expected = {"stiffness": 0.1 / 3.0, "mass": -G / 3.0, "load": -factor / 3.0}
+    for name, value in expected.items():
+        assert result.sensitivity("load factor", name).iloc[-1] == pytest.approx(value, rel=1e-9)
+        assert result.sensitivity("bob.y", name).iloc[-1] == pytest.approx(0.0, abs=1e-15)
+        # The path begins at the load factor zero, not at a prescribed position.
+        assert result.sensitivity("load factor", name).iloc[0] == 0.0
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_stages_of_loads():
+    result = bd.equilibrium_sensitivities(hanging, "mass", loads=[["gravity"], ["pull"]], to=0.5)
+    first, second = result.equilibrium.factors.T
+    assert {0.0, 1.0} <= set(first)
+    assert {0.0, 0.5} <= set(second)
+    assert_allclose(result.sensitivity("bob.y", "mass"), -first * G / 400.0, atol=1e-14)
+
+
+@bd.model(t_end=1.0)
+def post(stiffness=5.0, length=0.4, tilt=0.0):
+    """Rigid post on a torsion spring, pressed from above; it buckles at stiffness / length."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody("post", 1.0, 0.1, (0.0, 0.5 * length)))
+    foot = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("foot", foot, rod.at(0.0, 0.0)))
+    mech.add(bd.TorsionSpring("spring", foot, rod.at(0.0, 0.0), stiffness))
+    mech.add(bd.Force("press", rod.at(0.0, length), (tilt, -1.0)))
+    mech.observe("tip", rod.at(0.0, length))
+    return mech
+
+
+def test_branch_point_of_a_post_has_a_closed_form():
+    with pytest.warns(bd.BeamdaeWarning, match="tilt does not preserve the branch point"):
+        result = bd.equilibrium_sensitivities(post, ["stiffness", "length", "tilt"], to=15.0)
+    (row,) = result.critical_table().to_numpy()
+    assert row[0] == "branch point"
+    assert row[1] == pytest.approx(12.5, rel=1e-8)
+    assert row[2] == pytest.approx(1.0 / 0.4, rel=1e-9)
+    assert row[3] == pytest.approx(-5.0 / 0.4**2, rel=1e-9)
+    # An imperfection turns the branch point into a limit point: the derivative does not exist.
+    assert np.isnan(row[4])
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, stiffness=1000.0, span=1.0):
+    """Two springs, pressed at the crown, which snap through."""
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -span), ("right", span)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, stiffness))
+    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+def limit_point(rise, stiffness, span):
+    """Return load and height at the limit point, where the bars have the length (L0 s^2)^(1/3)."""
+    length = (np.sqrt(span**2 + rise**2) * span**2) ** (1.0 / 3.0)
+    height = np.sqrt(length**2 - span**2)
+    return 2.0 * stiffness * (np.sqrt(span**2 + rise**2) / length - 1.0) * height, height
+
+
+@pytest.mark.parametrize("unit", [1.0, pytest.param(1000.0, marks=SLOW)], ids=["m", "mm"])
+@pytest.mark.slow(reason="half a second and more")
+def test_limit_point_of_a_truss_has_a_closed_form(unit):
+    values = {"rise": 0.2 * unit, "stiffness": 1000.0 / unit, "span": 1.0 * unit}
+    result = bd.equilibrium_sensitivities(
+        truss, list(values), to={"crown.y": 0.0}, parameters=values
+    )
+    (point,) = result.equilibrium.critical
+    table = result.critical_table()
+    for name in values:
+        step = {**values, name: values[name] * (1.0 + 1e-30j)}
+        expected = [x.imag / (1e-30 * values[name]) for x in limit_point(**step)]
+        assert table[f"d(load factor)/d({name}) [- per unit]"][0] == pytest.approx(
+            expected[0], rel=1e-9
+        )
+        # Columns follow the limit point.
+        height = result.sensitivity("crown.y", name).iloc[point.row]
+        assert height == pytest.approx(expected[1], rel=1e-8, abs=1e-12)
+
+
+@bd.model(t_end=1.0)
+def ziegler(stiffness=1.0, length=1.0, mass=1.0, damping=0.0):
+    """Ziegler's double pendulum with masses 2 m and m under a follower load."""
+    mech = bd.Mechanism()
+    foot = mech.ground.at(0.0, 0.0)
+    # Point masses: the moments of inertia are negligible.
+    lower = mech.add(bd.RigidBody("lower", 2.0 * mass, 1e-9, (0.0, length)))
+    upper = mech.add(bd.RigidBody("upper", mass, 1e-9, (0.0, 2.0 * length)))
+    knee = lower.at(0.0, length), upper.at(0.0, length)
+    mech.add(bd.Revolute("foot", foot, lower.at(0.0, 0.0)))
+    mech.add(bd.Revolute("knee", *knee))
+    for name, pair in (("first", (foot, lower.at(0.0, 0.0))), ("second", knee)):
+        mech.add(bd.TorsionSpring(f"{name} spring", *pair, stiffness))
+        mech.add(bd.TorsionDamper(f"{name} damper", *pair, damping))
+    mech.add(bd.Force("follower", upper.at(0.0, 2.0 * length), (0.0, -1.0), axes="body"))
+    return mech
+
+
+@pytest.mark.parametrize("damping", [0.0, pytest.param(0.3, marks=SLOW)])
+@pytest.mark.slow(reason="half a second and more")
+def test_flutter_point_has_a_closed_form(damping):
+    names = ["stiffness", "length", "mass"]
+    result = bd.equilibrium_sensitivities(ziegler, names, to=3.0, parameters={"damping": damping})
+    ((kind, factor, *rates),) = result.critical_table().to_numpy()
+    assert kind == "flutter point"
+    # Without damping, P l / k = 7/2 - sqrt(2) (Ziegler, Ing.-Arch. 20 (1952) 49); with damping,
+    # P l / k = 41/28 + c^2 / (2 k m l^2) (Herrmann & Jong, J. Appl. Mech. 32 (1965) 592).
+    if damping:
+        share = 0.5 * damping**2
+        expected = [41.0 / 28.0, -41.0 / 28.0 - 3.0 * share, -share]
+    else:
+        load = 3.5 - np.sqrt(2.0)
+        expected = [load, -load, 0.0]
+    # The search stops at 1e-6 of a step; eigenvalues that coalesce are less accurate.
+    assert_allclose(rates, expected, rtol=1e-5, atol=1e-6)
+    assert rates[0] - 3.0 * rates[2] == pytest.approx(-rates[1], rel=1e-5)
+    assert factor == pytest.approx(rates[0] - rates[2], rel=1e-5)
+
+
+def differences(model, name, values, relative, function):
+    """Return the fourth-order difference of a function of the model."""
+    delta = relative * values[name]
+    return sum(
+        weight / delta * np.asarray(function(model(**{**values, name: values[name] + k * delta})))
+        for k, weight in WEIGHTS.items()
+    )
+
+
+def assert_agrees_with_paths(model, names, values, settings, tolerance=1e-7, relative=1e-3):
+    """Compare the end of a path and its critical loads with differences of paths.
+
+    Errors are relative to the larger one of the derivative and of the value over the parameter.
+    Newton errors of the paths limit the accuracy of the differences.
+    """
+    result = bd.equilibrium_sensitivities(model, names, parameters=values, **settings)
+    values = {**model.parameters, **values}
+    columns = list(result.equilibrium.columns)
+
+    def end(mechanism):
+        path = bd.equilibrium(mechanism, **settings)
+        return np.concatenate(
+            [
+                [path.columns[x][-1] for x in columns],
+                [path.factor, *(point.factor for point in path.critical)],
+            ]
+        )
+
+    # Zero reactions and section forces have errors in proportion to others.
+    size = np.maximum(np.abs(end(model(**values))), 1e-2)
+    for name in names:
+        expected = differences(model, name, values, relative, end)
+        actual = [result.sensitivity(x, name).iloc[-1] for x in columns]
+        actual += [result.sensitivity("load factor", name).iloc[-1]]
+        actual += list(result.critical_table().iloc[:, 2 + names.index(name)])
+        scale = np.maximum(size / abs(values[name]), np.abs(expected))
+        error = np.abs(expected - actual)
+        assert np.all(error <= tolerance * scale), (name, error / scale)
+    return result
+
+
+@pytest.mark.slow(reason="paths of an arch past two limit points, for four parameters")
+def test_shallow_arch_past_its_limit_points():
+    settings = {"to": {"crown.y": -0.006}}
+    names = ["rise", "height", "span", "load"]
+    result = assert_agrees_with_paths(shallow_arch, names, {"elements": 4}, settings)
+    assert len(result.equilibrium.critical) == 2
+
+
+@bd.model(t_end=1.0)
+def cantilever(
+    E=2e9,
+    length=1.0,
+    height=0.02,
+    width=0.03,
+    load=10.0,
+    curvature=0.8,
+    formulation="exact",
+):
+    """Curved strip under a force and its weight; large deflections."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    section = bd.Section.rectangle(bd.Material(E=E, nu=0.4, rho=1200.0), width, height)
+    curve = bd.Arc(1.0 / curvature, length)
+    beam = mech.add(bd.Beam("beam", curve, section, 2, formulation=formulation))
+    root = mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("tip load", beam.end, (0.0, -load)))
+    mech.observe("tip", beam.end)
+    mech.observe("root", root.reaction)
+    mech.observe("stress", beam.stress(0.25 * length, "top"))
+    mech.observe("middle", beam.section_forces(0.5 * length))
+    return mech
+
+
+@pytest.mark.slow(reason="paths of curved beams for six parameters")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_every_parameter_of_a_curved_cantilever(formulation):
+    names = [name for name, value in cantilever.parameters.items() if isinstance(value, float)]
+    # Differences of the shear force, from tiny strains, are accurate to 2e-7.
+    result = assert_agrees_with_paths(
+        cantilever, names, {"formulation": formulation}, {}, tolerance=1e-6
+    )
+    # Section forces from the balance of loads, at sections that keep their relative position.
+    for name in ("height", "length", "load"):
+
+        def forces(mechanism):
+            sections = bd.equilibrium(mechanism).section_forces("beam")
+            return np.stack([sections.N, sections.Q, sections.M])
+
+        expected = differences(cantilever, name, dict(cantilever.parameters), 1e-3, forces)
+        actual = result.derivative(
+            lambda path: [getattr(path.section_forces("beam"), x) for x in "NQM"], name
+        )
+        if formulation == "exact":
+            assert_allclose(actual, expected, atol=1e-6 * np.abs(expected).max())
+
+
+EXACT, FLOATING = {"formulation": "exact"}, {"formulation": "floating frame"}
+CASES = {
+    "four_bar": (four_bar, ["rise", "stiffness"], EXACT),
+    "four_bar floating": (four_bar, ["height", "rise"], FLOATING),
+    "pendulum": (pendulum, ["tip_mass", "angle"], EXACT),
+    "pendulum floating": (pendulum, ["radius"], FLOATING),
+    "ring_mount": (ring_mount, ["radius"], EXACT),
+    # The operators of joints depend on the radius.
+    "ring_mount floating": (ring_mount, ["motor_mass", "radius"], FLOATING),
+    "leaf_spring_vehicle": (leaf_spring_vehicle, ["sprung_mass"], {}),
+    "quick_return": (quick_return, ["crank_radius"], {}),
+}
+
+
+@pytest.mark.slow(reason="five paths of a model per parameter")
+@pytest.mark.parametrize("case", CASES)
+def test_positions_of_models_agree_with_differences(case):
+    model, names, values = CASES[case]
+    result = bd.equilibrium_sensitivities(model, names, parameters=values)
+    values = {**model.parameters, **values}
+    for name in names:
+        expected = differences(
+            model, name, values, 1e-3, lambda mechanism: bd.equilibrium(mechanism).q[-1]
+        )
+        size = np.abs(result.equilibrium.q[-1]).max() / abs(values[name])
+        error = np.abs(result.q[name][-1] - expected).max()
+        assert error <= 1e-7 * max(size, np.abs(expected).max()), name
+
+
+@pytest.mark.slow(reason="path of a beam for six parameters")
+def test_derivatives_obey_the_scaling_of_beams():
+    result = bd.equilibrium_sensitivities(
+        cantilever, ["E", "length", "height", "width", "load", "curvature"], loads=["tip load"]
+    )
+    share = {
+        name: result.sensitivity("tip.y", name).iloc[-1] * value
+        for name, value in result.parameters.items()
+    }
+    # Deflections are proportional to lengths L if E is proportional to L (because of the weight)
+    # and the load to L^3.
+    lengths = share["length"] + share["height"] + share["width"] - share["curvature"]
+    tip = result.equilibrium.columns["tip.y [m]"][-1]
+    assert lengths + share["E"] + 3.0 * share["load"] == pytest.approx(tip, rel=1e-9)
+
+
+@bd.model(t_end=1.0)
+def lift(load=10.0, width=0.4):
+    """Plate on a spring, guided by three rails, one of which is redundant."""
+    mech = bd.Mechanism(redundant="minimum norm")
+    plate = mech.add(bd.RigidBody("plate", 2.0, 0.1, (0.5 * width, 0.3)))
+    for name, x, y in (("low", 0.0, 0.3), ("high", 0.0, 0.5), ("right", width, 0.3)):
+        foot = mech.ground.at(x, 0.0)
+        guide = mech.add(bd.PointOnLine(name, foot, plate.at(x, y), (0.0, 1.0)))
+        mech.observe(name, guide.reaction)
+    middle = plate.at(0.5 * width, 0.3)
+    mech.add(bd.Spring("spring", mech.ground.at(0.5 * width, -1.0), middle, 500.0))
+    mech.add(bd.Force("push", plate.at(width, 0.35), (load, -load)))
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_reactions_of_redundant_constraints_have_minimum_norm():
+    result = bd.equilibrium_sensitivities(lift, ["load", "width"])
+    # Forces X on the low and right rails, Y on the high rail: 2 X + Y = F, and the moment of Y
+    # about the low rail, 0.2 m, balances F (0.05 m + width / 2).
+    share = {"load": 1.25, "width": 25.0}
+    for name, high in share.items():
+        low = 0.5 * ((1.0 if name == "load" else 0.0) - high)
+        for rail, value in (("low", low), ("right", low), ("high", high)):
+            rate = result.sensitivity(f"{rail}.F", name).iloc[-1]
+            assert rate == pytest.approx(value, rel=1e-9)
+
+
+def test_functions_of_the_path_agree_with_columns():
+    result = bd.equilibrium_sensitivities(truss, "rise", to={"crown.y": 0.1})
+    derivative = result.derivative(lambda path: path.factors[:, 0], "rise")
+    assert_allclose(derivative, result.factors["rise"][:, 0], rtol=1e-8, atol=1e-9)
+    table = result.table()
+    assert list(table)[:2] == ["load factor [-]", "d(load factor)/d(rise) [- per unit]"]
+    assert "d(crown.y)/d(rise) [m per unit]" in table
+
+
+@pytest.mark.parametrize(
+    ("model", "by", "settings", "message"),
+    [
+        (hanging, "stifness", {}, "no parameter 'stifness' .did you mean 'stiffness'"),
+        (truss, "rise", {"to": 5.0}, "the path of truss did not reach its end"),
+        (truss, "rise", {"to": {"crown.y": 0.1}, "loads": ["other"]}, "no part has this name"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_refusals(model, by, settings, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.equilibrium_sensitivities(model, by, **settings)
+
+
+@bd.model(t_end=1.0)
+def loose(stiffness=10.0):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_equilibria_that_can_move_have_no_derivative():
+    with pytest.raises(bd.BeamdaeError, match=r"bob\.y of loose can move without stiffness"):
+        bd.equilibrium_sensitivities(loose, "stiffness")
+
+
+def test_table_is_written_as_csv(tmp_path):
+    result = bd.equilibrium_sensitivities(hanging, "mass")
+    lines = result.to_csv(tmp_path / "rates.csv").read_text().splitlines()
+    assert lines[0].startswith("load factor [-],d(load factor)/d(mass) [- per unit]")
+    assert len(lines) == 1 + len(result.equilibrium.q)
+    with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
+        result.sensitivity("bob.y", "load")

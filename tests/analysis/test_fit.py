@@ -1,0 +1,236 @@
+"""Fits of parameters to synthetic data with known solutions."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beamdae as bd
+
+METHOD = bd.GeneralizedAlpha(step=0.01)
+TIMES = np.linspace(0.0, 2.0, 41)
+TRUE = {"stiffness": 40.0, "damping": 0.8}
+NOISE = 1e-3
+SLOW = pytest.mark.slow(reason="half a second and more")
+
+
+@bd.model(t_end=1.0)
+def oscillator(stiffness=30.0, damping=0.5, mass=1.0, elements=3):
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.observe("mass", body.point)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def exact():
+    run = bd.simulate(oscillator(**TRUE), METHOD, t_end=2.0).at_times(TIMES)
+    return {"t [s]": TIMES, "mass.x": run["mass.x"].to_numpy(), "speed": run["mass.x_dot"]}
+
+
+@SLOW
+def test_exact_data_return_the_parameters(exact):
+    data = pd.DataFrame({name: exact[name] for name in ("t [s]", "mass.x")})
+    result = bd.fit(oscillator, data, list(TRUE), METHOD)
+    assert result.converged
+    # The runs that are fitted have a smaller Newton tolerance than the run of the data.
+    assert result.parameters == pytest.approx(TRUE, rel=1e-7)
+    assert not result.undetermined
+    assert not result.at_bounds
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("log", [(), pytest.param(("stiffness", "damping"), marks=[SLOW])])
+def test_covariance_agrees_with_differences_of_the_model(exact, log):
+    noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
+    data = {"t [s]": TIMES, "mass.x [m]": exact["mass.x"] + noise}
+    data["mass.x [m]"][7] = np.nan
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=NOISE, log=log)
+    columns = []
+    for name, value in result.parameters.items():
+        runs = [
+            bd.simulate(oscillator(**{**result.parameters, name: value * (1 + k)}), METHOD, 2.0)
+            for k in (-1e-4, 1e-4)
+        ]
+        low, high = (run.at_times(np.delete(TIMES, 7))["mass.x"].to_numpy() for run in runs)
+        columns.append((high - low) / (2e-4 * value * NOISE))
+    jacobian = np.stack(columns, axis=1)
+    expected = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(result.covariance, expected, rtol=1e-5)
+    assert result.degrees_of_freedom == TIMES.size - 1 - 2
+    # Within five standard deviations of the chi-square distribution.
+    assert abs(result.chi_square - 38) < 5 * np.sqrt(2 * 38)
+    errors = np.array(list(result.parameters.values())) - list(TRUE.values())
+    assert np.all(np.abs(errors) < 4 * result.standard_deviations)
+    # The gradient of the sum of squares vanishes at the solution.
+    assert np.abs(jacobian.T @ result.residuals).max() < 1e-4 * np.abs(jacobian).sum()
+
+
+@SLOW
+def test_unknown_sigma_is_estimated(exact):
+    noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"] + noise}
+    known, unknown = (
+        bd.fit(oscillator, data, list(TRUE), METHOD, sigma=sigma) for sigma in (NOISE, None)
+    )
+    assert unknown.sigma["mass.x [m]"] == pytest.approx(
+        NOISE * np.sqrt(known.chi_square / known.degrees_of_freedom), rel=1e-6
+    )
+    assert unknown.chi_square == pytest.approx(unknown.degrees_of_freedom)
+    assert unknown.parameters == pytest.approx(dict(known.parameters), rel=1e-6)
+
+
+@SLOW
+def test_sigma_of_exact_data_is_at_least_that_of_rounding(exact):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    first = bd.fit(oscillator, data, list(TRUE), METHOD)
+    run = first.solution.columns["mass.x [m]"]
+    data = {"t [s]": TIMES, "mass.x": run}
+    fit = bd.fit(oscillator, data, list(TRUE), METHOD, parameters=first.parameters)
+    assert 0.0 < fit.sigma["mass.x [m]"] < 1e-15
+    assert np.all(fit.standard_deviations < 1e-10)
+
+
+@SLOW
+def test_several_columns_are_weighted_by_sigma(exact):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"] + 1e-3, "mass.x_dot": exact["speed"]}
+    sigma = {"mass.x": 1e3, "mass.x_dot": 1e-6}
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=sigma)
+    assert result.parameters == pytest.approx(TRUE, rel=1e-6)
+    with pytest.raises(bd.BeamdaeError, match="sigma is required for several columns"):
+        bd.fit(oscillator, data, list(TRUE), METHOD)
+
+
+@SLOW
+def test_dependent_parameters_are_named(exact):
+    # The motion depends on stiffness / mass and damping / mass only.
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    result = bd.fit(oscillator, data, [*TRUE, "mass"], METHOD, sigma=NOISE)
+    assert result.undetermined == (
+        "Joint changes of stiffness by +1 %, damping by +1 %, mass by +1 % do not change the "
+        "fitted columns.",
+    )
+    assert np.all(np.isinf(result.standard_deviations))
+    assert result.undetermined[0] in repr(result)
+
+
+@SLOW
+def test_weakly_determined_parameter_is_named(exact):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=0.2)
+    (sentence,) = result.undetermined
+    assert sentence.startswith("Changes of damping by +1 % have a standard deviation of")
+    deviation = float(sentence.split("deviation of ")[1].split(" times")[0])
+    relative = result.standard_deviations[1] / result.parameters["damping"]
+    # Two digits are printed; the direction contains a small share of the stiffness.
+    assert deviation == pytest.approx(100.0 * relative, rel=0.1)
+
+
+@SLOW
+def test_estimate_at_a_bound(exact):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds={"damping": (0.0, 0.6)})
+    assert result.parameters["damping"] == pytest.approx(0.6, rel=1e-6)
+    assert result.at_bounds == ("damping",)
+    assert "at a bound: damping" in repr(result)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"by": "stiffnes"}, "has no parameter 'stiffnes' .did you mean 'stiffness'"),
+        ({"by": "elements"}, "elements of oscillator is not a float"),
+        ({"data": {"mass.x": [1.0]}}, "must contain the column 't \\[s\\]'"),
+        (
+            {"data": {"t [s]": [0.0, 1.0, 1.0], "mass.x": [1.0] * 3}},
+            "times of data must be finite and ascend",
+        ),
+        ({"data": {"t [s]": [0.0, 1.0], "mass.x": [1.0]}}, "column 'mass.x' of data must have"),
+        ({"data": {"t [s]": [0.0, 1.0], "mass.z": [1.0, 1.0]}}, "no observed column 'mass.z'"),
+        ({"data": {"t [s]": [0.0, 1.0], "mass": [1.0, 1.0]}}, "stands for several"),
+        ({"data": {"t [s]": [1.0], "mass.x": [np.nan]}}, "data contains no values"),
+        ({"data": {"t [s]": [1.0], "mass.x": [1.0]}, "by": list(TRUE)}, "1 data do not determine"),
+        ({"data": 3.0}, "data must be a table"),
+        ({"sigma": -1.0}, "sigma must be positive"),
+        ({"sigma": {"other": 1.0}}, "sigma must name the columns mass.x"),
+        (
+            {"bounds": {"stiffness": (50.0, 60.0)}},
+            "around its first value 30.*set the first value in parameters",
+        ),
+        ({"bounds": {"mass": (0.5, 2.0)}}, "bounds contains 'mass', which is not in by"),
+        ({"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]}, "must not be negative"),
+        ({"data": {"t [s]": [0.0, 11.0], "mass.x": [1.0] * 2}}, "the data end at 11 s, far after"),
+        ({"log": ["mass"]}, "log contains 'mass', which is not in by"),
+        ({"integrator": bd.Ida()}, "GeneralizedAlpha"),
+        ({"by": [["stiffness"]]}, "by must be a list of names of parameters"),
+        ({"bounds": {"stiffness": ("10", "50")}}, "around its first value 30"),
+        ({"bounds": {"stiffness": (None, 50.0)}}, "around its first value 30"),
+        ({"max_evaluations": 0}, "max_evaluations must be a whole number of at least 1"),
+        # The search would never end.
+        ({"max_evaluations": 2.5}, "max_evaluations must be a whole number of at least 1"),
+        ({"max_evaluations": "5"}, "max_evaluations must be a number"),
+    ],
+)
+def test_refusals(exact, changes, message):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    arguments = {"data": data, "by": ["stiffness"], "integrator": METHOD, **changes}
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.fit(oscillator, **arguments)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_search_that_ends_early_is_reported(exact):
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    result = bd.fit(oscillator, data, list(TRUE), METHOD, max_evaluations=1)
+    assert not result.converged
+    assert "not converged" in repr(result)
+    assert list(result.table().index) == list(TRUE)
+
+
+@SLOW
+def test_regression_steps_that_change_the_estimates_are_told():
+    run = bd.simulate(oscillator(**TRUE), bd.Radau(rtol=1e-9), t_end=2.0).at_times(TIMES)
+    data = {"t [s]": TIMES, "mass.x [m]": run["mass.x"].to_numpy()}
+    coarse = bd.GeneralizedAlpha(step=0.1)
+    with pytest.warns(bd.BeamdaeWarning, match="shorter step"):
+        result = bd.fit(oscillator, data, "stiffness", coarse, sigma=NOISE)
+    assert any("shorter step" in x for x in result.warnings)
+    assert "shorter step" in repr(result)
+    # By default, errors are controlled.
+    result = bd.fit(oscillator, data, list(TRUE), sigma=NOISE)
+    # The end time of the model is 1 s.
+    (sentence,) = result.warnings
+    assert "data end at 2 s, after the end time of oscillator, 1 s" in sentence
+    errors = np.array(list(result.parameters.values())) - list(TRUE.values())
+    assert np.all(np.abs(errors) < 0.1 * result.standard_deviations)
+
+
+@SLOW
+def test_regression_misfits_and_correlations_are_told(exact):
+    data = {"t [s]": TIMES, "mass.x [m]": exact["mass.x"] + 0.02 * np.sin(30.0 * TIMES)}
+    with pytest.warns(bd.BeamdaeWarning, match="does not explain the data"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=NOISE)
+    assert any("does not explain" in x for x in result.warnings)
+    assert not result.undetermined
+    # The frequency fixes the ratio of stiffness and mass, with smaller errors than the decay.
+    data = {"t [s]": TIMES, "mass.x [m]": exact["mass.x"]}
+    options = {"sigma": NOISE, "parameters": {"damping": TRUE["damping"]}}
+    result = bd.fit(oscillator, data, ["stiffness", "mass"], METHOD, **options)
+    assert result.correlations().iloc[0, 1] > 0.99
+    (sentence,) = result.undetermined
+    assert "hardly distinguish the effects of stiffness and mass" in sentence
+
+
+@bd.model(t_end=2.0)
+def oscillator_with_unused_number(stiffness=30.0, unused=1.0):
+    return oscillator(stiffness=stiffness)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_parameters_without_effect_cause_a_warning(exact):
+    data = {name: exact[name] for name in ("t [s]", "mass.x")}
+    with pytest.warns(bd.BeamdaeWarning) as records:
+        bd.fit(oscillator_with_unused_number, data, ["stiffness", "unused"], METHOD)
+    texts = [str(x.message) for x in records]
+    assert sum(x.startswith("fit: small changes of unused change no number") for x in texts) == 1
+    assert not any("changes of stiffness" in x for x in texts)

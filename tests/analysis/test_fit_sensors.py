@@ -1,0 +1,321 @@
+"""Fits with several experiments, long tables, CSV files and unknown properties of sensors."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_fit import METHOD, NOISE, TRUE, oscillator
+
+import beamdae as bd
+from beamdae.analysis.fit.column_rates import column_rates
+from beamdae.analysis.fit.problem import FitProblem
+
+SLOW = pytest.mark.slow(reason="half a second and more")
+TIMES = np.linspace(0.2, 2.0, 37)
+SHIFT, SCALE, OFFSET = 0.013, 1.2, -0.7
+
+
+def record(times=TIMES, shift=0.0, **parameters):
+    run = bd.simulate(oscillator(**TRUE | parameters), METHOD, t_end=3.0).at_times(times - shift)
+    return run["mass.x"].to_numpy(), run["mass.x_dot"].to_numpy()
+
+
+@pytest.fixture(scope="module")
+def sensed():
+    """Data of a position sensor with scale, offset and shift, and of an exact velocity sensor."""
+    position, _ = record(shift=SHIFT)
+    _, velocity = record()
+    return {"t [s]": TIMES, "mass.x": SCALE * position + OFFSET, "mass.x_dot": velocity}
+
+
+SENSOR = {"scale": "mass.x", "offset": ["mass.x [m]"], "shift": {"mass.x": (-0.1, 0.1)}}
+SIGMA = {"mass.x": NOISE, "mass.x_dot": NOISE}
+
+
+@SLOW
+def test_sensors_are_estimated_with_the_parameters(sensed):
+    fit = bd.fit(oscillator, sensed, list(TRUE), METHOD, sigma=SIGMA, **SENSOR)
+    assert fit.parameters == pytest.approx(TRUE, rel=1e-6)
+    assert fit.sensors == pytest.approx(
+        {"shift of mass.x": SHIFT, "scale of mass.x": SCALE, "offset of mass.x [m]": OFFSET},
+        rel=1e-5,
+    )
+    assert fit.names == (*TRUE, *fit.sensors)
+    assert fit.sensor_of(0) == pytest.approx((SHIFT, SCALE, OFFSET), rel=1e-5)
+    assert fit.sensor_of(1) == (0.0, 1.0, 0.0)
+
+
+@SLOW
+def test_projected_jacobian_agrees_with_differences(sensed):
+    noise = np.random.default_rng(2).normal(scale=0.02, size=TIMES.size)
+    data = {**sensed, "mass.x": sensed["mass.x"] + noise}
+    problem = FitProblem(oscillator, data, list(TRUE), METHOD, SIGMA, **SENSOR)
+    # Away from the solution, where the term that vanishes with the residuals is large.
+    values = np.array([43.0, 0.5, 0.0312])
+    jacobian = problem.evaluate(values).projected_jacobian
+    for k, size in enumerate(values):
+        change = 1e-4 * size * np.eye(3)[k]
+        low, high = (problem.evaluate(values + side * change).residuals for side in (-1.0, 1.0))
+        expected = (high - low) / (2e-4 * size)
+        np.testing.assert_allclose(
+            jacobian[:, k], expected, atol=1e-6 * np.abs(expected).max(), rtol=0.0
+        )
+
+
+@pytest.mark.parametrize("method", [METHOD, bd.Radau(), bd.Ida()], ids=lambda x: x.method)
+def test_rates_are_the_derivatives_of_the_dense_output(method):
+    run = bd.simulate(oscillator(**TRUE), method, t_end=0.5)
+    times, change = np.array([0.0333, 0.1234, 0.4321]), 1e-6
+    rates = column_rates(run.at_times(times))
+    low, high = run.at_times(times - change).columns, run.at_times(times + change).columns
+    for name in ("mass.x [m]", "mass.x_dot [m/s]"):
+        expected = (high[name] - low[name]) / (2.0 * change)
+        # Rounding errors of the differences.
+        np.testing.assert_allclose(rates[name], expected, rtol=1e-7, atol=1e-9)
+
+
+@SLOW
+def test_experiments_share_parameters_and_have_their_own_sensors():
+    light, _ = record()
+    heavy, _ = record(mass=2.0)
+    rows = {"light": light + 0.3, "heavy": heavy - 0.2}
+    data = {name: {"t [s]": TIMES, "mass.x": x} for name, x in rows.items()}
+    offsets = [("light", "mass.x"), ("heavy", "mass.x")]
+    fit = bd.fit(
+        oscillator,
+        data,
+        list(TRUE),
+        METHOD,
+        sigma=NOISE,
+        experiments={"heavy": {"mass": "2.0"}},
+        offset=offsets,
+    )
+    assert fit.parameters == pytest.approx(TRUE, rel=1e-6)
+    assert list(fit.sensors.values()) == pytest.approx([0.3, -0.2], abs=1e-7)
+    assert fit.solutions["heavy"].model["parameters"]["mass"] == 2.0
+    with pytest.raises(bd.BeamdaeError, match="several experiments"):
+        _ = fit.solution
+    table = fit.residual_table()
+    assert list(table["experiment"].unique()) == ["light", "heavy"]
+    np.testing.assert_allclose(table["model"], table["value"], atol=1e-6)
+
+
+@SLOW
+def test_long_csv_in_any_order_equals_the_wide_table(tmp_path, sensed):
+    frame = pd.DataFrame(sensed)
+    long = frame.melt("t [s]", var_name="observable").assign(sigma=NOISE, experiment=1)
+    path = tmp_path / "long.csv"
+    long.sample(frac=1.0, random_state=0).to_csv(path, index=False)
+    wide = bd.fit(oscillator, frame, list(TRUE), METHOD, sigma=NOISE, **SENSOR)
+    fit = bd.fit(oscillator, path, list(TRUE), METHOD, **SENSOR)
+    assert fit.parameters == pytest.approx(dict(wide.parameters), rel=1e-12)
+    assert list(fit.solutions) == ["1"]
+    np.testing.assert_allclose(fit.covariance, wide.covariance, rtol=1e-6)
+    assert fit.is_sigma_known
+
+
+def test_units_of_long_sigma_set_the_weights(sensed):
+    rows = [("mass.x", 0.5, 1.1, 0.1), ("mass.x_dot", 0.7, 0.2, 10.0)]
+    table = pd.DataFrame(rows, columns=["observable", "t [s]", "value", "sigma"])
+    problem = FitProblem(oscillator, table, "stiffness", METHOD)
+    evaluation = problem.evaluate(problem.first_values)
+    run = evaluation.runs[""].solution
+    model = [run["mass.x"].iloc[0], run["mass.x_dot"].iloc[1]]
+    expected = [(model[0] - 1.1) / 0.1, (model[1] - 0.2) / 10.0]
+    np.testing.assert_allclose(evaluation.residuals, expected, rtol=1e-12)
+
+
+@SLOW
+def test_intervals_use_the_t_distribution_if_sigma_is_estimated():
+    noise = np.random.default_rng(5).normal(scale=NOISE, size=5)
+    times = TIMES[::8]
+    data = {"t [s]": times, "mass.x": record(times)[0] + noise}
+    fit = bd.fit(oscillator, data, list(TRUE), METHOD)
+    # Quantile 0.975 of the t distribution with three degrees of freedom, from tables.
+    assert fit.quantile == pytest.approx(3.182446, rel=1e-6)
+    table = fit.table()
+    half_width = (table["upper 95 %"] - table["lower 95 %"]) / 2.0
+    np.testing.assert_allclose(half_width, 3.182446 * fit.standard_deviations, rtol=1e-6)
+
+
+@SLOW
+def test_prediction_agrees_with_refitted_derivatives():
+    position, _ = record()
+    data = {"t [s]": TIMES, "mass.x": position}
+    fit = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=NOISE)
+    band = fit.prediction("mass.x_dot")
+    changes = []
+    for name, value in fit.parameters.items():
+        runs = [
+            bd.simulate(oscillator(**{**fit.parameters, name: value * x}), METHOD, 2.0)
+            for x in (1.0 - 1e-4, 1.0 + 1e-4)
+        ]
+        low, high = (run.at_times(TIMES)["mass.x_dot"].to_numpy() for run in runs)
+        changes.append((high - low) / (2e-4 * value))
+    gradient = np.array(changes)
+    expected = np.sqrt(np.einsum("ij,ik,kj->j", gradient, fit.covariance, gradient))
+    np.testing.assert_allclose(band["standard deviation"], expected, rtol=1e-4)
+    np.testing.assert_allclose(band["upper 95 %"] - band["value"], 1.959964 * expected, rtol=1e-4)
+
+
+@SLOW
+def test_prediction_of_undetermined_columns_is_infinite():
+    position, _ = record()
+    data = {"t [s]": TIMES, "mass.x": position}
+    # Only the ratios of stiffness and damping to mass are determined, and so is the motion.
+    fit = bd.fit(oscillator, data, [*TRUE, "mass"], METHOD, sigma=NOISE)
+    assert np.isfinite(fit.prediction("mass.x")["standard deviation"]).all()
+    assert np.isinf(fit.standard_deviations).all()
+
+
+@pytest.mark.slow(reason="ten fits")
+def test_profile_of_an_almost_linear_parameter_agrees_with_the_covariance():
+    position, _ = record()
+    data = {"t [s]": TIMES, "mass.x": position}
+    fit = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=NOISE)
+    profile = fit.profile("stiffness")
+    table = fit.table().loc["stiffness"]
+    # Deviations from linearity over an interval of 0.3 % of the stiffness.
+    assert profile.interval == pytest.approx((table["lower 95 %"], table["upper 95 %"]), rel=1e-4)
+    deviations = (profile.values - fit.parameters["stiffness"]) / fit.standard_deviations[0]
+    np.testing.assert_allclose(profile.increases, deviations**2, atol=0.05)
+    assert list(profile.table()) == ["stiffness", "increase of chi-square", "damping"]
+
+
+@pytest.mark.slow(reason="fits of an undetermined parameter")
+def test_profile_of_an_undetermined_parameter_is_flat():
+    position, _ = record()
+    data = {"t [s]": TIMES, "mass.x": position}
+    bounds = {"mass": (0.92, 1.08)}
+    names = [*TRUE, "mass"]
+    fit = bd.fit(oscillator, data, names, METHOD, sigma=NOISE, bounds=bounds)
+    profile = fit.profile("mass")
+    assert profile.interval == pytest.approx((0.92, 1.08))
+    assert np.abs(profile.increases).max() < 1e-3
+    # Without bounds, such a profile would not end.
+    with pytest.raises(bd.BeamdaeError, match=r"^profile: max_points must be at most 1000, got 1e"):
+        fit.profile("mass", max_points=1e12)
+
+
+@SLOW
+def test_files_and_figures(tmp_path, sensed):
+    fit = bd.fit(oscillator, sensed, list(TRUE), METHOD, sigma=SIGMA, **SENSOR)
+    table = pd.read_csv(fit.to_csv(tmp_path / "fit.csv"))
+    assert list(table["parameter"]) == list(fit.names)
+    np.testing.assert_allclose(table["value"], fit.values, rtol=1e-15)
+    page = fit.page(tmp_path / "fit.html").read_text(encoding="utf-8")
+    assert "offset of mass.x" in page
+    assert "<td>1.2</td>" in fit._repr_html_()
+    figure = fit.plot().figure
+    assert len(figure.axes) == 4
+    np.testing.assert_allclose(
+        figure.axes[1].lines[0].get_ydata(), fit.residual_table()["residual"][:37]
+    )
+
+
+@bd.model(t_end=1.0)
+def ball(height=0.55, restitution=0.7, action="bounce"):
+    """Ball that falls from rest and bounces, or stops the run at the floor."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(body.point)
+    mech.observe("ball", body.point)
+    does = bd.impact(gap, restitution) if action == "bounce" else "stop"
+    mech.when(gap, 0.0, "down", does, name="floor")
+    return mech
+
+
+@SLOW
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.01), bd.Radau()], ids=["alpha", "r"])
+def test_restitution_and_delay_are_estimated_through_impacts(method):
+    fall = np.sqrt(2.0 * 0.5 / 9.81)
+    times = np.linspace(0.05, 0.8, 31)
+    air = times - 0.01 - fall
+    # Closed form of the first flight and of the flight after the first impact.
+    height = np.where(
+        air < 0.0, 0.5 - 0.5 * 9.81 * (times - 0.01) ** 2, 0.8 * 9.81 * fall * air - 4.905 * air**2
+    )
+    data = {"t [s]": times, "ball.y": height}
+    fit = bd.fit(ball, data, ["height", "restitution"], method, sigma=1e-3, shift="ball.y")
+    # Both methods are exact for parabolas; impact times have the tolerance of events.
+    assert fit.values == pytest.approx([0.5, 0.8, 0.01], rel=1e-6)
+
+
+def test_runs_that_stop_before_the_last_data_are_rejected():
+    data = {"t [s]": [0.1, 0.6], "ball.y": [0.5, 0.0]}
+    with pytest.raises(bd.BeamdaeError, match=r"before the last data at 0.6 s"):
+        bd.fit(ball, data, "height", METHOD, sigma=1.0, parameters={"action": "stop"})
+
+
+LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1.1, 1.2]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"data": {"t [s]": [1.0], "mass.x": [1.0], "mass.x [m]": [1.0]}}, "are the same observed"),
+        ({"data": {"t [s]": [1.0], "mass.x [mm]": [1.0]}}, "is in mm, but the model .* in m"),
+        ({"data": {"t [s]": [1.0, 2.0], "mass.x": ["1", "a"]}}, "got 'a' in row 2"),
+        ({"data": {"t [s]": [1.0], "mass.x": [1e200]}}, "got 1e\\+200 in row 1"),
+        ({"data": "missing.csv"}, "'missing.csv' cannot be read"),
+        ({"data": LONG | {"t [s]": [0.1, 0.2, 0.2]}}, "at 0.2 s twice, again in row 3"),
+        ({"data": LONG | {"t [s]": [0.1, 0.2, np.nan]}}, "must be finite and ascend"),
+        ({"data": LONG | {"sigma": [0.1, 0.0, 0.1]}, "sigma": None}, "must be positive.*row 2"),
+        ({"data": LONG | {"sigma": [0.1, 0.1, 0.1]}}, "sigma is given twice"),
+        ({"data": LONG | {"units": ["m"] * 3}}, "got 'units'"),
+        ({"data": LONG | {"observable": ["mass.x", None, "mass.x"]}}, "got None in row 2"),
+        ({"data": LONG | {"observable": np.sin}}, "must be names"),
+        ({"data": {"a": LONG["value"], "value": [1.0]}}, "must contain the column"),
+        ({"experiments": {"b": {}}}, "for which there are no data"),
+        ({"experiments": {"": {"stiffness": 2.0}}}, "sets stiffness, which is in by"),
+        ({"scale": ["mass.y"]}, "scale contains 'mass.y', which is not in the data"),
+        ({"offset": [("a", "mass.x")]}, "is not in the data"),
+        ({"offset": ["mass.x", ("", "mass.x")]}, "twice"),
+        ({"scale": 3}, "scale must be a list of names"),
+        ({"shift": {"mass.x": (0.2, 0.1)}}, "must be \\(lower, upper\\) in seconds"),
+        ({"shift": {"mass.x": (0.0, 0.5)}}, "at most the first time of its data, 0.1 s"),
+        ({"starts": 3}, "several starts need bounds of all parameters, but stiffness have none"),
+        ({"starts": 0}, "starts must be a whole number"),
+    ],
+)
+def test_refusals(changes, message):
+    arguments = {"data": LONG, "by": ["stiffness"], "integrator": METHOD, "sigma": 1.0, **changes}
+    with pytest.raises(bd.BeamdaeError, match=message) as caught:
+        bd.fit(oscillator, **arguments)
+    assert len(re.findall(r"[.] [A-Z]", str(caught.value))) == 0
+
+
+def test_tables_that_are_too_large_are_rejected(tmp_path, monkeypatch):
+    monkeypatch.setattr("beamdae.analysis.fit.data._MAX_DATA", 5)
+    path = tmp_path / "data.csv"
+    pd.DataFrame({"t [s]": TIMES, "mass.x": TIMES}).to_csv(path, index=False)
+    with pytest.raises(bd.BeamdaeError, match="more than 5; average or omit"):
+        bd.fit(oscillator, path, "stiffness", METHOD, sigma=1.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "\n\n",
+        "a,b\n1,2,3\n",
+        't [s],mass.x\n0.1,"1',
+        "t [s],mass.x\n0.1,1;5\n",
+        "observable,value\nmass.x,1\n",
+        "t [s],mass.x\n0.2,1\n0.1,1\n",
+        "t [s],mass.x\n0.1,inf\n",
+        "t [s],mass.x,mass.x [m]\n0.1,1,1\n0.2,1,1\n",
+        "t [s]\n0.1\n",
+        "t [s],mass.x\n",
+        "experiment,observable,t [s],value\n,mass.x,0.1,1\n",
+        "\x00\x01\xff",
+    ],
+)
+def test_bad_files_are_rejected_in_one_sentence(tmp_path, text):
+    path = tmp_path / "data.csv"
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(bd.BeamdaeError) as caught:
+        bd.fit(oscillator, path, "stiffness", METHOD, sigma=1.0)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith("fit: ")

@@ -1,0 +1,417 @@
+"""Gradients by the adjoint: against forward derivatives, closed forms and single differences."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.analysis.gradients import number_derivatives
+from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
+from beamdae.analysis.gradients.objectives import SampleGrid, sample_column
+from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.native.object_code import is_native_enabled
+from beamdae.symbolic.directional_sums import directional_plan
+from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.transposed_sums import transposed_plan
+
+MASS, SPEED = 2.0, 0.3
+# Derivatives of positions along both paths differ by rounding errors. In derivatives of multipliers
+# these are larger by 1 / step^2.
+POSITIONS, MULTIPLIERS = 1e-11, 1e-8
+NEGLIGIBLE = 1e-3
+
+
+@bd.model(t_end=1.0)
+def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
+    """Mass on a spring and a damper, moving along the line of the spring."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@bd.model(t_end=0.6)
+def swing(torque=3.0, width=0.4, mass=2.0, until=0.2):
+    """Pendulum driven by a torque with two breakpoints."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    law = bd.piecewise((until, torque), (0.4, -torque), 0.0)
+    mech.add(bd.Moment("drive", on=rod.at(0.0, 0.0), law=law))
+    mech.observe("tip", rod.at(width, 0.0))
+    mech.observe("pin", pin.reaction)
+    return mech
+
+
+@bd.model(t_end=0.1)
+def turning(speed=2.0, length=0.5):
+    """Beam on a motor with constant speed, which sets the whole beam in rigid motion."""
+    mech = bd.Mechanism()
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), steel, elements=1))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Driver("motor", root, beam.start, lambda t: speed * t))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@bd.model(t_end=0.5)
+def skater(offset=0.1, spin=1.0, push=3.0):
+    """Body on a skate, a nonholonomic constraint."""
+    mech = bd.Mechanism()
+    center, velocity = (offset, 0.0), (1.0, spin * offset)
+    sled = bd.RigidBody("sled", 2.0, 0.3, center, velocity=velocity, angular_velocity=spin)
+    mech.add(sled)
+    mech.add(bd.Skate("blade", sled.at(0.0, 0.0)))
+    mech.add(bd.Force("push", sled.at(offset, 0.05), (push, 0.0)))
+    mech.observe("sled", sled.at(0.0, 0.0))
+    return mech
+
+
+@bd.model(t_end=0.2)
+def hanging(stiffness=300.0, length=0.5, load=2.0, mass=1.0):
+    """Rod on a pin and a spring, released from equilibrium when its load begins to vary."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (length, 0.0), mass=mass))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    tip = rod.at(length, 0.0)
+    mech.add(bd.Spring("spring", mech.ground.at(length, 0.5), tip, stiffness, free_length=0.45))
+    mech.add(bd.Force("load", tip, (0.0, lambda t: -load * (1.0 + t))))
+    mech.observe("tip", tip)
+    return mech
+
+
+@bd.model(t_end=0.05)
+def arm(thickness=(0.004,) * 12, torque=1.0, elements=4):
+    """Arm whose thickness is piecewise linear along its length, on a turning hub."""
+    alloy = bd.Material(E=69e9, nu=0.3, rho=2700.0)
+    knots = np.linspace(0.0, 1.0, len(thickness))
+
+    def section(s):
+        height = float(np.interp(s, knots, thickness))
+        return bd.Section.rectangle(alloy, width=0.02, height=height, damping=1e-3)
+
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.3))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Moment("torque", on=hub.at(0.0, 0.0), law=bd.sine(torque, 1.0)))
+    axis = bd.Arc(radius=1.0, length=1.0, start=(0.05, 0.0))
+    beam = mech.add(bd.Beam("beam", axis, section, elements=elements))
+    mech.add(bd.Weld("root", hub.at(0.05, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def position_objective(run):
+    """Return a sum of all kinds of objectives of the first column of a run."""
+    header = next(iter(run.columns), None) or run.coordinate_table()[0][1]
+    column, end = header.rpartition(" [")[0], run.trajectory.end
+    times = np.linspace(0.0, 0.99 * end, 5)
+    samples = bd.SquaredErrors(column, times, 0.1 + times, 0.5)
+    return (
+        bd.EndValue(column) + 0.3 * bd.TimeIntegral(column, 2) + bd.SmoothMaximum(column) + samples
+    )
+
+
+def multiplier_objective(run):
+    """Return a sum of objectives of the first and the last multiplier."""
+    headers = [x for x in run.coordinate_table()[0] if x.startswith("lam.")]
+    return bd.TimeIntegral(headers[0]) + 0.2 * bd.EndValue(headers[-1])
+
+
+def chain_rule(result, objective, parameter):
+    """Return the derivative of an objective by forward derivatives, and the sum of magnitudes."""
+    grid, parts = SampleGrid.of(result.solution.trajectory), []
+    for factor, term in objective.terms:
+        times = term.sample_times(grid)
+        header, values = sample_column(result.solution, term.column, times)
+        _, derivative = term.evaluate(values, grid.weights)
+        column = result.at_times(times).sensitivity(header, parameter).to_numpy()
+        parts.append(factor * derivative * column)
+    terms = np.concatenate(parts)
+    return terms.sum(), np.abs(terms).sum()
+
+
+def assert_agrees_with_forward(
+    model, by, t_end, method=None, values=None, start=None, positions=POSITIONS
+):
+    method = method or bd.GeneralizedAlpha(step=1e-3)
+    forward = bd.sensitivities(model, by, method, t_end, parameters=values, start=start)
+    objectives = [(position_objective(forward.solution), positions)]
+    if forward.solution.equations.m:
+        objectives.append((multiplier_objective(forward.solution), MULTIPLIERS))
+    for objective, tolerance in objectives:
+        actual = bd.gradient(model, objective, by, method, t_end, parameters=values, start=start)
+        assert actual.value == pytest.approx(objective.value(forward.solution), rel=1e-12)
+        for name in by:
+            expected, size = chain_rule(forward, objective, name)
+            value = forward.parameters[name]
+            if value != 0.0:
+                # Parameters that hardly affect the objective: rounding errors of its value.
+                size = max(size, NEGLIGIBLE * abs(actual.value / value))
+            assert abs(actual.derivatives[name] - expected) <= tolerance * size, (name, objective)
+
+
+def test_adjoint_agrees_with_forward_derivatives():
+    by, method = ["stiffness", "damping", "speed"], bd.GeneralizedAlpha(step=1e-3)
+    assert_agrees_with_forward(oscillator, by, 0.2, method)
+    # Negative damping is rejected: differences of the model are one-sided.
+    assert_agrees_with_forward(oscillator, by, 0.1, method, {"damping": 0.0})
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_breakpoints_that_do_not_move():
+    method = bd.GeneralizedAlpha(step=5e-3)
+    assert_agrees_with_forward(swing, ["torque", "width", "mass"], 0.5, method)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_plain_start_and_other_families():
+    method = bd.GeneralizedAlpha(step=5e-3, family="hht", rho_inf=0.6, start="plain")
+    assert_agrees_with_forward(swing, ["torque", "width"], 0.25, method)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_adaptive_steps():
+    method = bd.GeneralizedAlpha(rtol=1e-3)
+    assert_agrees_with_forward(swing, ["torque", "width"], 0.3, method)
+
+
+@pytest.mark.slow(reason="differentiates a beam")
+def test_driver_that_moves_at_the_start():
+    assert_agrees_with_forward(turning, ["speed", "length"], 0.01)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_nonholonomic_constraint():
+    assert_agrees_with_forward(skater, ["offset", "push", "spin"], 0.02)
+
+
+@pytest.mark.slow(reason="finds an equilibrium for each neighboring model")
+def test_start_in_equilibrium():
+    method = bd.GeneralizedAlpha(step=5e-3)
+    assert_agrees_with_forward(hanging, ["stiffness", "length", "load", "mass"], 0.05, method)
+
+
+@pytest.mark.slow(reason="finds an equilibrium for each neighboring model")
+def test_start_in_equilibrium_that_is_not_unique():
+    """The mechanism can turn freely about its pivot, so that the tangent stiffness is singular."""
+    assert_agrees_with_forward(arm, ["torque"], 0.01, start="equilibrium")
+
+
+def test_end_value_converges_to_the_closed_form_with_order_two():
+    def exact(k):
+        rate = 0.5 * 0.8 / MASS
+        omega = np.sqrt(k / MASS - rate**2 + 0j)
+        return 1.0 + np.exp(-rate) * SPEED / omega * np.sin(omega)
+
+    expected, errors = exact(40.0 + 1e-30j).imag / 1e-30, []
+    for step in (4e-3, 2e-3):
+        method = bd.GeneralizedAlpha(step=step)
+        result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method)
+        errors.append(abs(result.derivatives["stiffness"] - expected))
+    assert errors[0] < 1e-2 * abs(expected)
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+
+
+MODELS = [
+    "hub_beam",
+    "pendulum",
+    "slider_crank",
+    "spin_up",
+    "four_bar",
+    "quick_return",
+    "leaf_spring_vehicle",
+    "sliding_mass",
+    "ring_mount",
+    "governor",
+    "shallow_arch",
+]
+
+
+@pytest.mark.slow(reason="differentiates all models twice")
+@pytest.mark.parametrize("name", [*MODELS, "hub_beam exact", "pendulum exact"])
+def test_all_parameters_of_the_models(name):
+    name, _, formulation = name.partition(" ")
+    model = getattr(importlib.import_module(name), name)
+    values = {"formulation": formulation} if formulation else {}
+    by = [k for k, x in model.parameters.items() if isinstance(x, float)]
+    method = bd.GeneralizedAlpha(step=1e-3)
+    # The condition numbers of the iteration matrices of stiff beams reach 1e7.
+    assert_agrees_with_forward(model, by, 0.01, method, values, positions=1e-9)
+
+
+def flat_arm(**values):
+    parameters = arm.complete(values)
+    entries = {f"thickness[{k}]": ("thickness", k) for k in range(len(parameters["thickness"]))}
+    return FlatModel(arm, parameters, entries)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_parameters_that_affect_different_numbers_are_changed_together(monkeypatch):
+    model, time = flat_arm(), np.array([0.0, 0.01])
+    base = bd.equations_of_motion(arm())
+    builds = []
+
+    def assemble(mechanism):
+        builds.append(1)
+        return bd.equations_of_motion(mechanism)
+
+    together = differentiate_numbers(model, base, assemble, time)
+    assert together.irregular == ()
+    assert len(builds) < 2 * 12
+    # The second time, the numbers that each thickness affects are known.
+    del builds[:]
+    again = differentiate_numbers(model, base, assemble, time)
+    np.testing.assert_array_equal(again.p, together.p)
+    assert len(builds) <= 12
+    monkeypatch.setattr(number_derivatives, "_MIN_SEARCHED", 13)
+    apart = differentiate_numbers(model, base, assemble, time)
+    # Differences of fourth order along both ways.
+    size = np.abs(apart.p).max(axis=0)
+    assert np.all(np.abs(together.p - apart.p) <= 1e-9 * size)
+    assert np.count_nonzero(apart.p) > 50
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_second_order_differences_of_many_parameters(monkeypatch):
+    model, time = flat_arm(), np.array([0.0, 0.01])
+    base = bd.equations_of_motion(arm())
+    exact = differentiate_numbers(model, base, bd.equations_of_motion, time)
+    monkeypatch.setattr(number_derivatives, "_MAX_FOURTH_ORDER_GROUPS", 1)
+    second = differentiate_numbers(model, base, bd.equations_of_motion, time)
+    assert np.all(np.abs(second.p - exact.p) <= 2e-9 * np.abs(exact.p).max(axis=0))
+
+
+@bd.model(t_end=0.1)
+def coupled(gains=(0.0,) * 10):
+    """Oscillator whose stiffness depends on gains only if an even and an odd one change."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+    product = sum(gains[::2]) * (1.0 + sum(gains[1::2])) + sum(gains)
+    stiffness = 40.0 + product
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 0.5))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_parameters_that_affect_the_same_number_are_changed_one_by_one():
+    result = bd.gradient(coupled, bd.EndValue("mass.x"), "gains", bd.GeneralizedAlpha(step=1e-3))
+    by_stiffness = bd.gradient(
+        oscillator,
+        bd.EndValue("mass.x"),
+        "stiffness",
+        bd.GeneralizedAlpha(step=1e-3),
+        0.1,
+        parameters={"damping": 0.5},
+    ).derivatives["stiffness"]
+    np.testing.assert_allclose(result.derivatives["gains"], by_stiffness * np.tile([2.0, 1.0], 5))
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_lists_of_floats_and_floats():
+    objective, method = bd.TimeIntegral("tip.y", 2), bd.GeneralizedAlpha(step=1e-3)
+    result = bd.gradient(arm, objective, ["torque", "thickness"], method)
+    assert isinstance(result.derivatives["torque"], float)
+    assert result.derivatives["thickness"].shape == (12,)
+    assert result.array.shape == (13,)
+    assert result.value == objective.value(result.solution)
+    # All thicknesses together, by differences of runs.
+    values = [
+        objective.value(bd.simulate(arm(thickness=(0.004 + d,) * 12), method))
+        for d in (2e-6, -2e-6)
+    ]
+    together = (values[0] - values[1]) / 4e-6
+    assert result.derivatives["thickness"].sum() == pytest.approx(together, rel=1e-5)
+
+
+@pytest.mark.parametrize("stabilized", [False])
+def test_transposed_sum_is_the_transpose_of_the_directional_sum(stabilized):
+    e = bd.equations_of_motion(arm())
+    plan, n, m, random = formulate_step(e, stabilized).sums[0], e.n, e.m, np.random.default_rng(0)
+    size = 4 * n + 2 * m
+    forward = directional_plan(plan, size).sum(False, e.p)
+    backward = transposed_plan(plan, size).sum(False, e.p)
+    for total in (forward, backward):
+        set_time(total, 0.1, 0.11)
+    x, dx = random.normal(size=(2, size))
+    dp, y = random.normal(size=len(e.p)) * e.p, random.normal(size=n + m)
+    change, gradient = np.zeros(n + m), np.zeros(size + len(e.p))
+    evaluate_sum(forward, np.concatenate([x, dx, dp]), change)
+    evaluate_sum(backward, np.concatenate([x, y]), gradient)
+    terms = gradient * np.concatenate([dx, dp])
+    assert abs(y @ change - terms.sum()) <= 1e-13 * np.abs(terms).sum()
+
+
+def test_interpreted_sweep_agrees_with_machine_code(monkeypatch):
+    if not is_native_enabled():
+        pytest.skip("machine code is switched off")
+    arguments = (swing, bd.EndValue("tip.x"), "torque", bd.GeneralizedAlpha(step=5e-3), 0.1)
+    compiled = bd.gradient(*arguments).derivatives["torque"]
+    monkeypatch.setattr("beamdae.native.loops.is_native_enabled", lambda: False)
+    assert bd.gradient(*arguments).derivatives["torque"] == pytest.approx(compiled, rel=1e-10)
+
+
+@bd.model(t_end=0.1)
+def bouncing(height=0.5):
+    """Ball that stops when it hits the ground."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, height)))
+    mech.observe("ball", ball.point)
+    mech.event("ground", ball.point.y, value=0.45, do="stop")
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((oscillator, 3, "stiffness"), {}, "objective must be an Objective"),
+        ((3, bd.EndValue("mass.x"), "stiffness"), {}, "model must be a model function"),
+        ((oscillator, bd.EndValue("mass.x"), []), {}, "by must contain each parameter once"),
+        ((oscillator, bd.EndValue("mass.x"), "stifness"), {}, "did you mean 'stiffness'"),
+        ((oscillator, bd.EndValue("mass.x"), "elements"), {}, "neither a float nor a list"),
+        ((oscillator, bd.EndValue("mass.z"), "stiffness"), {}, "there is no column 'mass.z'"),
+        ((oscillator, bd.EndValue("mass.x"), "stiffness", bd.Ida()), {}, "gradient: runs of Ida"),
+        (
+            (
+                oscillator,
+                bd.EndValue("mass.x"),
+                "stiffness",
+                bd.GeneralizedAlpha(formulation="stabilized-index2"),
+            ),
+            {},
+            "must have formulation='index3'",
+        ),
+    ],
+)
+def test_invalid_arguments_are_rejected(arguments, options, message):
+    if len(arguments) == 3:
+        arguments = (*arguments, bd.GeneralizedAlpha(step=1e-2))
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.gradient(*arguments, **options)
+
+
+@pytest.mark.parametrize(("step", "error"), [(0.05, 0.1), (0.01, 0.004)])
+def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
+    """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 %."""
+    method = bd.GeneralizedAlpha(step=step)
+    result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, 4.0)
+    rate, time = 0.5 * 0.8 / MASS, 4.0
+
+    def exact(k):
+        omega = np.sqrt(k / MASS - rate**2 + 0j)
+        return np.exp(-rate * time) * SPEED / omega * np.sin(omega * time)
+
+    expected = exact(40.0 + 1e-30j).imag / 1e-30
+    actual = abs(result.derivatives["stiffness"] / expected - 1.0)
+    assert actual == pytest.approx(error, rel=0.15)
+    messages = [str(x.message) for x in recwarn if "due to the step of" in str(x.message)]
+    assert len(messages) == (actual > 0.05)
+    if messages:
+        estimate = float(messages[0].partition(" estimated at ")[2].partition(" %")[0])
+        # Errors are not exactly proportional to the square of the step.
+        assert estimate == pytest.approx(100.0 * actual, rel=0.4)

@@ -1,0 +1,203 @@
+"""Gradients by the adjoint across events, impacts and redundant joints, and of Radau runs."""
+
+import numpy as np
+import pytest
+from test_gradients import MULTIPLIERS, chain_rule, oscillator, skater, swing
+from test_sensitivities import parallel
+from test_sensitivities_events import (
+    GRAVITY,
+    bounce,
+    bouncing_ball,
+    broken,
+    caught,
+    damped_bounce,
+    deflected,
+    driven,
+    falling,
+    held,
+    moving,
+    redirected,
+    struck,
+    thrown,
+)
+
+import beamdae as bd
+
+ALPHA, RADAU = bd.GeneralizedAlpha(step=4e-3), bd.Radau(rtol=1e-5)
+CASES = {
+    "impacts": (bounce, ["height", "gravity", "restitution", "floor"], 0.9),
+    "breakpoint": (moving, ["end", "force"], None),
+    "switched on": (caught, ["angle", "time"], None),
+    "keeps its gap": (held, ["angle", "rate"], None),
+    "new law": (redirected, ["angle", "later"], None),
+    "transmitted impact": (struck, ["wall", "tilt", "restitution"], None),
+    "impact with driver": (driven, ["rate", "wall"], None),
+    "breaks at a reaction": (broken, ["limit", "mass"], None),
+    "contact": (deflected, ["offset", "stiffness", "radius"], None),
+    "redundant joints": (parallel, ["length", "height"], 0.05),
+    "moving breakpoint": (swing, ["until", "width"], 0.3),
+    "nonholonomic": (skater, ["offset", "spin"], 0.05),
+}
+
+
+def objective_of_all_columns(run):
+    """Return a sum of all kinds of objectives of the observed columns that are not zero."""
+    times = np.linspace(0.0, 0.99 * run.trajectory.end, 5)
+    total = []
+    for header, values in run.columns.items():
+        column = header.rpartition(" [")[0]
+        if np.abs(values).max() > 1e-6:
+            total += [bd.EndValue(column), 0.3 * bd.TimeIntegral(column, 2)]
+            total += [bd.SmoothMaximum(column), bd.SquaredErrors(column, times, 0.1 + times, 0.5)]
+    return sum(total)
+
+
+def assert_agrees_with_chain_rule(model, by, t_end, method):
+    forward = bd.sensitivities(model, by, method, t_end)
+    objective = objective_of_all_columns(forward.solution)
+    actual = bd.gradient(model, objective, by, method, t_end)
+    assert actual.value == pytest.approx(objective.value(forward.solution), rel=1e-12)
+    for name in by:
+        expected, size = chain_rule(forward, objective, name)
+        # Reactions are among the columns.
+        assert abs(actual.derivatives[name] - expected) <= MULTIPLIERS * size, name
+
+
+@pytest.mark.slow(reason="differentiates a run twice")
+@pytest.mark.parametrize("method", [ALPHA, RADAU], ids=["alpha", "radau"])
+@pytest.mark.parametrize("case", CASES)
+def test_adjoint_agrees_with_forward_derivatives(case, method):
+    assert_agrees_with_chain_rule(*CASES[case], method)
+
+
+@pytest.mark.slow(reason="compiles the sweep over the steps of Radau")
+def test_radau_without_constraints():
+    by = ["stiffness", "damping", "speed"]
+    forward = bd.sensitivities(oscillator, by, RADAU, 0.2)
+    objective = objective_of_all_columns(forward.solution)
+    actual = bd.gradient(oscillator, objective, by, bd.Auto(rtol=1e-5), 0.2)
+    for name in by:
+        expected, size = chain_rule(forward, objective, name)
+        assert abs(actual.derivatives[name] - expected) <= 1e-12 * size
+
+
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-4)])
+def test_bouncing_ball_has_the_derivatives_of_the_closed_form(method):
+    """Parabolas are integrated exactly; the height is above the floor after two impacts."""
+    values = {"height": 0.5, "gravity": GRAVITY, "restitution": 0.8, "floor": 0.1}
+    result = bd.gradient(bounce, bd.EndValue("ball.y"), [*values], method, 0.9)
+    for name, derivative in result.derivatives.items():
+        changed = {key: complex(x, 1e-30 * (key == name)) for key, x in values.items()}
+        exact = np.imag(bouncing_ball(np.array([0.9]), **changed)[0][0]) / 1e-30
+        assert derivative == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_alpha_after_impact_with_stiff_damper():
+    method = bd.GeneralizedAlpha(step=1e-3)
+    assert_agrees_with_chain_rule(damped_bounce, ["gap", "damping"], None, method)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_integrals_over_the_long_steps_of_radau():
+    """The trapezoidal rule over the steps would have errors of 3 %."""
+    run = bd.simulate(oscillator(damping=0.0), bd.Radau(rtol=1e-4), 2.0)
+    assert len(run.trajectory.intervals[0].t) < 60
+    rate = np.sqrt(20.0)
+    amplitude = 0.3 / rate
+    exact = 2.0 + amplitude * (1.0 - np.cos(2.0 * rate)) / rate
+    assert bd.TimeIntegral("mass.x").value(run) == pytest.approx(exact, rel=1e-6)
+    speed = bd.SmoothMaximum("mass.x_dot", 50.0).value(run)
+    t = np.linspace(0.0, 2.0, 20001)
+    fine = np.mean(np.abs(0.3 * np.cos(rate * t)) ** 50.0) ** 0.02
+    assert speed == pytest.approx(fine, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("by", "values", "message"),
+    [
+        ("speed", {"first": 0.2, "second": 0.2}, "events first and second act at the same time"),
+        ("speed", {"first": 0.25}, "event first acts at a breakpoint of a law"),
+        ("breakpoint", {"breakpoint": 0.5}, "moves the breakpoint of a law at t = 0.5 s across"),
+    ],
+)
+@pytest.mark.slow(reason="half a second and more")
+def test_times_without_derivatives_are_rejected(by, values, message):
+    with pytest.raises(bd.BeamdaeError, match=f"gradient: .*{message}"):
+        bd.gradient(thrown, bd.EndValue("ball.x"), by, parameters=values)
+
+
+STOPPED = {"alpha": bd.GeneralizedAlpha(step=2e-3), "radau": bd.Radau(rtol=1e-6)}
+
+
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("method", STOPPED.values(), ids=STOPPED)
+def test_run_that_an_event_stops(method):
+    """Ball that falls from h to y: T^2 = 2 (h - y) / g, and its speed is g T at the end."""
+    height, target = 0.5, 0.2
+    time = np.sqrt(2.0 * (height - target) / GRAVITY)
+    by_height = 1.0 / (GRAVITY * time)  # dT/dh = -dT/dy
+    # The trapezoidal rule has errors of second order in the step.
+    steps = 2e-4 if isinstance(method, bd.GeneralizedAlpha) else 1e-9
+
+    def differentiate(objective):
+        result = bd.gradient(falling, objective, ["height", "target"], method)
+        assert result.solution.trajectory.end == pytest.approx(time, rel=1e-9)
+        return result.value, *result.array
+
+    _, *speed = differentiate(bd.EndValue("ball.y_dot"))
+    np.testing.assert_allclose(speed, [-GRAVITY * by_height, GRAVITY * by_height], rtol=1e-8)
+    _, *position = differentiate(bd.EndValue("ball.y"))
+    np.testing.assert_allclose(position, [0.0, 1.0], atol=1e-8)
+    value, *integral = differentiate(bd.TimeIntegral("ball.y"))
+    assert value == pytest.approx(height * time - GRAVITY * time**3 / 6.0, rel=steps)
+    exact = [time + target * by_height, -target * by_height]
+    np.testing.assert_allclose(integral, exact, rtol=steps)
+    # |y_dot| = g t: its p-norm is g T / (p + 1)^(1/p).
+    value, *maximum = differentiate(bd.SmoothMaximum("ball.y_dot", 3.0))
+    assert value == pytest.approx(GRAVITY * time / 4.0 ** (1.0 / 3.0), rel=steps)
+    exact = [value / time * by_height, -value / time * by_height]
+    np.testing.assert_allclose(maximum, exact, rtol=10.0 * steps)
+
+
+@bd.model(t_end=0.2)
+def loaded_strip(height=0.004, damping=1e-3, load=0.5, E=2.0e9):
+    """Clamped strip with its own weight and a force at its end that varies in time."""
+    plastic = bd.Material(E=E, nu=0.4, rho=1200.0)
+    section = bd.Section.rectangle(plastic, width=0.02, height=height, damping=damping)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.3, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, bd.sine(load, 4.0))))
+    mech.observe("root", beam.section_forces(0.0))
+    mech.observe("stress", beam.stress(0.0, "top"))
+    return mech
+
+
+@pytest.mark.slow(reason="differentiates a beam twice")
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(rtol=1e-4), RADAU], ids=["alpha", "radau"])
+def test_section_forces_and_stresses(method):
+    """Peaks of section forces and stresses, which limit designs."""
+    by, t_end = ["height", "damping", "load", "E"], 0.1
+    assert_agrees_with_chain_rule(loaded_strip, by, t_end, method)
+    run = bd.simulate(loaded_strip(), method, t_end, keep_steps=True)
+    moment = run.columns["root.M [N m]"]
+    # The same moment from the balance of loads, to the error of the mesh.
+    balance = run.section_forces("strip", s=0.0).M[:, 0]
+    assert np.abs(moment - balance).max() <= 0.03 * np.abs(balance).max()
+    for column in ("root.M [N m]", "stress [Pa]"):
+        peak = np.abs(run.columns[column]).max()
+        smooth = bd.SmoothMaximum(column, 200.0).value(run)
+        assert 0.95 * peak < smooth < 1.001 * peak
+
+
+@pytest.mark.slow(reason="several runs with impacts")
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=0.02), bd.Radau(rtol=1e-5)])
+def test_optimization_of_a_run_with_impacts(method):
+    """Find a drop height for which the ball is at a given height after two impacts."""
+    target = bd.simulate(bounce(height=0.52), method, 0.9).columns["ball.y [m]"][-1]
+    error = bd.SquaredErrors("ball.y", [0.9], [target], 1e-3)
+    result = bd.optimize(bounce, error, "height", integrator=method, t_end=0.9)
+    again = bd.simulate(bounce(**result.parameters), method, 0.9).columns["ball.y [m]"][-1]
+    assert again == pytest.approx(target, abs=1e-5)

@@ -1,0 +1,289 @@
+"""Derivatives of natural modes: closed forms, scaling laws, differences, repeated eigenvalues."""
+
+import numpy as np
+import pytest
+from four_bar import four_bar
+from numpy.testing import assert_allclose
+from ring_mount import ring_mount
+from shallow_arch import shallow_arch
+
+import beamdae as bd
+
+G = 9.81
+SLOW = pytest.mark.slow(reason="another variant of a test of half a second")
+WEIGHTS = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+
+
+@bd.model(t_end=1.0)
+def oscillator(mass=2.0, stiffness=50.0, damping=3.0):
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
+    hook = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("line", hook, bob.point))
+    mech.add(bd.SpringDamper("spring", hook, bob.point, stiffness, damping))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "damping", [3.0, pytest.param(0.0, marks=SLOW), pytest.param(40.0, marks=SLOW)]
+)
+def test_damped_oscillator_has_a_closed_form(damping):
+    values = {"mass": 2.0, "stiffness": 50.0, "damping": damping}
+    result = bd.mode_sensitivities(oscillator, list(values), parameters=values)
+
+    def exact(mass, stiffness, damping):
+        rate = 0.5 * damping / mass
+        root = np.sqrt(rate**2 - stiffness / mass + 0j)
+        return np.array([-rate + root, -rate - root])
+
+    def rates(name):
+        h = 1e-6 * max(values[name], 1.0)
+        change = exact(**{**values, name: values[name] + h})
+        return (change - exact(**{**values, name: values[name] - h})) / (2.0 * h)
+
+    for name in values:
+        order = [
+            int(np.argmin(np.abs(exact(**values) - value))) for value in result.modes.eigenvalues
+        ]
+        # Central differences of the closed form.
+        assert_allclose(result.eigenvalues[name], rates(name)[order], rtol=1e-8)
+    if damping == 3.0:
+        # -damping / (2 sqrt(k m)) of the ratio.
+        ratio = result.sensitivity("damping ratio", "damping")[1]
+        assert ratio == pytest.approx(0.5 / np.sqrt(100.0), rel=1e-9)
+        assert result.sensitivity("growth rate [1/s]", "mass")[1] == pytest.approx(3.0 / 8.0)
+
+
+@bd.model(t_end=1.0)
+def swing(length=0.5, mass=2.0, stiffness=300.0):
+    """Mass on a spring under its weight; it swings at the length of the stretched spring."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    bob = mech.add(bd.PointMass("bob", mass, at=(0.0, -length)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), bob.point, stiffness))
+    return mech
+
+
+@pytest.mark.parametrize("about", ["equilibrium", pytest.param("path", marks=SLOW)])
+def test_spring_pendulum_about_its_equilibrium_has_a_closed_form(about):
+    state = bd.equilibrium(swing()) if about == "path" else about
+    result = bd.mode_sensitivities(swing, ["length", "mass", "stiffness"], about=state)
+    # w^2 = g / (length + m g / k), and k / m.
+    stretched = 0.5 + 2.0 * G / 300.0
+    low, high = 2.0 * np.pi * result.modes.frequencies
+    assert_allclose([low**2, high**2], [G / stretched, 150.0], rtol=1e-9)
+    expected = {
+        "length": (-0.5 * low / stretched, 0.0),
+        "mass": (-0.5 * low / stretched * G / 300.0, -0.5 * high / 2.0),
+        "stiffness": (0.5 * low / stretched * 2.0 * G / 300.0**2, 0.5 * high / 300.0),
+    }
+    for name, values in expected.items():
+        actual = 2.0 * np.pi * result.sensitivity("frequency", name)
+        assert_allclose(actual, values, rtol=1e-9, atol=1e-12)
+
+
+@bd.model(t_end=1.0)
+def cantilever(
+    E=2e11,
+    length=1.0,
+    height=0.02,
+    width=0.03,
+    tip_mass=0.5,
+    rho=7800.0,
+    damping=1e-5,
+    curvature=0.5,
+    formulation="exact",
+):
+    mech = bd.Mechanism()
+    material = bd.Material(E=E, nu=0.3, rho=rho)
+    section = bd.Section.rectangle(material, width, height, damping=damping)
+    beam = mech.add(
+        bd.Beam("beam", bd.Arc(1.0 / curvature, length), section, 2, formulation=formulation)
+    )
+    mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
+    tip = mech.add(bd.PointMass("tip", tip_mass, at=beam.end.point))
+    mech.add(bd.Revolute("pin", beam.end, tip.point))
+    return mech
+
+
+@pytest.mark.slow(reason="derivatives of the matrices of beams")
+# Rounding errors of the axial stiffness are relative to the bending stiffness.
+@pytest.mark.parametrize(("height", "tolerance"), [(0.02, 1e-9), (2e-4, 1e-6)])
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_frequencies_of_a_cantilever_obey_its_scaling(formulation, height, tolerance):
+    names = ["E", "rho", "tip_mass", "length", "height", "width", "curvature"]
+    values = {"formulation": formulation, "height": height, "tip_mass": 25.0 * height}
+    result = bd.mode_sensitivities(cantilever, names, n=4, damping=False, parameters=values)
+    f = result.modes.frequencies
+    share = {
+        name: result.sensitivity("frequency", name).to_numpy() * value / f
+        for name, value in result.parameters.items()
+    }
+    # f is proportional to sqrt(E / rho) / L if all lengths scale, and the mass with rho L^3.
+    assert_allclose(share["E"], 0.5, rtol=tolerance)
+    assert_allclose(share["rho"] + share["tip_mass"], -0.5, rtol=1e-9)
+    lengths = share["length"] + share["height"] + share["width"] - share["curvature"]
+    assert_allclose(lengths + 3.0 * share["tip_mass"], -1.0, rtol=tolerance)
+
+
+def difference(model, name, values, function, relative=1e-3):
+    value = values.get(name, model.parameters[name])
+    delta = relative * value
+    return sum(
+        weight / delta * function(model(**{**values, name: value + k * delta}))
+        for k, weight in WEIGHTS.items()
+    )
+
+
+@pytest.mark.slow(reason="modes of a beam for every parameter")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_eigenvalues_and_shapes_agree_with_differences(formulation):
+    values = {"formulation": formulation}
+    names = [name for name, value in cantilever.parameters.items() if isinstance(value, float)]
+    result = bd.mode_sensitivities(cantilever, names, n=4, parameters=values)
+    shapes = result.modes.shapes
+
+    def aligned(mechanism):
+        modes = bd.modes(mechanism, n=4)
+        signs = np.sign(np.real(np.einsum("ij,ij->i", shapes.conj(), modes.shapes)))
+        return np.hstack([modes.eigenvalues[:, None], signs[:, None] * modes.shapes])
+
+    for name in names:
+        expected = difference(cantilever, name, values, aligned)
+        actual = np.hstack([result.eigenvalues[name][:, None], result.shapes[name]])
+        value = result.parameters[name]
+        for column in (slice(0, 1), slice(1, None)):
+            size = np.abs(np.hstack([result.modes.eigenvalues[:, None], shapes])[:, column])
+            scale = np.maximum(size.max(axis=1) / value, np.abs(expected[:, column]).max(axis=1))
+            error = np.abs(actual - expected)[:, column].max(axis=1)
+            assert np.all(error <= 1e-6 * scale), (name, error / scale)
+
+
+@pytest.mark.slow(reason="equilibria and modes of a model at five values of a parameter")
+@pytest.mark.parametrize(
+    ("model", "name", "formulation"),
+    [
+        (ring_mount, "radius", "exact"),
+        (four_bar, "rise", "exact"),
+        (four_bar, "height", "floating frame"),
+        (shallow_arch, "load", "floating frame"),
+        (shallow_arch, "rise", "exact"),
+        # Operators of joints depend on the rise.
+        (four_bar, "rise", "floating frame"),
+    ],
+)
+def test_modes_of_models_about_equilibria_agree_with_differences(model, name, formulation):
+    values = {"formulation": formulation}
+    result = bd.mode_sensitivities(model, name, "equilibrium", n=5, parameters=values)
+
+    def eigenvalues(mechanism):
+        return bd.modes(mechanism, "equilibrium", n=5).eigenvalues
+
+    expected = difference(model, name, values, eigenvalues, relative=3e-4)
+    size = np.abs(result.modes.eigenvalues) / result.parameters[name]
+    error = np.abs(result.eigenvalues[name] - expected)
+    # Rounding errors of the eigenvalues limit the accuracy of the differences.
+    assert np.all(error <= 1e-6 * np.maximum(size, np.abs(expected)))
+
+
+@bd.model(t_end=1.0)
+def twins(one=40.0, other=40.0):
+    """Two masses on springs, which do not interact."""
+    mech = bd.Mechanism()
+    for name, stiffness, y in (("one", one, 0.0), ("other", other, 1.0)):
+        hook = mech.ground.at(0.0, y)
+        bob = mech.add(bd.PointMass(name, 1.0, at=(1.0, y)))
+        mech.add(bd.PointOnLine(f"line {name}", hook, bob.point))
+        mech.add(bd.Spring(f"spring {name}", hook, bob.point, stiffness))
+    return mech
+
+
+@bd.model(t_end=1.0)
+def ring(height=0.01):
+    """Free ring, whose bending modes are in pairs."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, height)
+    curve = bd.Arc(0.5, 0.5 * np.pi)
+    half = mech.add(bd.Beam("half", curve, section, 4, formulation="exact"))
+    other = bd.Arc(0.5, 0.5 * np.pi, start=half.end.point, angle=np.pi)
+    rest = mech.add(bd.Beam("rest", other, section, 4, formulation="exact"))
+    mech.add(bd.Weld("first", half.end, rest.start))
+    mech.add(bd.Weld("last", rest.end, half.start))
+    return mech
+
+
+def test_regression_repeated_eigenvalues_have_no_derivatives():
+    with pytest.warns(bd.BeamdaeWarning, match=r"modes 1, 2 of twins are repeated.*damping=False"):
+        result = bd.mode_sensitivities(twins, "one")
+    assert result.sensitivity("frequency", "one").loc[[1, 2]].isna().all()
+    # Also if the mode of the same frequency is not requested.
+    for n, names in ((5, "modes 4, 5"), (4, "modes 4")):
+        with pytest.warns(bd.BeamdaeWarning, match=rf"{names} of ring are repeated.*n="):
+            result = bd.mode_sensitivities(ring, "height", n=n)
+        assert result.sensitivity("frequency", "height").isna().all()
+    free = bd.mode_sensitivities(ring, "height", n=3)
+    assert free.sensitivity("frequency", "height").isna().all()
+
+
+@pytest.mark.parametrize("gap", [1e-5, -1e-5])
+def test_modes_next_to_a_crossing_keep_their_derivatives(gap):
+    # The order of the modes changes at the crossing, and with it the order of the derivatives.
+    values = {"one": 40.0 * (1.0 + gap)}
+    result = bd.mode_sensitivities(twins, ["one", "other"], parameters=values)
+    rate = 0.25 / np.pi / np.sqrt(40.0)
+    one = result.sensitivity("frequency", "one").to_numpy()
+    assert_allclose(one, [0.0, rate] if gap > 0.0 else [rate, 0.0], rtol=1e-4, atol=1e-12)
+    total = one + result.sensitivity("frequency", "other").to_numpy()
+    assert_allclose(total, rate, rtol=1e-4)
+
+
+@bd.model(t_end=1.0)
+def tilted(angle=0.2):
+    """Rigid pendulum that is drawn out of its equilibrium."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (np.sin(angle), -np.cos(angle)), 1.0))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("model", "by", "settings", "message"),
+    [
+        (tilted, "angle", {}, "the state of tilted is not an equilibrium"),
+        (
+            tilted,
+            "angle",
+            {"parameters": {"angle": 0.0}},
+            "angle of tilted moves the state out of equilibrium",
+        ),
+        (oscillator, "mass", {"about": bd.rotation(2.0)}, "about must be a state at rest"),
+        (oscillator, "mas", {}, "no parameter 'mas'"),
+        (oscillator, "mass", {"about": "somewhere"}, "somewhere"),
+    ],
+)
+def test_refusals(model, by, settings, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.mode_sensitivities(model, by, **settings)
+
+
+def test_positions_by_name():
+    drawn = bd.mode_sensitivities(oscillator, "mass")
+    placed = bd.mode_sensitivities(oscillator, "mass", about={"bob.x": 1.0})
+    assert placed.modes.about == "rest at bob.x = 1"
+    assert_allclose(placed.eigenvalues["mass"], drawn.eigenvalues["mass"], rtol=1e-12)
+
+
+def test_table_is_written_as_csv(tmp_path):
+    result = bd.mode_sensitivities(oscillator, "mass")
+    header, row = result.to_csv(tmp_path / "modes.csv").read_text().splitlines()
+    assert header.startswith("mode,frequency [Hz],damping ratio [-],growth rate [1/s],d(frequency)")
+    assert "d(damping ratio)/d(mass) [- per unit]" in header
+    assert row.startswith("1,")
+    with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'damping'"):
+        result.sensitivity("frequency", "damping")
+    with pytest.raises(bd.BeamdaeError, match="column must be one of 'frequency'"):
+        result.sensitivity("wavelength", "mass")
+
+
+def test_regression_states_are_suggested_by_their_documented_names():
+    with pytest.raises(bd.BeamdaeError, match=r"'reference', 'equilibrium'.*mean 'equilibrium'"):
+        bd.mode_sensitivities(oscillator, "mass", about="equil")

@@ -1,0 +1,377 @@
+"""Optimization: closed forms, gradients against differences, failures, limits and interrupts."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.analysis.optimization.analyses import RunSettings
+from beamdae.analysis.optimization.problem import DesignProblem
+
+STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
+LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
+ALPHA = bd.GeneralizedAlpha(step=2e-3)
+
+
+@bd.model(t_end=0.1)
+def cantilever(height=(0.02, 0.02, 0.02), width=WIDTH, load=LOAD, length=LENGTH):
+    """Cantilever of constant height between element ends, with a force at its tip."""
+    count = len(height)
+
+    def section(s):
+        number = min(int(count * s / length), count - 1)
+        return bd.Section.rectangle(STEEL, width=width, height=height[number], damping=1e-3)
+
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=count))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -load)))
+    mech.observe("tip", beam.end)
+    for k in range(count):
+        mech.observe(f"stress {k}", beam.stress((k + 0.1) * length / count, "top"))
+    return mech
+
+
+@bd.model(t_end=1.0)
+def truss(rise=0.2, stiffness=1000.0):
+    """Two springs that snap through."""
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, rise)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, stiffness))
+    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+    mech.observe("crown", crown.point)
+    return mech
+
+
+@bd.model(t_end=1.0)
+def column(tip=0.02, root=0.02):
+    """Half of a pinned column, with a parabolic width, under the Euler load of a constant width."""
+    height, mean = 0.005, 0.02
+
+    def section(s):
+        return bd.Section.rectangle(STEEL, width=root + (tip - root) * s**2, height=height)
+
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("half", line, section, elements=4, formulation="exact"))
+    mech.add(bd.Weld("middle", mech.ground.at(0.0, 0.0), beam.start))
+    euler = np.pi**2 / 4.0 * STEEL.E * mean * height**3 / 12.0
+    mech.add(bd.Force("push", beam.end, (-euler, 0.0)))
+    return mech
+
+
+@bd.model(t_end=1.0)
+def pair(soft=2.0, stiff=3.0):
+    """Two masses on a line between walls, with springs of which one can become too soft."""
+    if soft < 0.5:
+        raise bd.BeamdaeError("pair: soft must be at least 0.5.")
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, soft))
+    mech.add(bd.Force("push", mass.point, (1.0, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def light_heights(count):
+    """Return the heights of the lightest cantilever with the deflection SAG, without shear.
+
+    With the distances x from the tip, the deflection is the sum of 4 P (x1^3 - x0^3) / (E b h^3),
+    so that h^4 is proportional to (x1^3 - x0^3) / (x1 - x0); h ~ sqrt(x) in the limit.
+    """
+    ends = np.linspace(LENGTH, 0.0, count + 1)
+    cubes = ends[:-1] ** 3 - ends[1:] ** 3
+    shape = (cubes * count) ** 0.25
+    return shape * (np.sum(4.0 * LOAD * cubes / shape**3) / (STEEL.E * WIDTH * SAG)) ** (1.0 / 3.0)
+
+
+@pytest.mark.slow(reason="twenty designs")
+@pytest.mark.parametrize("first", [0.02, 0.035])
+def test_lightest_cantilever_has_the_heights_of_the_closed_form(first):
+    result = bd.optimize(
+        cantilever,
+        bd.Mass(),
+        "height",
+        bd.at_least(bd.EquilibriumValue("tip.y", step=1.0), -SAG),
+        {"height": (0.002, 0.05)},
+        parameters={"height": (first,) * 2},
+        tolerance=1e-9,
+    )
+    assert result.converged
+    # Shear adds 1e-4 of the deflection.
+    np.testing.assert_allclose(result.parameters["height"], light_heights(2), rtol=2e-4)
+    # The design can be built.
+    cantilever(**result.parameters)
+    (limit,) = result.constraints
+    assert limit.margin == pytest.approx(0.0, abs=1e-6 * SAG)
+    # The mass is proportional to SAG^(-1/3).
+    assert limit.multiplier == pytest.approx(result.objective / (3.0 * SAG), rel=1e-3)
+    assert result.residual < 1e-3
+    assert not result.at_bounds
+
+
+@pytest.mark.slow(reason="a second")
+def test_frequency_is_largest_where_the_mass_reaches_its_limit():
+    result = bd.optimize(
+        cantilever,
+        -bd.Frequency(1, "equilibrium"),
+        ["width", "length"],
+        bd.at_least(bd.Mass(), 2.0),
+        {"width": (0.01, 0.05), "length": (0.8, 1.2)},
+        parameters={"height": (0.02,)},
+    )
+    # The frequency does not depend on the width and decreases with the length.
+    assert result.converged
+    assert result.parameters["length"] == pytest.approx(0.8, rel=1e-9)
+    assert result.at_bounds == ("length",)
+
+
+@pytest.mark.slow(reason="two seconds")
+@pytest.mark.parametrize(
+    ("method", "tolerance", "error"), [("SLSQP", 1e-7, 1e-6), ("trust-constr", 1e-4, 1e-3)]
+)
+def test_critical_load_reaches_its_limit_at_the_closed_form(method, tolerance, error):
+    limit = bd.at_least(bd.CriticalLoad(to={"crown.y": 0.0}, step=0.05), 5.0)
+    rise = bd.ParameterFunction(lambda rise, **_: rise)
+    bounds = {"rise": (0.1, 0.5)}
+    result = bd.optimize(truss, rise, "rise", limit, bounds, method=method, tolerance=tolerance)
+    # With l0 = sqrt(1 + h^2), the limit load is 2 k (l0^(2/3) - 1)^(3/2).
+    expected = np.sqrt((1.0 + (5.0 / 2000.0) ** (2.0 / 3.0)) ** 3 - 1.0)
+    assert result.parameters["rise"] == pytest.approx(expected, rel=error)
+
+
+@pytest.mark.slow(reason="one second")
+def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_euler_load():
+    """If I is proportional to A, the bending moment of the best column is constant times A.
+
+    Its deflection is a parabola, as its area, which vanishes at the pins: P = 12 E I_mean / L^2.
+    Keller, Arch. Ration. Mech. Anal. 5 (1960) 275, treats I proportional to A^2.
+    """
+    width = bd.ParameterFunction(lambda tip, root: (tip + 2.0 * root) / 3.0, "mean width")
+    load = bd.CriticalLoad(to=1.6, step=0.5)
+    bounds = {"tip": (1e-4, 0.05), "root": (0.01, 0.05)}
+    result = bd.optimize(column, -load, ["tip", "root"], bd.at_most(width, 0.02), bounds)
+    assert result.converged
+    assert result.at_bounds == ("tip",)
+    # The smallest width at the tip and shear cost 1e-4 of the load.
+    assert -result.objective == pytest.approx(12.0 / np.pi**2, rel=2e-4)
+
+
+@pytest.mark.slow(reason="thirteen designs with runs, paths and modes")
+def test_gradients_of_all_quantities_agree_with_differences():
+    quantities = [
+        bd.Mass() + 2.0 * bd.EquilibriumValue("tip.y") - bd.EndValue("tip.x"),
+        bd.LargestOf([bd.EquilibriumValue(f"stress {k}") for k in range(2)], 8.0),
+        bd.LargestOf([bd.SmoothMaximum("stress 0", 20.0), bd.SmoothMaximum("stress 1")], 8.0),
+        bd.EquilibriumErrors("tip.y", [0.5, 1.0], [0.0, -0.02], [0.01, 0.02]),
+        bd.EquilibriumValue("tip.angle", to=0.5),
+        bd.Frequency(2, "equilibrium"),
+        bd.ParameterFunction(lambda height, length, **_: sum(x**2 for x in height) * length),
+        bd.SquaredErrors("tip.y", [0.05, 0.1], [0.0, -0.01]) / 3.0,
+    ]
+    problem = DesignProblem(
+        cantilever,
+        quantities[0],
+        ["height", "length"],
+        [bd.at_most(x, 1.0) for x in quantities[1:]],
+        None,
+        {"height": (0.02, 0.012)},
+        RunSettings(ALPHA, None, None),
+    )
+    design = problem.design(problem.first)
+    for k in range(3):
+        delta = 1e-3 * problem.first * (np.arange(3) == k)
+        values = [problem.design(problem.first + x * delta).values for x in (1, -1, 2, -2)]
+        near, far = values[0] - values[1], values[2] - values[3]
+        expected = (8.0 * near - far) / (12.0 * delta[k])
+        actual = [design.gradient(number)[k] for number in range(len(quantities))]
+        # Rounding errors of frequencies and of the runs limit the differences.
+        np.testing.assert_allclose(actual, expected, rtol=2e-5)
+
+
+@pytest.mark.slow(reason="two seconds")
+def test_quantities_of_one_analysis_share_it(monkeypatch):
+    from beamdae.analysis.optimization import analyses
+
+    calls = []
+    original = analyses.equilibrium
+    monkeypatch.setattr(
+        analyses, "equilibrium", lambda *x, **y: calls.append(1) or original(*x, **y)
+    )
+    stress = bd.LargestOf([bd.EquilibriumValue(f"stress {k}") for k in range(3)])
+    limits = [bd.at_least(bd.EquilibriumValue("tip.y"), -SAG), bd.at_most(stress, 1e8)]
+    result = bd.optimize(
+        cantilever, bd.Mass(), "width", limits, {"width": (0.01, 0.1)}, tolerance=1e-4
+    )
+    # The analyses of the result may be repeated.
+    assert result.evaluations <= len(calls) <= result.evaluations + 2
+
+
+@pytest.mark.slow(reason="two seconds")
+def test_failed_analyses_shorten_the_step():
+    # The first step, to the lower bound, leads to a model that is rejected.
+    target = bd.EquilibriumErrors("mass.x", [1.0], [2.25])
+    result = bd.optimize(pair, target, "soft", (), {"soft": (0.01, 5.0)})
+    history = result.history()
+    assert result.parameters["soft"] == pytest.approx(0.8, rel=1e-3)
+    assert history["failure"].str.contains("at least 0.5").any()
+    assert history["objective"].isna().sum() == (history["failure"] != "").sum()
+
+
+@pytest.mark.slow(reason="a second")
+def test_no_design_satisfies_the_constraints():
+    limit = bd.at_most(bd.Mass(), 0.1)
+    with pytest.warns(bd.BeamdaeWarning, match="the best one violates mass <= 0.1 most"):
+        result = bd.optimize(
+            cantilever, bd.EquilibriumValue("tip.y") * -1.0, "width", limit, {"width": (0.01, 0.1)}
+        )
+    assert result.status.kind == "limited"
+    assert result.parameters["width"] == pytest.approx(0.01)
+    assert result.constraints[0].margin < 0.0
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
+    limit = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)
+    with pytest.warns(bd.BeamdaeWarning, match="max_evaluations = 2"):
+        result = bd.optimize(
+            cantilever,
+            bd.Mass(),
+            "height",
+            limit,
+            {"height": (0.01, 0.05)},
+            parameters={"height": (0.03,)},
+            max_evaluations=2,
+        )
+    assert (result.status.kind, result.evaluations) == ("limited", 2)
+    assert result.constraints[0].margin >= 0.0
+    lines = result.to_csv(tmp_path / "designs.csv").read_text().splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("objective,violation,1: tip.y at equilibrium,height[0]")
+
+
+@pytest.mark.parametrize("partial", ["raise", "return"])
+@pytest.mark.slow(reason="half a second and more")
+def test_interrupts_return_the_best_design_so_far(partial):
+    def interrupt(count, *numbers):
+        if count == 2:
+            raise KeyboardInterrupt
+
+    arguments = (cantilever, bd.Mass(), "width", bd.at_least(bd.EquilibriumValue("tip.y"), -SAG))
+    options = {"bounds": {"width": (0.001, 0.1)}, "progress": interrupt, "partial": partial}
+    if partial == "return":
+        result = bd.optimize(*arguments, **options)
+    else:
+        with pytest.raises(bd.Interrupted) as caught:
+            bd.optimize(*arguments, **options)
+        result = caught.value.partial
+    assert (result.status.kind, result.evaluations) == ("interrupted", 2)
+
+
+@pytest.mark.parametrize("last", [1, 2])
+@pytest.mark.slow(reason="half a second and more")
+def test_exceptions_of_progress_have_the_best_design_so_far(last):
+    """The best design used to be lost."""
+
+    def fail(count, *numbers):
+        if count == last:
+            raise RuntimeError("no display")
+
+    limit = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)
+    with pytest.raises(RuntimeError, match=r"^no display$") as caught:
+        bd.optimize(cantilever, bd.Mass(), "width", limit, {"width": (0.001, 0.1)}, progress=fail)
+    result = caught.value.partial
+    assert (result.status.kind, result.evaluations) == ("failed", last)
+    assert result.status.sentence == "progress failed: RuntimeError: no display"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"objective": "mass"}, "objective must be a Quantity"),
+        ({"by": "heigth"}, "has no parameter 'heigth' .did you mean 'height'"),
+        ({"subject_to": [1.0]}, "subject_to must be a list of constraints"),
+        ({"bounds": {"load": (0.0, 1.0)}}, "not in by"),
+        ({"bounds": {"height": (0.03, 0.05)}}, "around its first value .* parameters"),
+        ({"bounds": {"height": ((0.001, 0.001), 0.05)}}, "one per entry .3."),
+        ({"method": "COBYLA"}, "method must be one of"),
+        ({"progress": 1}, "progress must be a function"),
+        ({"progress": lambda: None}, "progress must be a function"),
+        ({"objective": bd.EquilibriumValue("top.y")}, "top"),
+        ({"objective": bd.EquilibriumValue("tip.y [mm]")}, r"did you mean 'tip.y \[m\]'"),
+        ({"objective": bd.CriticalLoad(1.0)}, "0 critical points"),
+    ],
+)
+def test_invalid_arguments_are_rejected(changes, message):
+    arguments = {"model": cantilever, "objective": bd.Mass(), "by": "height"} | changes
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.optimize(**arguments)
+
+
+@bd.model(t_end=1.0)
+def oscillator(stiffness=30.0):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.slow(reason="a second")
+def test_regression_steps_that_change_the_design_are_told():
+    # x = 1 + 0.2 sin(w t) / w is 1 at t = 1 s if w = pi.
+    target = bd.SquaredErrors("mass.x", [1.0], [1.0]) * 1e3
+    arguments = (oscillator, target, "stiffness", bd.at_most(bd.EndValue("mass.x_dot"), -0.1))
+    with pytest.warns(bd.BeamdaeWarning, match="shorter steps"):
+        result = bd.optimize(
+            *arguments, {"stiffness": (5.0, 35.0)}, bd.GeneralizedAlpha(step=0.25, rho_inf=0.5)
+        )
+    assert "shorter steps" in repr(result)
+    result = bd.optimize(*arguments, {"stiffness": (5.0, 35.0)})
+    assert not result.warnings
+    assert result.parameters["stiffness"] == pytest.approx(np.pi**2, rel=1e-3)
+
+
+@bd.model(t_end=0.1)
+def with_unused_number(stiffness=4.0, unused=1.0):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def test_regression_numbers_without_effect_are_named():
+    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+        bd.optimize(with_unused_number, bd.EndValue("mass.x"), "unused")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "label"),
+    [
+        (bd.EndValue("tip.y") + bd.Mass(), "EndValue of tip.y + mass"),
+        (bd.EndValue("tip.y") - 2.0 * bd.Mass(), "EndValue of tip.y - 2 mass"),
+        (bd.Mass() - bd.EndValue("tip.y"), "mass - EndValue of tip.y"),
+        (bd.Frequency(2) - 1.05 * bd.Frequency(1), "frequency 2 - 1.05 frequency 1"),
+        (-(bd.Mass() - bd.Frequency(1)) / 4, "-0.25 mass + 0.25 frequency 1"),
+        (-bd.Mass(), "-mass"),
+        (sum([bd.EndValue("a"), bd.Mass()]), "EndValue of a + mass"),
+        (bd.Mass() + (bd.EndValue("a") - bd.EndValue("b")), "mass + EndValue of a - EndValue of b"),
+    ],
+)
+def test_sums_of_quantities_and_objectives_have_readable_labels(quantity, label):
+    """An objective plus a quantity was rejected, and the difference was '2 + -1 1.05 ...'."""
+    assert bd.at_most(quantity, 1.0).label == f"{label} <= 1"
+
+
+@pytest.mark.parametrize("term", [bd.Mass(), bd.EndValue("tip.y")])
+@pytest.mark.parametrize(
+    "operation",
+    [lambda x: x + 1.0, lambda x: 1.0 + x, lambda x: x - 1.0, lambda x: 1.0 - x, lambda x: x * x,
+     lambda x: x / 0.0, lambda x: 1.0 / x],
+)  # fmt: skip
+def test_other_operands_are_rejected(term, operation):
+    with pytest.raises(bd.BeamdaeError, match="is not supported; add objectives and quantities"):
+        operation(term)

@@ -1,0 +1,63 @@
+"""Results of analyses can be copied and sent to other processes."""
+
+import copy
+import pickle
+
+import cloudpickle
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+METHOD = bd.GeneralizedAlpha(step=5e-3)
+
+
+@bd.model(t_end=0.05)
+def pendulum(mass=2.0, damping=0.0):
+    """Rod on a pin with a local function as law; the damper is absent at damping = 0."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.0, -0.5), mass=mass))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    tip = rod.at(0.0, -0.5)
+    mech.add(bd.SpringDamper("damper", mech.ground.at(1.0, 0.0), tip, 10.0, damping))
+    mech.add(bd.Force("push", tip, (lambda t: mass * t, 0.0)))
+    mech.observe("tip", tip)
+    return mech
+
+
+def copies(result):
+    return pickle.loads(pickle.dumps(result)), copy.deepcopy(result)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_sensitivities():
+    result = bd.sensitivities(pendulum, ["mass", "damping"], METHOD)
+    for again in copies(result):
+        np.testing.assert_array_equal(again.table(), result.table())
+        np.testing.assert_array_equal(again.energies, result.energies)
+
+
+@pytest.mark.slow(reason="several analyses")
+def test_equilibria_modes_and_gradients():
+    path = bd.equilibrium(pendulum())
+    for again in copies(path):
+        np.testing.assert_array_equal(again["tip.x"], path["tip.x"])
+    modes = bd.modes(pendulum(), about="equilibrium")
+    # Modes contain the mechanism, and pickle does not support its law, a local function.
+    for again in (pickle.loads(cloudpickle.dumps(modes)), copy.deepcopy(modes)):
+        np.testing.assert_array_equal(again.frequencies, modes.frequencies)
+    gradient = bd.gradient(pendulum, bd.EndValue("tip.x"), "mass", METHOD)
+    for again in copies(gradient):
+        np.testing.assert_array_equal(again.array, gradient.array)
+    along = bd.equilibrium_sensitivities(pendulum, "mass")
+    for again in copies(along):
+        np.testing.assert_array_equal(again.table(), along.table())
+
+
+def test_constrained_systems_are_rejected():
+    import casadi as ca
+
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
+    with pytest.raises(bd.BeamdaeError, match="equations without a mechanism cannot be pickled"):
+        pickle.dumps(system.equations)

@@ -1,0 +1,772 @@
+"""Derivatives of runs against closed forms, an independent recursion and differences of runs."""
+
+import math
+from functools import partial
+
+import casadi as ca
+import numpy as np
+import pytest
+from four_bar import four_bar
+from governor import governor
+from hub_beam import hub_beam
+from leaf_spring_vehicle import leaf_spring_vehicle
+from pendulum import pendulum
+from quick_return import quick_return
+from ring_mount import ring_mount
+from shallow_arch import shallow_arch
+from slider_crank import slider_crank
+from sliding_mass import sliding_mass
+from spin_up import spin_up
+
+import beamdae as bd
+
+MASS, SPEED = 2.0, 0.3
+
+
+@bd.model(t_end=1.0)
+def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1, scale=0.0):
+    """Mass on a spring and a damper, moving along the line of the spring."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
+    mech.add(bd.Force("pull", mass.point, (abs(scale), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def exact_position(stiffness, damping, speed, t):
+    rate = 0.5 * damping / MASS
+    omega = np.sqrt(stiffness / MASS - rate**2 + 0j)
+    return np.exp(-rate * t) * speed / omega * np.sin(omega * t)
+
+
+def complex_step(function, values, name):
+    """Return the derivative of an analytic function, accurate to rounding."""
+    h = 1e-30
+    return function(**{**values, name: values[name] + 1j * h}).imag / h
+
+
+@pytest.mark.parametrize("name", ["stiffness", "damping", "speed"])
+def test_oscillator_converges_to_closed_form_with_order_two(name):
+    values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
+    errors = []
+    for step in (4e-3, 2e-3):
+        result = bd.sensitivities(oscillator, name, bd.GeneralizedAlpha(step=step))
+        exact = complex_step(partial(exact_position, t=result.t), values, name)
+        errors.append(np.abs(result.sensitivity("mass.x", name) - exact).max())
+    assert errors[0] < 1e-3 * np.abs(exact).max()
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-9), bd.Auto(rtol=1e-9)])
+def test_oscillator_by_radau(integrator):
+    values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
+    result = bd.sensitivities(oscillator, list(values), integrator)
+    for name in values:
+        exact = complex_step(partial(exact_position, t=result.t), values, name)
+        # The errors decrease from 1e-7 at rtol = 1e-5 to 1e-13 at rtol = 1e-11.
+        np.testing.assert_allclose(
+            result.sensitivity("mass.x", name), exact, rtol=0.0, atol=1e-10 * np.abs(exact).max()
+        )
+
+
+def recursion(member, steps, stiffness, damping, speed):
+    """Return the positions of generalized-alpha for the oscillator, in plain Python numbers."""
+    x, v, mass = 0.0, speed, MASS
+    ddx = a = -(stiffness * x + damping * v) / mass
+    positions = [x]
+    m, f, gamma, beta = member.alpha_m, member.alpha_f, member.gamma, member.beta
+    last = steps[0]
+    for step in steps:
+        a, last = ddx + step / last * (a - ddx), step
+        # a' = known + factor ddx', x' = x_0 + c a', v' = v_0 + d a'
+        factor, known = (1 - f) / (1 - m), (f * ddx - m * a) / (1 - m)
+        x_0, c = x + step * v + step**2 * (0.5 - beta) * a, step**2 * beta
+        v_0, d = v + step * (1 - gamma) * a, step * gamma
+        force = stiffness * (x_0 + c * known) + damping * (v_0 + d * known)
+        ddx = -force / (mass + factor * (stiffness * c + damping * d))
+        a = known + factor * ddx
+        x, v = x_0 + c * a, v_0 + d * a
+        positions.append(x)
+    return np.array(positions)
+
+
+@pytest.mark.parametrize("damping", [0.8, 0.0])
+@pytest.mark.parametrize(
+    ("family", "rho_inf"), [("generalized-alpha", 0.8), ("hht", 0.6), ("newmark", 0.9)]
+)
+def test_derivative_of_discrete_solution_is_exact(family, rho_inf, damping):
+    # A coarse step, with which the discrete and the exact solution differ by per cents. Negative
+    # damping is rejected, so that differences of the model at damping = 0 are one-sided.
+    method = bd.GeneralizedAlpha(step=0.05, rho_inf=rho_inf, family=family, start="plain")
+    assert_discrete_derivatives(method, damping, 1e-11)
+
+
+def test_derivative_of_adaptive_steps_is_exact():
+    # The Newton errors of the run are larger with tens of steps near the tolerance.
+    method = bd.GeneralizedAlpha(step=0.05, rtol=1e-3, start="plain", newton_tolerance=1e-12)
+    assert_discrete_derivatives(method, 0.8, 1e-10)
+
+
+def assert_discrete_derivatives(method, damping, tolerance):
+    values = {"stiffness": 40.0, "damping": damping, "speed": SPEED}
+    result = bd.sensitivities(oscillator, list(values), method, parameters=values)
+    (interval,) = result.solution.trajectory.intervals
+    for name in values:
+        expected = complex_step(partial(recursion, method, np.diff(interval.t)), values, name)
+        actual = result.trajectories[name].intervals[0].rows.q[:, 0]
+        # Rounding errors of the run and of the differences of the model.
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-9 * size)
+
+
+def run_differences(model, name, values, method, t_end, relative):
+    """Return fourth-order differences of runs: q and lam at the steps."""
+    value = values.get(name, model.parameters[name])
+    delta = relative * value
+    derivative = {"q": 0.0, "lam": 0.0}
+    for step, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+        run = bd.simulate(model(**{**values, name: value + step * delta}), method, t_end)
+        for key in derivative:
+            derivative[key] = derivative[key] + weight / delta * at_steps(run.trajectory, key)
+    return derivative
+
+
+def at_steps(trajectory, key):
+    return np.concatenate([getattr(x.state, key) for x in trajectory.intervals])
+
+
+def assert_agree_with_runs(model, names, t_end, values=None, relative=1e-3, step=1e-3, lam=1e-5):
+    """Compare with differences of runs, whose Newton errors limit the accuracy of the comparison.
+
+    `lam` is the tolerance of multipliers. The tolerance of positions is 1e-6; differences with
+    other steps show that errors above 1e-9 are those of the differences.
+    """
+    values, method = values or {}, bd.GeneralizedAlpha(step=step, newton_tolerance=1e-12)
+    result = bd.sensitivities(model, names, method, t_end, parameters=values)
+    for name in names:
+        expected = run_differences(model, name, values, method, t_end, relative)
+        for key, tolerance in (("q", 1e-6), ("lam", lam)):
+            actual, size = at_steps(result.trajectories[name], key), np.abs(expected[key]).max()
+            assert np.abs(actual - expected[key]).max() <= tolerance * size, (name, key)
+
+
+@pytest.mark.slow(reason="ten runs of a mechanism with contacts")
+def test_contact_and_friction():
+    # The contacts close and slip within this time.
+    assert_agree_with_runs(governor, ["torque", "coefficient"], 0.1, relative=3e-5)
+
+
+@bd.model(t_end=0.6)
+def swing(torque=3.0, width=0.4, mass=2.0):
+    """Pendulum driven by a torque with two breakpoints."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    law = bd.piecewise((0.2, torque), (0.4, -torque), 0.0)
+    mech.add(bd.Moment("drive", on=rod.at(0.0, 0.0), law=law))
+    mech.observe("tip", rod.at(width, 0.0))
+    mech.observe("pin", pin.reaction)
+    return mech
+
+
+def test_breakpoints_that_do_not_move():
+    assert_agree_with_runs(swing, ["torque", "width"], 0.6, step=2e-3, lam=1e-6)
+
+
+@bd.model(t_end=0.1)
+def turning(speed=2.0, length=0.5):
+    """Beam on a motor with constant speed, which sets the whole beam in rigid motion."""
+    mech = bd.Mechanism()
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), steel, elements=1))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Driver("motor", root, beam.start, lambda t: speed * t))
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_driver_that_moves_at_the_start():
+    assert_agree_with_runs(turning, ["speed"], 0.05)
+
+
+@bd.model(t_end=0.5)
+def skater(offset=0.1, spin=1.0, push=3.0):
+    """Body on a skate, a nonholonomic constraint."""
+    mech = bd.Mechanism()
+    center, velocity = (offset, 0.0), (1.0, spin * offset)
+    sled = bd.RigidBody("sled", 2.0, 0.3, center, velocity=velocity, angular_velocity=spin)
+    mech.add(sled)
+    mech.add(bd.Skate("blade", sled.at(0.0, 0.0)))
+    mech.add(bd.Force("push", sled.at(offset, 0.05), (push, 0.0)))
+    return mech
+
+
+def test_nonholonomic_constraint():
+    assert_agree_with_runs(skater, ["offset", "push"], 0.1)
+
+
+def test_observed_columns():
+    method = bd.GeneralizedAlpha(step=2e-3, newton_tolerance=1e-12)
+    result = bd.sensitivities(swing, "width", method, output_step=0.01)
+    runs = [
+        bd.simulate(swing(width=0.4 + k * 4e-4), method, output_step=0.01) for k in (-2, -1, 1, 2)
+    ]
+    for header, column in result.solution.columns.items():
+        expected = (
+            sum(
+                w * run.columns[header]
+                for w, run in zip((1 / 12, -2 / 3, 2 / 3, -1 / 12), runs, strict=True)
+            )
+            / 4e-4
+        )
+        actual = result.sensitivity(header, "width")
+        assert np.abs(actual - expected).max() <= 1e-6 * np.abs(expected).max(), header
+        name, unit = header.removesuffix("]").split(" [")
+        pd_column = result.table()[f"d({name})/d(width) [{unit} per unit]"]
+        np.testing.assert_array_equal(pd_column, actual)
+        assert column.shape == actual.shape
+
+
+@pytest.mark.slow(reason="kernels of beams with and without damping")
+def test_forces_that_vanish_at_the_value_of_a_parameter():
+    # At damping = 0, the kernels of the beam lack the damping forces.
+    method = bd.GeneralizedAlpha(step=2e-3)
+    at_zero, near_zero = (
+        bd.sensitivities(hub_beam, "damping", method, 0.1, parameters={"damping": x, "elements": 2})
+        for x in (0.0, 1e-9)
+    )
+    expected = at_steps(near_zero.trajectories["damping"], "q")
+    actual = at_steps(at_zero.trajectories["damping"], "q")
+    # The second derivative times 1e-9 s is near 1e-5 of the derivative.
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+MODELS = {
+    model.name: model
+    for model in (
+        four_bar,
+        governor,
+        hub_beam,
+        leaf_spring_vehicle,
+        pendulum,
+        quick_return,
+        ring_mount,
+        shallow_arch,
+        slider_crank,
+        sliding_mass,
+        spin_up,
+    )
+}
+CASES = [
+    (name, formulation)
+    for name, model in MODELS.items()
+    for formulation in (("floating frame", "exact") if "formulation" in model.parameters else ("",))
+]
+# Newton errors of runs, relative to the positions and multipliers.
+NOISE = {"q": 1e-13, "lam": 1e-7}
+
+
+@pytest.mark.slow(reason="twenty steps of five runs per parameter")
+@pytest.mark.parametrize(("name", "formulation"), CASES)
+def test_all_parameters_of_all_models(name, formulation):
+    model, step = MODELS[name], 1e-4 if name == "ring_mount" else 5e-4
+    values = {"formulation": formulation} if formulation else {}
+    if isinstance(model.parameters.get("elements"), int):
+        values["elements"] = 2
+    names = [x for x, value in model.parameters.items() if isinstance(value, float) and value]
+    method = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-12)
+    result = bd.sensitivities(model, names, method, 20 * step, parameters=values)
+    for parameter in names:
+        expected = run_differences(model, parameter, values, method, 20 * step, 1e-3)
+        delta = 1e-3 * model.parameters[parameter]
+        for key, tolerance in (("q", 1e-6), ("lam", 1e-3)):
+            run = np.abs(at_steps(result.solution.trajectory, key)).max(initial=0.0)
+            size = np.abs(expected[key]).max(initial=0.0)
+            error = np.abs(at_steps(result.trajectories[parameter], key) - expected[key])
+            limit = tolerance * size + NOISE[key] * run / delta
+            assert error.max(initial=0.0) <= limit, (parameter, key, error.max() / limit)
+
+
+# Parameters whose default is zero, the step [s], the range of values of the differences, and their
+# errors, the tolerances of positions and multipliers. Runs are smooth functions of a retardation
+# time only up to the order of the step; for smaller values, rounding and Newton errors dominate.
+ZERO_DEFAULTS = [
+    (hub_beam, "damping", 5e-3, 5e-4, 1e-6, 1e-5),
+    (pendulum, "mass_damping", 5e-4, 3.0, 1e-6, 1e-4),
+    (pendulum, "stiffness_damping", 5e-4, 1e-4, 1e-6, 1e-4),
+    (pendulum, "air_drag", 5e-4, 3.0, 1e-6, 1e-4),
+    (slider_crank, "damping", 5e-3, 5e-4, 5e-4, 1e-3),
+    (spin_up, "damping", 5e-3, 5e-4, 5e-4, 2e-2),
+]
+
+
+@pytest.mark.slow(reason="twenty steps of ten runs")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+@pytest.mark.parametrize(("model", "name", "step", "width", "q", "lam"), ZERO_DEFAULTS)
+def test_parameters_with_default_zero(model, name, step, width, q, lam, formulation):
+    # Derivative of the polynomial of degree 8 through Chebyshev points of [0, width].
+    points = 0.5 - 0.5 * np.cos(np.pi * np.arange(9) / 8)
+    weights = np.linalg.inv(np.vander(points, increasing=True))[1] / width
+    values = {"formulation": formulation, "elements": 2}
+    method = bd.GeneralizedAlpha(step=step, newton_tolerance=1e-12)
+    result = bd.sensitivities(model, name, method, 20 * step, parameters=values)
+    runs = [
+        bd.simulate(model(**values, **{name: float(x)}), method, 20 * step).trajectory
+        for x in width * points
+    ]
+    for key, tolerance in (("q", q), ("lam", lam)):
+        first, *others = (at_steps(run, key) for run in runs)
+        expected = sum(w * (x - first) for w, x in zip(weights[1:], others, strict=True))
+        error = np.abs(at_steps(result.trajectories[name], key) - expected).max()
+        assert error <= tolerance * np.abs(expected).max(), key
+
+
+@bd.model(t_end=0.02)
+def added_stiffness(extra=0.0, base=1e9):
+    return oscillator(stiffness=base + extra)
+
+
+@bd.model(t_end=0.02)
+def eccentric(eccentricity=0.0, gap=1e-5):
+    """Stiffness that changes by its own size within a gap of a bearing."""
+    return oscillator(stiffness=40.0 * (1.0 + math.sin(eccentricity / gap)))
+
+
+@bd.model(t_end=0.02)
+def phased(phase=1000.0):
+    return oscillator(stiffness=40.0 * (1.5 + math.sin(phase)))
+
+
+SCALES = [
+    (added_stiffness, {"base": 1e9}, 1e9, 1.0),
+    (added_stiffness, {"base": 2e11}, 2e11, 1.0),
+    (added_stiffness, {"base": 1e11, "extra": 1.0}, 1e11, 1.0),
+    (added_stiffness, {"base": 40.0, "extra": 1e-11}, 40.0, 1.0),
+    (eccentric, {"gap": 1e-8}, 40.0, 4e9),
+    (eccentric, {"gap": 1e-5}, 40.0, 4e6),
+    (eccentric, {"gap": 1e6}, 40.0, 4e-5),
+    (phased, {}, 40.0 * (1.5 + math.sin(1000.0)), 40.0 * math.cos(1000.0)),
+]
+
+
+@pytest.mark.parametrize("model", [added_stiffness, eccentric, phased])
+@pytest.mark.slow(reason="half a second and more")
+def test_parameters_of_any_scale(model):
+    # Differences with the first step have relative errors of 1e-4 to 1, or are refused.
+    method, (name, *_) = bd.GeneralizedAlpha(step=1e-3), model.parameters
+    for values, stiffness, rate in (case[1:] for case in SCALES if case[0] is model):
+        actual = bd.sensitivities(model, name, method, output_step=2e-3, parameters=values)
+        expected = bd.sensitivities(
+            oscillator, "stiffness", method, 0.02, 2e-3, parameters={"stiffness": stiffness}
+        ).sensitivity("mass.x", "stiffness")
+        size = abs(rate) * np.abs(expected).max()
+        np.testing.assert_allclose(
+            actual.sensitivity("mass.x", name), rate * expected, rtol=0.0, atol=1e-7 * size
+        )
+        gradient = bd.gradient(
+            model, bd.EndValue("mass.x"), name, integrator=method, parameters=values
+        )
+        assert gradient.derivatives[name] == pytest.approx(rate * expected.iloc[-1], rel=1e-7)
+
+
+@bd.model(t_end=0.02)
+def strip(E=2e9, length=0.4, unit=1.0, mass_unit=1.0, formulation="exact"):
+    """Clamped strip of 0.4 m; `unit` and `mass_unit` are the units per m, and kg per unit."""
+    plastic = bd.Material(E=E, nu=0.4, rho=1200.0 / mass_unit / unit**3)
+    section = bd.Section.rectangle(plastic, 0.02 * unit, 0.003 * unit, damping=2e-3)
+    mech = bd.Mechanism(gravity=(0.0, -9.81 * unit))
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("strip", line, section, elements=2, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.slow(reason="eight runs of a beam")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+@pytest.mark.parametrize("integrator", [bd.Radau(rtol=1e-6), bd.GeneralizedAlpha(step=1e-3)])
+def test_derivatives_do_not_depend_on_the_units(integrator, formulation):
+    rows = []
+    # Meters and kilograms, millimeters and tonnes, micrometers and milligrams.
+    for unit, mass_unit in ((1.0, 1.0), (1e3, 1e3), (1e6, 1e-6)):
+        values = {"E": 2e9 / mass_unit / unit, "length": 0.4 * unit, "unit": unit}
+        values |= {"mass_unit": mass_unit, "formulation": formulation}
+        result = bd.sensitivities(
+            strip, ["E", "length"], integrator, output_step=2e-3, parameters=values
+        )
+        by_E, by_length = (result.sensitivity("tip.y", x) for x in ("E", "length"))
+        rows.append([by_E * values["E"] / unit, by_length])
+    for row in rows[1:]:
+        for actual, expected in zip(row, rows[0], strict=True):
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-9 * size)
+
+
+@bd.model(t_end=0.1)
+def seesaw(offset=1e-8):
+    """Body whose center is slightly beside 1 m, on a pin at 1 m."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.RigidBody("body", 2.0, 0.3, (1.0 + offset, offset)))
+    mech.add(bd.Revolute("pin", mech.ground.at(1.0, 0.0), body.at(1.0, 0.0)))
+    return mech
+
+
+def test_small_offset_of_coordinates():
+    # 1e-11 m, a thousandth of the offset, would be lost in rounding errors of 1 m.
+    result = bd.sensitivities(seesaw, "offset", bd.GeneralizedAlpha(step=1e-3), 0.01)
+    assert at_steps(result.trajectories["offset"], "q")[0, :2] == pytest.approx(1.0, abs=1e-7)
+
+
+@bd.model(t_end=0.01)
+def kinked_slope(x=0.0):
+    """x |x| has a derivative at zero, but its differences do not converge to it quickly."""
+    return oscillator(stiffness=40.0 + x * abs(x))
+
+
+def test_differences_that_depend_on_their_step_are_reported():
+    with pytest.warns(bd.BeamdaeWarning, match="depend on their step at x = 0"):
+        bd.sensitivities(kinked_slope, "x", bd.GeneralizedAlpha(step=1e-3))
+
+
+@pytest.mark.slow(reason="two seconds of motion")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_spin_up(formulation):
+    assert_agree_with_runs(spin_up, ["speed"], 4.0, {"formulation": formulation}, step=0.02)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_energies():
+    names = ["stiffness", "speed"]
+    values = {"stiffness": 40.0, "damping": 0.0, "speed": SPEED}
+    result = bd.sensitivities(
+        oscillator, names, bd.Radau(rtol=1e-10), output_step=0.02, parameters=values
+    )
+    x = result.solution.columns["mass.x [m]"] - 1.0
+    for name in names:
+        kinetic, strain, gravity = (
+            result.energies[f"d(energy.{kind})/d({name}) [J per unit]"]
+            for kind in ("kinetic", "strain", "gravity")
+        )
+        dx = result.sensitivity("mass.x", name).to_numpy()
+        exact = 40.0 * x * dx + (0.5 * x**2 if name == "stiffness" else 0.0)
+        np.testing.assert_allclose(strain, exact, rtol=0.0, atol=1e-12)
+        # Without damping, the energy is that of the start, m speed^2 / 2.
+        total = MASS * SPEED if name == "speed" else 0.0
+        np.testing.assert_allclose(kinetic + strain, total, rtol=0.0, atol=1e-8)
+        assert np.all(gravity == 0.0)
+
+
+@bd.model(t_end=0.1)
+def geared(load=3.0):
+    """Rod whose motion is prescribed; the load changes only the torque of the driver."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.3, 0.0), mass=1.0))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    sides = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
+    driver = mech.add(bd.Driver("driver", *sides, lambda t: 5.0 * t**2))
+    mech.add(bd.Moment("load", on=rod.at(0.0, 0.0), law=load))
+    mech.observe("driver", driver.reaction)
+    return mech
+
+
+def test_parameter_that_changes_only_reactions():
+    # The derivatives of the positions are rounding errors, which do not converge.
+    result = bd.sensitivities(geared, "load")
+    np.testing.assert_allclose(np.abs(result.sensitivity("driver.M", "load")), 1.0, rtol=1e-9)
+    assert np.abs(result.sensitivity("rod.angle", "load")).max() < 1e-12
+
+
+@bd.model(t_end=0.1)
+def welded(mass=2.0, gravity=9.81):
+    """Bar that is welded at both ends, which share its weight."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity), redundant="minimum norm")
+    bar = mech.add(bd.RigidBody.rod("bar", (-1.0, 0.0), (1.0, 0.0), mass=mass))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        weld = mech.add(bd.Weld(name, mech.ground.at(x, 0.0), bar.at(x, 0.0)))
+        mech.observe(name, weld.reaction)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_reactions_of_minimum_norm():
+    result = bd.sensitivities(welded, ["mass", "gravity"])
+    for name, rate in (("mass", 9.81), ("gravity", 2.0)):
+        sign = np.sign(result.solution.columns["left.Fy [N]"][-1])
+        for side in ("left", "right"):
+            actual = result.sensitivity(f"{side}.Fy", name)
+            np.testing.assert_allclose(actual, 0.5 * sign * rate, rtol=1e-9)
+
+
+@bd.model(t_end=0.2)
+def parallel(length=0.5, height=0.3):
+    """Coupler on three parallel cranks, one of which is redundant."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant="minimum norm")
+    ends = (0.0, height), (length, height)
+    coupler = mech.add(bd.RigidBody.rod("coupler", *ends, mass=2.0))
+    for k, x in enumerate((0.0, 0.4 * length, length)):
+        crank = mech.add(bd.RigidBody.rod(f"crank {k}", (x, 0.0), (x, height), mass=0.5 + 0.1 * k))
+        mech.add(bd.Revolute(f"pivot {k}", mech.ground.at(x, 0.0), crank.at(x, 0.0)))
+        pin = bd.Revolute(f"pin {k}", crank.at(x, height), coupler.at(x, height))
+        mech.observe(f"pin {k}", mech.add(pin).reaction)
+    mech.add(bd.Force("push", coupler.at(0.0, height), (3.0, 0.0)))
+    return mech
+
+
+@pytest.mark.slow(reason="eleven runs")
+@pytest.mark.parametrize("name", ["length", "height"])
+def test_redundant_joints(name):
+    # The norm of the reactions depends on the dimensions, too.
+    result = bd.sensitivities(parallel, name, bd.Radau(rtol=1e-6))
+    value = parallel.parameters[name]
+    runs = [
+        bd.simulate(parallel(**{name: value * (1.0 + k * 1e-3)}), bd.Radau(rtol=1e-9))
+        for k in (-2, -1, 1, 2)
+    ]
+    weights = np.array([1 / 12, -2 / 3, 2 / 3, -1 / 12]) / (1e-3 * value)
+    for column, values in result.solution.columns.items():
+        expected = weights @ [x.columns[column][-1] for x in runs]
+        # Reactions of order 3 at this rtol.
+        size = max(abs(expected), np.abs(values).max())
+        actual = result.sensitivity(column, name).iloc[-1]
+        assert actual == pytest.approx(expected, abs=1e-4 * size), column
+
+
+@bd.model(t_end=0.5)
+def formula(stiffness=10.0):
+    """Mass on a spring whose law is a local function."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(SPEED, 0.0)))
+
+    def law(elongation, rate):
+        return stiffness * elongation
+
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, law=law))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def test_parameter_in_a_user_formula():
+    method = bd.GeneralizedAlpha(step=0.01)
+    result = bd.sensitivities(formula, "stiffness", method)
+    values = {"stiffness": 10.0, "damping": 0.0}
+    expected = bd.sensitivities(oscillator, "stiffness", method, t_end=0.5, parameters=values)
+    np.testing.assert_allclose(
+        result.sensitivity("mass.x", "stiffness"),
+        expected.sensitivity("mass.x", "stiffness"),
+        rtol=0.0,
+        atol=1e-12,
+    )
+
+
+@bd.model(t_end=0.02)
+def pinned(position=0.13):
+    """Curved beam in a floating frame that is pinned between its nodes, at rest."""
+    mech = bd.Mechanism()
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    beam = mech.add(bd.Beam("beam", bd.Arc(0.5, 0.4), steel, elements=2))
+    pin = beam.at(position)
+    mech.add(bd.Revolute("pin", mech.ground.at(*pin.point), pin))
+    return mech
+
+
+@pytest.mark.slow(reason="kernels of a beam")
+def test_parameter_without_effect():
+    # The derivatives are rounding errors, which do not converge.
+    result = bd.sensitivities(pinned, "position")
+    assert np.abs(at_steps(result.trajectories["position"], "q")).max() < 1e-12
+
+
+@bd.model(t_end=0.1)
+def mounted(inclination=0.4, sliding=0.13):
+    """Curved beam in a floating frame, whose joints depend on the directions of the beam there."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    beam = mech.add(bd.Beam("beam", bd.Arc(inclination, 0.4), steel, elements=2))
+    mech.add(bd.Revolute("pin", mech.ground.at(*beam.at(sliding).point), beam.at(sliding)))
+    mass = mech.add(bd.PointMass("mass", 2.0, at=beam.end.point))
+    mech.add(bd.Revolute("tip", beam.end, mass.point))
+    return mech
+
+
+@pytest.mark.slow(reason="ten runs of a beam")
+def test_operators_of_joints_that_depend_on_a_parameter():
+    assert_agree_with_runs(mounted, ["inclination", "sliding"], 0.05, lam=1e-4)
+
+
+@bd.model(t_end=0.1)
+def resized(length=0.3):
+    """Beam whose number of elements changes with its length."""
+    mech = bd.Mechanism()
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01)
+    line, count = bd.Line((0.0, 0.0), (length, 0.0)), math.ceil(10.0 * length - 1e-9)
+    beam = mech.add(bd.Beam("beam", line, steel, elements=count))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+
+
+@bd.model(t_end=0.2)
+def cocked(cosine=1.0):
+    """acos^2 = 2 (1 - c) + ... is smooth at c = 1, but not defined beyond."""
+    return oscillator(stiffness=10.0 + math.acos(cosine) ** 2)
+
+
+def test_formulas_that_fail_on_one_side_lead_to_one_sided_differences():
+    method = bd.GeneralizedAlpha(step=2e-3)
+    by_cosine = bd.sensitivities(cocked, "cosine", method).sensitivity("mass.x", "cosine")
+    by_stiffness = bd.sensitivities(
+        oscillator, "stiffness", method, 0.2, parameters={"stiffness": 10.0}
+    ).sensitivity("mass.x", "stiffness")
+    np.testing.assert_allclose(by_cosine, -2.0 * by_stiffness, rtol=1e-6, atol=1e-12)
+
+
+@bd.model(t_end=0.1)
+def amplified(gain=2.0):
+    """CasADi stores 2 q as q + q, without a number."""
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
+    return bd.ConstrainedSystem(
+        t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0], observe={"y [m]": gain * q}
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "by", "integrator", "message"),
+    [
+        (oscillator, "stiffnes", None, "no parameter 'stiffnes' .did you mean 'stiffness'"),
+        (oscillator, "elements", None, "elements of oscillator is not a float"),
+        (oscillator, [["speed"]], None, "by must be a list of names of parameters"),
+        (oscillator, [], None, "by must contain each parameter once"),
+        (oscillator, ["speed", "speed"], None, "by must contain each parameter once"),
+        (oscillator, "scale", None, "have a kink at scale = 0"),
+        (oscillator, "speed", bd.Ida(), "runs of Ida cannot .* use Radau or GeneralizedAlpha"),
+        (oscillator, "speed", bd.GeneralizedAlpha(formulation="stabilized-index2"), "index3"),
+        (amplified, "gain", None, "gain of amplified changes the form of an observed column"),
+        (resized, "length", None, "length of resized changes the coordinates or constraints"),
+    ],
+)
+def test_refusals(model, by, integrator, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.sensitivities(model, by, integrator)
+
+
+def test_unknown_columns_and_parameters_are_named():
+    result = bd.sensitivities(oscillator, "speed", bd.GeneralizedAlpha(step=0.1))
+    with pytest.raises(bd.BeamdaeError, match=r"must be one of 'speed', got 'damping'"):
+        result.sensitivity("mass.x", "damping")
+    with pytest.raises(bd.BeamdaeError, match="several columns"):
+        result.sensitivity("mass", "speed")
+    with pytest.raises(bd.BeamdaeError, match=r"no column 'mass\.z'"):
+        result.sensitivity("mass.z", "speed")
+
+
+def test_table_is_written_as_csv(tmp_path):
+    result = bd.sensitivities(oscillator, "speed", bd.GeneralizedAlpha(step=0.1))
+    lines = result.to_csv(tmp_path / "sensitivities.csv").read_text().splitlines()
+    assert lines[0].startswith("t [s],d(mass.x)/d(speed) [m per unit]")
+    assert len(lines) == 1 + len(result.t)
+
+
+@bd.model(t_end=0.01)
+def stepped_strip(step=0.11, height=3e-3, unused=1.0):
+    """Clamped strip whose height changes at an arc length."""
+    material = bd.Material(E=2e9, nu=0.4, rho=1200.0)
+
+    def section(s):
+        return bd.Section.rectangle(material, width=0.02, height=height if s < step else 2e-3)
+
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("call", "differentiate"),
+    [
+        (
+            "sensitivities",
+            lambda by: bd.sensitivities(stepped_strip, by, bd.GeneralizedAlpha(step=1e-3)),
+        ),
+        ("equilibrium_sensitivities", lambda by: bd.equilibrium_sensitivities(stepped_strip, by)),
+        (
+            "mode_sensitivities",
+            lambda by: bd.mode_sensitivities(stepped_strip, by, about="equilibrium", n=2),
+        ),
+        (
+            "gradient",
+            lambda by: bd.gradient(
+                stepped_strip, bd.EndValue("tip.y"), by, bd.GeneralizedAlpha(step=1e-3)
+            ),
+        ),
+    ],
+    ids=["run", "equilibrium", "modes", "gradient"],
+)
+def test_regression_parameters_without_effect_are_named(call, differentiate):
+    with pytest.warns(bd.BeamdaeWarning) as records:
+        differentiate(["step", "height", "unused"])
+    records = [x for x in records if "change no number" in str(x.message)]
+    for record, name in zip(records, ("step", "unused"), strict=True):
+        assert str(record.message).startswith(f"{call}: small changes of {name} change no")
+        assert "does not use" in str(record.message)
+        assert "only moves a jump" in str(record.message)
+        # The warning cites this file, not the package.
+        assert record.filename == __file__
+
+
+@bd.model(t_end=0.2)
+def kinked_oscillator(stiffness=40.0):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    spring = 40.0 + abs(stiffness - 40.0)
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, spring, 1.0))
+    mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=1.0), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("sensitivities", lambda f, *x: f(*x)),
+        ("mode_sensitivities", lambda f, *x: f(*x)),
+        ("equilibrium_sensitivities", lambda f, *x: f(*x)),
+        ("periodic_sensitivities", lambda f, *x: f(*x, period=1.0)),
+        ("gradient", lambda f, model, by: f(model, bd.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, bd.EndValue("mass.x"), by)),
+        ("optimize", lambda f, model, by: f(model, bd.Frequency(1), by)),
+        ("fit", lambda f, model, by: f(model, {"t [s]": [0.1], "mass.x": [1.0]}, by)),
+    ],
+)
+@pytest.mark.slow(reason="half a second each")
+def test_regression_messages_name_the_function_that_was_called(name, call):
+    """All messages named `sensitivities`, and gradients at this kink were zero."""
+    with pytest.raises(bd.BeamdaeError, match=rf"^{name}: the numbers of kinked_oscillator have"):
+        call(getattr(bd, name), kinked_oscillator, "stiffness")
+
+
+@bd.model(t_end=0.2)
+def jumping_oscillator(stiffness=40.0):
+    """Oscillator whose mass jumps next to the default stiffness, as tables of curves can."""
+    mech = bd.Mechanism()
+    at, speed = (1.0, 0.0), (0.2, 0.0)
+    mass = 1.0 + 1e-5 * (stiffness > 40.06)
+    body = mech.add(bd.PointMass("mass", mass, at=at, velocity=speed))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, 0.1))
+    mech.observe("mass", body.point)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_jumps_next_to_a_value_are_no_kinks():
+    method = bd.GeneralizedAlpha(step=0.01)
+    result = bd.sensitivities(jumping_oscillator, "stiffness", method)
+    runs = [
+        bd.simulate(jumping_oscillator(stiffness=40.0 + x), method).columns["mass.x [m]"][-1]
+        for x in (1e-3, -1e-3)
+    ]
+    expected = (runs[0] - runs[1]) / 2e-3
+    actual = result.sensitivity("mass.x", "stiffness").iloc[-1]
+    assert actual == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,63 @@
+"""`beamdae export`: file, JSON document, exit codes and messages."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import create_app
+
+MODEL = '''
+import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def oscillator(stiffness=40.0, mass=1.0):
+    """A mass on a spring along a rail, with a force."""
+    mech = bd.Mechanism()
+    push = mech.input("push", default=0.0, unit="N")
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech.add(bd.Force("actuator", body.point, (push, 0.0)))
+    mech.observe("mass", body.point)
+    return mech
+'''
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Working folder with a model."""
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(MODEL, encoding="utf-8")
+
+
+def run(*arguments):
+    command = ["export", "model.py", "--fmu", "model.fmu", "--platforms", "none", *arguments]
+    return CliRunner().invoke(create_app("export"), command)
+
+
+def test_file_and_json(here):
+    result = run("--outputs", "mass.x", "--parameters", "stiffness,mass", "--json", "--fmi", "3")
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert document["files"] == ["model.fmu"]
+    assert (document["inputs"], document["outputs"]) == (["push"], ["mass.x"])
+    assert document["parameters"] == ["stiffness", "mass"]
+    assert document["size"] == Path("model.fmu").stat().st_size
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--inputs", "pull"], "the model has no input 'pull'"),
+        (["--platforms", "pdp11-unix"], "platforms must be one of"),
+        (["--real-time", "0"], "real_time must be a whole number of at least 1"),
+    ],
+)
+def test_messages(here, arguments, message):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not Path("model.fmu").exists()

@@ -1,0 +1,116 @@
+"""Option --no-picture of all commands that draw, and the order of their output."""
+
+from __future__ import annotations
+
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+from beamdae.cli.output import WrittenFiles
+from beamdae.errors import BeamdaeError
+
+MODEL = """
+import beamdae as bd
+
+@bd.model(t_end=0.002)
+def column(force=1.0):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    beam = mech.add(bd.Beam("strut", bd.Line((0.0, 0.0), (0.0, 1.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -force)))
+    mech.observe("tip", beam.end)
+    return mech
+"""
+COMMANDS = {
+    "run": ["--no-estimate"],
+    "sweep": ["--over", "force=1,2", "--jobs", "1"],
+    "static": [],
+    "modes": [],
+    "buckling": [],
+}
+
+
+def call(tmp_path, command, *options):
+    path = tmp_path / "column.py"
+    path.write_text(MODEL)
+    arguments = [command, str(path), *COMMANDS[command], *options, "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    return result, {x.suffix for x in tmp_path.glob("out/**/*") if x.is_file()}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("run", "static", "modes", "buckling"),
+        pytest.param("sweep", marks=pytest.mark.slow(reason="starts a process")),
+    ],
+)
+def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
+    result, kinds = call(tmp_path, command, "--no-picture")
+    assert result.exit_code == 0, result.output
+    assert ".csv" in kinds
+    assert not kinds & {".png", ".svg"}
+    assert (".html" in kinds) == (command in ("run", "sweep"))
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "names"),
+    [
+        ("static", ["--no-picture"], ["column_static.png"]),
+        ("run", ["--no-picture", "--no-page"], ["column.html", "column.png"]),
+        pytest.param(
+            "sweep",
+            ["--no-picture", "--no-page"],
+            ["column_sweep_force/report.html", "column_sweep_force/response.svg"],
+            marks=pytest.mark.slow(reason="starts a process"),
+        ),
+    ],
+)
+def test_regression_skipped_pictures_of_earlier_results_are_removed(
+    tmp_path, command, options, names
+):
+    """Old pictures and pages stayed beside new tables."""
+    old = [tmp_path / "out" / name for name in names]
+    mine = old[0].with_name("mine.png")
+    mine.parent.mkdir(parents=True)
+    for path in (*old, mine):
+        path.touch()
+    result, _ = call(tmp_path, command, *options)
+    assert result.exit_code == 0, result.output
+    assert mine.exists()
+    for path in old:
+        assert not path.exists()
+        assert f"removed: {path} showed earlier results" in result.output
+
+
+def test_earlier_results_that_cannot_be_removed_are_reported(tmp_path, monkeypatch, capsys):
+    def fail(path):
+        raise PermissionError(13, "Permission denied")
+
+    picture = tmp_path / "old.png"
+    picture.touch()
+    monkeypatch.setattr("pathlib.Path.unlink", fail)
+    files = WrittenFiles([tmp_path / "new.csv"], (picture, tmp_path / "none.html"))
+    files.print_paths()
+    assert files.failed
+    reason = "the file shows earlier results and cannot be removed (Permission denied); remove it."
+    assert capsys.readouterr().err == f"failed: {picture}: {reason}\n"
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path, monkeypatch):
+    def fail(*arguments):
+        raise BeamdaeError("this file fails")
+
+    monkeypatch.setattr("beamdae.studies.sweeps.sweep_results.write_page", fail)
+    monkeypatch.setattr("beamdae.report.pictures.figures.save_figure", fail)
+    result, kinds = call(tmp_path, "sweep")
+    assert result.exit_code == 1
+    results, *failures = result.output.split("failed: this file fails")
+    assert "2 cases, 2 reached the end time" in results
+    assert len(failures) == 2
+    assert not kinds & {".html", ".png", ".svg"}
+    result, kinds = call(tmp_path, "sweep", "--no-picture", "--no-page")
+    assert result.exit_code == 0
+    assert not kinds & {".html", ".png", ".svg"}

@@ -1,0 +1,69 @@
+"""`beamdae optimize`: files, JSON document, exit codes and messages."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = '''
+import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def oscillator(stiffness=40.0, mass=1.0):
+    """A mass on a spring along a rail."""
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech.observe("mass", body.point)
+    return mech
+'''
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Working folder with a model."""
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(MODEL, encoding="utf-8")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["optimize", "model.py", *arguments])
+
+
+@pytest.mark.slow(reason="one second")
+def test_files_and_json(here):
+    limits = ["--at-most", "mass=2", "--bounds", "mass=0.5:3", "--json"]
+    result = run("--by", "mass", "--minimize", "frequency:1", *limits)
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert document["parameters"]["mass"] == pytest.approx(2.0)
+    # f = sqrt(k/m) / (2 pi)
+    assert document["objective"] == pytest.approx(20.0**0.5 / 6.283185307, rel=1e-6)
+    assert document["constraints"][0]["multiplier"] > 0.0
+    table = pd.read_csv("results/oscillator_design.csv", index_col="parameter")
+    assert table.loc["mass", "value"] == pytest.approx(2.0)
+    designs = pd.read_csv("results/oscillator_designs.csv")
+    assert len(designs) == document["evaluations"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--by", "mass"], "either --minimize or --maximize"),
+        (["--by", "mass", "--minimize", "masss"], "must be one of mass, frequency:NUMBER"),
+        (["--by", "mass", "--minimize", "frequency:x"], "must be one of mass"),
+        (["--by", "mass", "--minimize", "mass", "--at-most", "mass"], "QUANTITY=LIMIT"),
+        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
+        (["--by", "mas", "--minimize", "mass"], "did you mean 'mass'"),
+    ],
+)
+def test_invalid_options_are_rejected(here, arguments, message):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())

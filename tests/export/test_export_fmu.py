@@ -1,0 +1,475 @@
+"""Exported FMUs: contents, equality with `GeneralizedAlpha`, states, derivatives and messages."""
+
+import json
+import shutil
+import subprocess
+import sys
+import textwrap
+import zipfile
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import beamdae as bd
+from beamdae.export.c_code import format_number, format_string
+from beamdae.export.elimination_order import plan_elimination
+from beamdae.export.model_description import base_exponents
+from beamdae.linear.fixed_order import FixedOrderFactors, eliminate, substitute
+
+STEP = 1e-3
+T_END = 0.1
+PARAMETERS = ["mass", "thickness"]
+# Values that differ from the defaults of all parameters, and of the input.
+VALUES = {"mass": 1.5, "thickness": 0.005}
+TORQUE = 3.0
+# With the default, errors of Newton's iteration would hide errors of the equations.
+NEWTON_TOLERANCE = 1e-9
+
+
+@bd.model(t_end=T_END)
+def crane(mass=2.0, stiffness=50.0, thickness=0.004, width=0.01, length=1.0, elements=2):
+    """Elastic arm on a hinge with a motor, and a load at its tip; a gust begins at 0.05 s."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    torque = mech.input("torque", default=0.0, unit="N m")
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=width, height=thickness)
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    arm = mech.add(bd.Beam("arm", line, section, elements=elements))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.start))
+    load = mech.add(bd.PointMass("load", mass, at=(length, 0.0)))
+    mech.add(bd.Revolute("pin", arm.end, load.point))
+    mech.add(bd.TorsionSpring("spring", hinge.a, hinge.b, stiffness))
+    mech.add(bd.Moment("motor", arm.start, torque))
+    gust = bd.piecewise((0.05, lambda t: 0.0), lambda t: 2.0)
+    mech.add(bd.Force("gust", arm.end, (0.0, gust)))
+    mech.observe("tip", arm.end)
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+@bd.model(t_end=T_END)
+def swing(mass=2.0, length=1.0, elements=2):
+    """Rod on a hinge with a motor."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    torque = mech.input("torque", default=0.0, unit="N m")
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (length, 0.0), mass))
+    hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Moment("motor", rod.at(0.0, 0.0), torque))
+    mech.observe("tip", rod.at(length, 0.0))
+    mech.observe("hinge", hinge.reaction)
+    return mech
+
+
+def export(folder, model=swing, **settings):
+    settings = {"step": STEP, "platforms": (), **settings}
+    return bd.export_fmu(model, folder / "crane.fmu", **settings)
+
+
+def describe(fmu):
+    with zipfile.ZipFile(fmu.path) as archive:
+        return ElementTree.fromstring(archive.read("modelDescription.xml"))
+
+
+def variables(fmu):
+    (parent,) = describe(fmu).iter("ModelVariables")
+    return {x.get("name"): x for x in parent}
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_contents(tmp_path, fmi):
+    fmu = export(tmp_path, fmi=fmi, outputs=["tip.y", "hinge"])
+    assert (fmu.inputs, fmu.outputs) == (("torque",), ("tip.y", "hinge.Fx", "hinge.Fy"))
+    with zipfile.ZipFile(fmu.path) as archive:
+        names = set(archive.namelist())
+        source = archive.read("sources/model.c").decode()
+    listed = {x.get("name") for x in describe(fmu).iter("File" if fmi == 2 else "none")}
+    assert {f"sources/{x}" for x in listed} | {"modelDescription.xml"} <= names
+    assert describe(fmu).get("guid" if fmi == 2 else "instantiationToken") in source.replace(
+        "\\173", "{"
+    ).replace("\\175", "}")
+    assert (f"sources/fmi{fmi}.c" in names, f"sources/fmi{5 - fmi}.c" in names) == (True, False)
+    found = variables(fmu)
+    assert found["torque"].get("causality") == "input"
+    assert found["tip.y"].get("causality") == "output"
+    units = {x.get("name") for x in describe(fmu).iter("Unit")}
+    assert {"N m", "m", "N"} <= units
+
+
+def test_equal_models_give_equal_files(tmp_path):
+    first = export(tmp_path, outputs=["tip.y"]).path.read_bytes()
+    assert export(tmp_path, outputs=["tip.y"]).path.read_bytes() == first
+    assert export(tmp_path, outputs=["tip.x"]).path.read_bytes() != first
+
+
+def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
+    controlled = swing()
+    angle = controlled.sensor("angle", controlled.parts["rod"].at(0.0, 0.0), "angle")
+    torque = controlled.inputs["torque"]
+    controlled.add(bd.Controller("servo", 0.01, [angle], [torque], lambda x: (-x.reads[0],)))
+    with_event = swing()
+    with_event.when("tip.y", crosses=-0.5, do="stop", name="low")
+    for model, settings, message in (
+        (with_event, {}, r"the model has events \(low\)"),
+        (controlled, {}, "the sampled controller 'servo' is called only in runs"),
+        (swing, {"parameters": ["length"]}, "changes of length affect"),
+        (swing, {"parameters": ["masss"]}, r"no parameter 'masss' .did you mean"),
+        (swing, {"parameters": ["elements"]}, "must be a real number to be tunable"),
+        (swing, {"inputs": ["torqe"]}, r"no input 'torqe' .did you mean"),
+        (swing, {"outputs": ["tap"]}, "no column 'tap'"),
+        (swing, {"outputs": [1]}, "outputs must be a list of names"),
+        (swing, {"fmi": 1}, "fmi must be"),
+        (swing, {"platforms": ["vax"]}, "platforms must be"),
+        (swing, {"platforms": ["aarch64-linux"], "fmi": 2}, "FMI 2.0 has no name"),
+        (swing, {"real_time": 1.5}, "real_time must be a whole number"),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=message):
+            export(tmp_path, model, **settings)
+    with pytest.raises(bd.BeamdaeError, match=r"must end with \.fmu"):
+        bd.export_fmu(crane, tmp_path / "crane.zip")
+
+
+def test_parameters_that_are_not_powers_are_rejected(tmp_path):
+    @bd.model(t_end=1.0)
+    def ball(load=1.0):
+        mech = bd.Mechanism()
+        point = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0))).point
+        mech.add(bd.Force("load", point, (np.sin(load), 0.0)))
+        mech.observe("ball", point)
+        return mech
+
+    with pytest.raises(bd.BeamdaeError, match="not through a power"):
+        export(tmp_path, ball, parameters=["load"])
+
+
+def test_units():
+    assert base_exponents("N m/rad") == {"kg": 1, "m": 2, "s": -2, "rad": -1}
+    assert base_exponents("m/s^2") == {"m": 1, "s": -2}
+    assert base_exponents("furlong") is None
+
+
+def test_literals():
+    assert format_number(-0.1) == "(-0.1)"
+    assert format_number(float("-inf")) == "(-INFINITY)"
+    assert format_string('a"?é') == '"a\\042\\077\\303\\251"'
+
+
+def test_elimination_with_diagonal_pivots():
+    # Chain of masses with rods: positive definite block, and multipliers without diagonal entries.
+    rng = np.random.default_rng(1)
+    n, m = 12, 4
+    block = sp.diags_array(
+        [np.ones(n - 1), 4.0 + rng.random(n), np.ones(n - 1)], offsets=[-1, 0, 1]
+    )
+    rows = sp.csr_array(
+        (
+            rng.random(2 * m) + 0.5,
+            np.repeat(3 * np.arange(m), 2) + [0, 2] * m,
+            2 * np.arange(m + 1),
+        ),
+        shape=(m, n),
+    )
+    matrix = sp.csc_array(sp.block_array([[block, rows.T], [rows, None]]))
+    matrix.sort_indices()
+    factors = FixedOrderFactors.of(plan_elimination(matrix, n))
+    assert eliminate(factors, matrix.data) == m
+    right = rng.random(n + m)
+    solution = right.copy()
+    substitute(factors, solution)
+    assert matrix @ solution == pytest.approx(right, rel=1e-12)
+
+
+# Compiled FMUs. Without optimization, the compiler takes a fifth of the time.
+@pytest.fixture(autouse=True, scope="module")
+def fast_compilation():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")
+        yield
+
+
+BLOCKER = """
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("beamdae", "casadi", "numba"):
+            raise ImportError(name)
+sys.meta_path.insert(0, Blocker())
+"""
+
+
+def run_without_beamdae(script, *arguments):
+    """Return the lines that a script prints in a process that cannot import beamdae."""
+    command = [sys.executable, "-c", BLOCKER + textwrap.dedent(script), *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.splitlines()
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def fmu(request, tmp_path_factory):
+    """FMU of the crane with all its parameters and a binary for this machine."""
+    pytest.importorskip("fmpy")
+    if not any(map(shutil.which, ("cc", "gcc", "clang"))):
+        pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("fmu")
+    return export(
+        folder,
+        crane,
+        fmi=request.param,
+        platforms=None,
+        parameters=PARAMETERS,
+        newton_tolerance=NEWTON_TOLERANCE,
+    )
+
+
+# Uniform access to instances of both versions of the interface.
+ADAPTER = """
+import json, sys
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+path, step = sys.argv[1], float(sys.argv[2])
+about = read_model_description(path)
+numbers = {x.name: x.valueReference for x in about.modelVariables}
+folder = extract(path)
+is_two = about.fmiVersion == "2.0"
+
+
+class Instance:
+    def __init__(self, name, **values):
+        kind, token = (
+            (FMU2Slave, about.guid) if is_two else (FMU3Slave, about.instantiationToken)
+        )
+        self.fmu = fmu = kind(
+            guid=token, unzipDirectory=folder, instanceName=name,
+            modelIdentifier=about.coSimulation.modelIdentifier,
+        )
+        fmu.instantiate()
+        if is_two:
+            fmu.setupExperiment(startTime=0.0)
+            fmu.enterInitializationMode()
+        else:
+            fmu.enterInitializationMode(startTime=0.0)
+        self.set(**values)
+        fmu.exitInitializationMode()
+        self.k = 0
+
+    def set(self, **values):
+        set_values = self.fmu.setReal if is_two else self.fmu.setFloat64
+        set_values([numbers[x] for x in values], list(values.values()))
+
+    def get(self, *names):
+        get_values = self.fmu.getReal if is_two else self.fmu.getFloat64
+        return get_values([numbers[x] for x in names])
+
+    def step(self):
+        self.fmu.doStep(currentCommunicationPoint=self.k * step, communicationStepSize=step)
+        self.k += 1
+
+    def state(self):
+        return self.k, (self.fmu.getFMUstate() if is_two else self.fmu.getFMUState())
+
+    def restore(self, state):
+        self.k = state[0]
+        (self.fmu.setFMUstate if is_two else self.fmu.setFMUState)(state[1])
+
+    def derivative(self, unknowns, known):
+        return self.fmu.getDirectionalDerivative(
+            [numbers[x] for x in unknowns], [numbers[known]], [1.0]
+        )
+
+
+outputs = [x.name for x in about.modelVariables if x.causality == "output"]
+"""
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_equality_with_simulate(fmu):
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(fmu.path)) == []
+    # Two instances at once, with different values.
+    script = """
+    one, two = Instance("one"), Instance("two", **json.loads(sys.argv[3]))
+    rows = []
+    for k in range(100):
+        one.step()
+        two.step()
+        rows.append([one.get(*outputs), two.get(*outputs)])
+    print(json.dumps([outputs, rows]))
+    """
+    values = json.dumps({**VALUES, "torque": TORQUE})
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP, values)
+    names, rows = json.loads(line)
+    results = np.array(rows)
+    method = bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
+    runs = (
+        bd.simulate(crane, method, output_step=STEP),
+        bd.simulate(crane(**VALUES), method, output_step=STEP, inputs={"torque": TORQUE}),
+    )
+    # At the breakpoint, simulate stores the state after the restart.
+    compared = np.arange(100) != 49
+    for which, run in enumerate(runs):
+        table = run.table()
+        table.columns = [x.rpartition(" [")[0] for x in table.columns]
+        for k, name in enumerate(names):
+            expected = table[name].to_numpy()[1:]
+            error = np.abs(results[:, which, k] - expected)[compared]
+            # Rounding errors of accelerations, divided by the square of the step, are 1e-9.
+            assert np.max(error) <= 1e-8 * np.ptp(expected), name
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_states_and_derivatives(fmu):
+    script = """
+    a, b = Instance("a", torque=1.0), Instance("b")
+    for _ in range(60):
+        a.step()
+    saved = a.state()
+
+    def go_on(instance, torque):
+        rows = []
+        for k in range(20):
+            instance.set(torque=torque)
+            instance.step()
+            rows.append([float(x).hex() for x in instance.get(*outputs)])
+        return rows
+
+    rows = [go_on(a, 2.0)]
+    for instance in (a, b):
+        instance.restore(saved)
+        rows.append(go_on(instance, 2.0))
+
+    def after_step(**values):
+        a.restore(saved)
+        a.set(**values)
+        a.step()
+        return np.array(a.get(*outputs))
+
+    derivatives = []
+    changes = {"torque": (2.0, 0.1), "mass": (2.0, 1e-2), "thickness": (4e-3, 1e-6)}
+    for name, (value, change) in changes.items():
+        difference = after_step(**{name: value + change}) - after_step(**{name: value - change})
+        a.restore(saved)
+        a.set(**{name: value})
+        a.step()
+        exact = a.derivative(outputs, name)
+        derivatives.append([list(exact), (difference / (2.0 * change)).tolist()])
+    # Derivatives do not change what follows.
+    a.restore(saved)
+    a.derivative(outputs, "mass")
+    rows.append(go_on(a, 2.0))
+    print(json.dumps([rows, derivatives]))
+    """
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    rows, derivatives = json.loads(line)
+    assert rows[1:] == [rows[0]] * 3
+    for exact, difference in derivatives:
+        scale = np.max(np.abs(exact))
+        assert scale > 0.0
+        # The differences contain errors of Newton's iteration.
+        assert exact == pytest.approx(difference, rel=1e-4, abs=1e-6 * scale)
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_errors_are_statuses_with_a_sentence(fmu):
+    script = """
+    a = Instance("a")
+    for action in (
+        lambda: a.set(torque=float("nan")),
+        lambda: a.derivative(outputs, "mass"),
+        lambda: a.fmu.doStep(currentCommunicationPoint=0.5, communicationStepSize=step),
+        lambda: (a.set(torque=1e300), a.step()),
+    ):
+        try:
+            action()
+            print("no error")
+        except Exception as problem:
+            assert "3" in str(problem) or "error" in str(problem)
+    """
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    expected = (
+        "torque: the value must be finite.",
+        "Directional derivatives exist after the first step, not at t = 0 s.",
+        "The communication point is not the end of the last step.",
+        "t = 0 s",
+    )
+    assert len(lines) == len(expected), lines
+    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_coupling_error_of_two_fmus_is_of_first_order(tmp_path):
+    pytest.importorskip("fmpy")
+    from fmus import coupling
+
+    arm, controller, t_end = coupling.export_arm(tmp_path), coupling.write_controller(tmp_path), 0.2
+    errors = []
+    for step in (4e-3, 2e-3):
+        exact = coupling.reference_angles(step, t_end)
+        angles = coupling.couple(arm, controller, step, t_end)
+        errors.append(np.max(np.abs(angles - exact)) / np.ptp(exact))
+    assert errors[1] < 0.05
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.4)
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_fixed_iterations_are_measured(tmp_path):
+    if not any(map(shutil.which, ("cc", "gcc", "clang"))):
+        pytest.skip("no C compiler")
+    times = export(tmp_path, platforms=None, timed_steps=200).step_times
+    assert times.steps == 200
+    assert 0.0 < times.median <= times.percentile <= times.worst
+    # The default tolerance leaves an error that three iterations in every step remove.
+    assert times.error > 1e-6
+    assert export(tmp_path, platforms=None, real_time=3, timed_steps=200).step_times.error < 1e-7
+
+
+@pytest.mark.slow(reason="compiles for other platforms")
+@pytest.mark.exhaustive
+def test_binaries_of_other_platforms(tmp_path):
+    pytest.importorskip("ziglang")
+    names = ["aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"]
+    fmu = export(tmp_path, fmi=3, platforms=names)
+    with zipfile.ZipFile(fmu.path) as archive:
+        binaries = {x.split("/")[1]: archive.read(x) for x in archive.namelist() if "binar" in x}
+    # ELF for ARM (0xB7), PE, and Mach-O with 64 bits for x86 and ARM.
+    assert binaries["aarch64-linux"][:4] == b"\x7fELF"
+    assert binaries["aarch64-linux"][18] == 0xB7
+    assert binaries["x86_64-windows"][:2] == b"MZ"
+    assert b"PE\0\0\x64\x86" in binaries["x86_64-windows"][:1024]
+    assert binaries["x86_64-darwin"][:8] == b"\xcf\xfa\xed\xfe\x07\0\0\x01"
+    assert binaries["aarch64-darwin"][:8] == b"\xcf\xfa\xed\xfe\x0c\0\0\x01"
+    for binary in binaries.values():
+        assert b"fmi3DoStep" in binary
+        assert b"fmi3GetDirectionalDerivative" in binary
+
+
+def test_tables_that_end_runs_are_rejected(tmp_path):
+    def build(outside):
+        table = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], kind="linear", outside=outside)
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+        ground = mech.ground.at(0.0, 0.0)
+        mech.add(bd.Spring("spring", ground, ball.point, law=lambda x, rate: table(x)))
+        mech.observe("ball", ball.point)
+        return mech
+
+    with pytest.raises(bd.BeamdaeError, match="the table of spring ends the run"):
+        export(tmp_path, build("error"), t_end=1.0)
+    assert export(tmp_path, build("hold"), t_end=1.0).outputs[0] == "ball.x"
+
+
+@pytest.mark.parametrize("owner", ["gravity", "gust"])
+def test_regression_tables_of_gravity_and_inputs_that_end_runs_are_rejected(tmp_path, owner):
+    """The FMU continued where simulate stops."""
+    table = bd.table([0.0, 0.5], [0.0, 1.0], kind="linear", outside="error")
+    mech = bd.Mechanism(gravity=(0.0, table if owner == "gravity" else -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    gust = mech.input("gust", table if owner == "gust" else 0.0, unit="N")
+    mech.add(bd.Force("push", ball.point, (gust, 0.0)))
+    mech.observe("ball", ball.point)
+    with pytest.raises(bd.BeamdaeError, match=f"the table of {owner} ends the run"):
+        export(tmp_path, mech, t_end=1.0)

@@ -1,0 +1,194 @@
+"""Long runs store output rows, every n-th step and the energies of all steps."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import beamdae as bd
+from beamdae.equations.equations_of_motion import State
+from beamdae.integrators import step_history, step_thinning
+
+LIMIT = 2e4
+
+
+@pytest.fixture
+def small_memory(monkeypatch):
+    """Small limit of the stored rows, and small blocks, from which rows are dropped."""
+    monkeypatch.setattr(step_thinning, "MAX_STORED_BYTES", LIMIT)
+    monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 40)
+
+
+def pendulum(redundant=None):
+    mech = bd.Mechanism(gravity=(0.0, -9.81), redundant=redundant or "refuse")
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    if redundant:
+        mech.add(bd.Revolute("second", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.observe("center", bar.at(0.5, 0.0))
+    return mech
+
+
+def bouncing():
+    """Ball in a moving field that bounces off the ground, with a breakpoint at 0.5 s."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.3)))
+    push = bd.piecewise((0.5, lambda t: 0.2 * t), 0.3)
+    mech.add(bd.Force("push", ball.point, (push, 0.0)))
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0)).gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, 0.8), name="bounce")
+    mech.observe("ball", ball.point)
+    return mech
+
+
+def peg():
+    """Ball thrown at a small peg, which steps pass over."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(-1.0, 3e-4), velocity=(2.0, 0.0)))
+    surface = bd.CircleSurface(mech.ground.at(0.0, 0.0), 1e-3, "outside")
+    mech.add(bd.Contact("peg", ball.point, surface, 1e5))
+    mech.observe("ball", ball.point)
+    return mech
+
+
+CASES = {
+    "Ida": (pendulum, bd.Ida(1e-6)),
+    "Radau": (pendulum, bd.Radau(max_step=2e-3)),
+    "fixed steps": (pendulum, bd.GeneralizedAlpha(5e-4)),
+    "adaptive steps": (pendulum, bd.GeneralizedAlpha(rtol=1e-5)),
+    "redundant": (lambda: pendulum("minimum norm"), bd.GeneralizedAlpha(1e-3)),
+    "contact": (peg, bd.GeneralizedAlpha(1e-3)),
+}
+
+
+@pytest.mark.parametrize("output_step", [0.01, 0.0037, 0.25])
+@pytest.mark.parametrize("case", CASES)
+def test_output_and_energies_do_not_change(case, output_step, small_memory):
+    model, integrator = CASES[case]
+    whole = bd.simulate(model(), integrator, 1.0, output_step=output_step, keep_steps=True)
+    run = bd.simulate(model(), integrator, 1.0, output_step=output_step)
+    assert any(interval.record is not None for interval in run.trajectory.intervals)
+    assert run.trajectory.steps == whole.trajectory.steps
+    for name in ("q", "v", "a"):
+        assert_array_equal(getattr(run, name), getattr(whole, name))
+    if case == "redundant":
+        # The reactions of redundant joints are restored after the interpolation.
+        assert_allclose(run.lam, whole.lam, rtol=1e-10, atol=1e-10)
+        assert_allclose(run.table(), whole.table(), rtol=1e-10, atol=1e-10)
+    else:
+        assert_array_equal(run.lam, whole.lam)
+        assert_array_equal(run.table(), whole.table())
+        assert run.quality == whole.quality
+
+
+def test_stored_rows_are_limited(small_memory):
+    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=0.1)
+    (interval,) = run.trajectory.intervals
+    row_bytes = 8 * (1 + sum(x.shape[1] for x in interval.rows))
+    assert run.trajectory.steps == 2000
+    assert 0.2 * LIMIT < len(interval.nodes) * row_bytes < LIMIT
+    assert np.isin(run.t, interval.nodes).all()
+    stride = round(np.median(np.diff(interval.nodes)) / 5e-4)
+    assert run.integrator["stored_steps"] == f"output rows and one of {stride} steps"
+    # Between the rows, the error is that of polynomials of degree 4 through them.
+    whole = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, keep_steps=True)
+    times = np.linspace(0.0, 1.0, 777)
+    with pytest.warns(bd.BeamdaeWarning, match="at_times: this long run stores only some"):
+        between = run.at_times(times)
+    assert_allclose(between.q, whole.at_times(times).q, atol=1e-6)
+    with pytest.warns(bd.BeamdaeWarning, match=r"Solution\.at: this long run stores only some"):
+        run.at(0.1234)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.at_times(run.t[::2])
+        whole.at_times(times)
+
+
+def test_more_output_rows_than_fit_are_stored(small_memory):
+    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=1e-3)
+    assert len(run.trajectory.intervals[0].nodes) < 1100
+    whole = bd.simulate(
+        pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=1e-3, keep_steps=True
+    )
+    assert_array_equal(run.q, whole.q)
+
+
+def test_steps_take_little_memory_beside_many_output_rows(small_memory, monkeypatch):
+    """The limit was doubled: 0.9 GB of output rows were stored with 0.7 GB of other steps."""
+    sizes = []
+    enforce = step_thinning.StepThinning.enforce
+
+    def record(self, segments):
+        enforce(self, segments)
+        sizes.append((segments[-1].stored_bytes, segments[-1].output_bytes))
+
+    monkeypatch.setattr(step_thinning.StepThinning, "enforce", record)
+    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=2.5e-3)
+    row_bytes = 8 * (1 + sum(x.shape[1] for x in run.trajectory.intervals[0].rows))
+    blocks = 4 * 40 * row_bytes  # not yet thinned
+    assert sizes[-1][1] > 1.5 * LIMIT
+    for stored, output in sizes:
+        assert stored <= max(LIMIT, 1.1 * output) + blocks
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.GeneralizedAlpha(5e-4), bd.Radau(max_step=4e-3)], ids=lambda i: i.method
+)
+@pytest.mark.slow(reason="half a second and more")
+def test_runs_with_events_and_breakpoints_are_thinned(integrator, small_memory):
+    run = bd.simulate(bouncing(), integrator, 1.5, output_step=0.03)
+    whole = bd.simulate(bouncing(), integrator, 1.5, output_step=0.03, keep_steps=True)
+    assert len(run.trajectory.intervals) > 4
+    assert_array_equal(run.events, whole.events)
+    assert_array_equal(run.table(), whole.table())
+    assert run.quality == whole.quality
+    assert run.trajectory.steps == whole.trajectory.steps
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
+    run = bd.simulate(bouncing(), bd.GeneralizedAlpha(5e-4), 1.5, output_step=0.03)
+    loaded = bd.load(run.save(tmp_path / "ball.run"), bouncing())
+    assert loaded.quality == run.quality
+    assert_array_equal(loaded.table(), run.table())
+    assert loaded.trajectory.steps == run.trajectory.steps
+    resumed = bd.simulate(bouncing(), bd.Radau(), 2.0, start=loaded)
+    assert loaded.followed_by(resumed).t[-1] == 2.0
+
+
+def test_derivatives_need_all_steps(small_memory):
+    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=0.1)
+    with pytest.raises(bd.BeamdaeError, match=r"this long run stores \d+ rows of its 2000 steps"):
+        run.trajectory.derivative_at(run.t)
+
+
+def test_failed_runs_keep_their_rows(small_memory):
+    def stop(t):
+        return "enough" if t > 0.6 else None
+
+    run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, 0.1, progress=stop)
+    assert run.status.kind == "limited"
+    assert run.trajectory.intervals[0].record is not None
+    assert run.trajectory.end > 0.6
+    assert_allclose(run.t, np.arange(7) * 0.1)
+
+
+def test_segments_of_one_row_and_ends_at_block_boundaries_are_thinned():
+    state = State(*(np.ones(2) for _ in range(4)))
+    for count in (0, 1, 7, 8, 9, 39, 40, 41):
+        history = step_history.StepHistory(0.0, state)
+        history._block_rows = 8
+        history._blocks = [history._blocks[0][:8].copy()]
+        for k in range(count):
+            history.append(float(k + 1), state)
+        history.release(count)
+        for is_final in (False, True, True):
+            if is_final:
+                history.close()
+            history.thin(4, 0.5, np.array([2.5]), lambda x: np.zeros((len(x.nodes), 11)), is_final)
+            assert history.end == count
+        interval = history.interval(0.5)
+        assert interval.grid.t[-1] == interval.nodes[-1] == count
+        assert_array_equal(interval.grid.t, np.arange(count + 1.0))
+        assert (2.5 in interval.nodes) == (count > 2)

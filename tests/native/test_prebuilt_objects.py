@@ -1,0 +1,214 @@
+"""Objects compiled with the package: found on all machines of a level, checked, never required."""
+
+import hashlib
+import warnings
+
+import casadi as ca
+import llvmlite.binding
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from beamdae import errors
+from beamdae.integrators.radau import step_loop
+from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects
+from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
+
+S, X = ca.SX.sym("s"), ca.SX.sym("x", 3)
+FUNCTION = ca.Function("kernel_of_test", [S, X], [ca.sin(X) * X[0] + ca.sqrt(X) * S])
+OTHER = ca.Function("kernel_of_test", [S, X], [ca.cos(X)])
+POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
+
+is_x86_level = llvm.host_target().cpu in llvm.X86_LEVELS
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """A new cache and a package without objects for each test; no warnings issued so far."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
+    monkeypatch.setattr(errors, "_issued_messages", set())
+    monkeypatch.setattr(prebuilt_objects, "FOLDER", tmp_path / "package")
+    prebuilt_objects._file_names.cache_clear()
+    yield tmp_path / "cache" / "beamdae"
+    prebuilt_objects._file_names.cache_clear()
+
+
+@pytest.fixture
+def builds(monkeypatch):
+    """Modules that LLVM compiles for this machine."""
+    compile_module, modules = llvm.compile_module, []
+
+    def compile_and_record(ir, level):
+        modules.append(ir)
+        return compile_module(ir, level)
+
+    monkeypatch.setattr(llvm, "compile_module", compile_and_record)
+    return modules
+
+
+def record_source(function, monkeypatch):
+    """Return the source of the machine code of a function, without compiling it."""
+    sources = []
+    with monkeypatch.context() as patch:
+        patch.setattr(lane_kernels, "load_object", lambda source, *_: sources.append(source))
+        build_lane_kernel(function)
+    return sources[0]
+
+
+def prebuild(source, content):
+    """Add an object to the package."""
+    folder = prebuilt_objects.FOLDER / prebuilt_objects.target_folder(llvm.host_target())
+    folder.mkdir(parents=True, exist_ok=True)
+    prebuilt_objects.write_prebuilt_object(folder, source.identity, source.name, content)
+    return next(folder.iterdir())
+
+
+def assert_machine_code_is_right():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kernel = build_lane_kernel(FUNCTION)
+    assert_array_equal(kernel([1.5], POINT)[:, 0], FUNCTION(1.5, POINT[:, :1]).full()[:, 0])
+
+
+def test_prebuilt_kernel_is_loaded_and_cached_without_compiling(monkeypatch, cache, builds):
+    source = record_source(FUNCTION, monkeypatch)
+    prebuild(source, source.compile())
+    del builds[:]
+    assert_machine_code_is_right()
+    assert not builds
+    assert [file.suffix for file in cache.iterdir()] == [".o"]
+
+
+def test_prebuilt_kernel_is_loaded_where_compiling_must_wait(monkeypatch):
+    """Equilibria interpret kernels until compiling them pays off."""
+    source = record_source(FUNCTION, monkeypatch)
+    assert build_lane_kernel(FUNCTION, compiles=False) is None
+    prebuild(source, source.compile())
+    prebuilt_objects._file_names.cache_clear()
+    assert build_lane_kernel(FUNCTION, compiles=False) is not None
+
+
+@pytest.mark.parametrize("damage", ["another kernel", "unknown symbol", "cut", "missing"])
+def test_unusable_prebuilt_object_is_compiled_instead(monkeypatch, builds, damage):
+    source, other = (record_source(x, monkeypatch) for x in (FUNCTION, OTHER))
+    content = (other if damage == "another kernel" else source).compile()
+    if damage == "unknown symbol":
+        # As a wheel that was built with a later C library.
+        name = source.name
+        ir = (
+            f"declare void @missing()\ndefine void @{name}() {{\ncall void @missing()\nret void\n}}"
+        )
+        content = llvm.compile_module(ir, 0)
+    file = prebuild(source, content)
+    prebuilt_objects.has_prebuilt_objects(llvm.host_target())
+    if damage == "cut":
+        file.write_bytes(file.read_bytes()[:-20])
+    elif damage == "missing":
+        file.unlink()
+    del builds[:]
+    assert_machine_code_is_right()
+    assert len(builds) == 1
+
+
+def test_native_off_loads_no_prebuilt_object(monkeypatch):
+    source = record_source(FUNCTION, monkeypatch)
+    prebuild(source, source.compile())
+    monkeypatch.setenv("BEAMDAE_NATIVE", "off")
+    assert build_lane_kernel(FUNCTION) is None
+
+
+@pytest.mark.skipif(not is_x86_level, reason="requires an x86-64 processor")
+def test_kernels_of_all_levels_return_the_same_bits(monkeypatch):
+    source = record_source(FUNCTION, monkeypatch)
+    host = llvm.host_target()
+    executable = llvm.X86_LEVELS[: llvm.X86_LEVELS.index(host.cpu) + 1]
+    values, contents = [], set()
+    for cpu in executable:
+        content = llvm.compile_module(source.ir(), source.level, host._replace(cpu=cpu))
+        contents.add(hashlib.sha256(content).digest())
+        code = source.load(content)
+        kernel = lane_kernels.LaneKernel(
+            FUNCTION.name(), code.addresses[FUNCTION.name()], 1, 3, 3, code
+        )
+        values.append(kernel([1.5], POINT))
+    assert len(contents) == len(executable)
+    for value in values[1:]:
+        assert_array_equal(value, values[0])
+
+
+FEATURES = set().union(*llvm._X86_LEVELS.values())
+
+
+@pytest.mark.parametrize(
+    ("missing", "cpu"),
+    [
+        ((), "x86-64-v4"),
+        (("avx512vl",), "x86-64-v3"),
+        (("fma",), "x86-64-v2"),
+        # An incomplete lower level counts, even with AVX-512.
+        (("sse4.1",), "core"),
+    ],
+)
+def test_target_is_the_highest_complete_level(monkeypatch, missing, cpu):
+    class Features(dict):
+        def flatten(self):
+            return "+some"
+
+    features = Features({name: name not in missing for name in FEATURES})
+    monkeypatch.setattr(llvmlite.binding, "get_process_triple", lambda: "x86_64-pc-linux-musl")
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda: features)
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_name", lambda: "core")
+    target = llvm.host_target.__wrapped__()
+    assert target.cpu == cpu
+    assert target.features == ("+some" if cpu == "core" else "")
+    assert prebuilt_objects.target_folder(target).as_posix() == f"x86_64-linux/{cpu}"
+
+
+def test_systems_have_separate_objects():
+    triples = ["x86_64-unknown-linux-gnu", "x86_64-apple-darwin", "x86_64-pc-windows-msvc"]
+    folders = {prebuilt_objects.target_folder(llvm.Target(x, "x86-64-v3")) for x in triples}
+    assert len(folders) == 3
+
+
+# Loops.
+
+VISITED = {}
+_ = list(loops._iterate_code(step_loop.take_radau_steps, VISITED))
+FUNCTIONS = tuple(VISITED)
+ENTRIES = (("loop", (step_loop.take_radau_steps, "@")),)
+KIND = ("RadauWorkspace", (("h", 0, "float"),))
+
+
+def identify(functions=FUNCTIONS):
+    return loops._identify_entries(ENTRIES, functions, KIND)
+
+
+def test_loop_of_the_package_is_identified_without_versions(monkeypatch):
+    identity = identify()
+    monkeypatch.setattr(loops, "installed_version", lambda name: "0.0")
+    assert identify() == identity
+    assert identify(FUNCTIONS[::-1]) == identity
+
+
+def test_changed_loop_is_not_identified_as_the_old_one(monkeypatch):
+    identities = {identify(), loops._identify_entries(ENTRIES, FUNCTIONS, ("RadauWorkspace", ()))}
+    with monkeypatch.context() as patch:
+        patch.setattr(step_loop, "C", step_loop.C + 1e-15)
+        identities.add(identify())
+    monkeypatch.setattr(loops, "_hash_source", lambda module: f"changed {module}")
+    identities.add(identify())
+    assert len(identities) == 4
+
+
+def test_loops_with_functions_of_others_are_not_prebuilt():
+    def function_of_test():
+        return 0
+
+    assert identify((*FUNCTIONS, function_of_test)) is None
+
+
+def test_source_tree_does_not_identify_objects(monkeypatch):
+    """Without prebuilt objects, looking for them costs nothing."""
+    source = object_code.ObjectSource("loop", "", (), portable_text=lambda: 1 / 0)
+    assert source.read_prebuilt() is None

@@ -1,0 +1,348 @@
+"""Controllers: continuous blocks of states, and sampled laws, against closed forms."""
+
+import control
+import numpy as np
+import pytest
+import scipy.linalg as la
+from scipy.integrate import solve_ivp
+
+import beamdae as bd
+
+INERTIA = 0.5
+INTEGRATORS = (bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(1e-3))
+
+
+def servo_law(sample):
+    angle, rate = sample.reads
+    return 8.0 * (1.0 - angle) - 4.0 * rate
+
+
+def build_servo(law=servo_law, every=0.05, **options):
+    """Return a wheel under a moment that a sampled controller sets."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=INERTIA))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    torque = mech.input("torque", unit="N m")
+    mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
+    angle = mech.sensor("angle", wheel.at(0.0, 0.0), "angle")
+    rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
+    mech.add(bd.Controller("servo", every, [angle, rate], [torque], law, **options))
+    return mech
+
+
+def sampled_servo(every, t_end, delay=0, gains=(8.0, 4.0)):
+    """Return the exact angles at the samples: the torque is constant between them."""
+    angle = rate = 0.0
+    waiting, angles = [0.0] * delay, [0.0]
+    for _ in range(round(t_end / every)):
+        waiting.append(gains[0] * (1.0 - angle) - gains[1] * rate)
+        acceleration = waiting.pop(0) / INERTIA
+        angle += rate * every + 0.5 * acceleration * every**2
+        rate += acceleration * every
+        angles.append(angle)
+    return np.array(angles)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda x: x.method)
+@pytest.mark.parametrize("delay", [0, 2])
+def test_sampled_servo(integrator, delay):
+    every = 0.05
+    run = bd.simulate(build_servo(delay=delay), integrator, t_end=1.0, output_step=every)
+    np.testing.assert_allclose(run["angle"], sampled_servo(every, 1.0, delay), atol=2e-8)
+    assert run.warnings == ()
+
+
+def test_intervals_that_are_not_multiples_of_steps():
+    every = 0.0371
+    run = bd.simulate(build_servo(every=every), bd.GeneralizedAlpha(0.01), t_end=1.0)
+    angles = sampled_servo(every, 1.0)
+    times = every * np.arange(len(angles))
+    found = [run.at(t).state.q[2] for t in times if t <= 1.0]
+    np.testing.assert_allclose(found, angles[: len(found)], atol=1e-9)
+
+
+@pytest.mark.slow(reason="three runs with a restart at each sample")
+def test_discrete_state_and_resumed_runs():
+    def law(sample):
+        angle, _ = sample.reads
+        sample.state[0] += sample.every * (1.0 - angle)
+        return sample.state[0]
+
+    whole = bd.simulate(build_servo(law, state=[0.5]), bd.Radau(1e-9), t_end=1.0, output_step=0.05)
+    first = bd.simulate(build_servo(law, state=[0.5]), bd.Radau(1e-9), t_end=0.4, output_step=0.05)
+    rest = bd.simulate(
+        build_servo(law, state=[0.5]), bd.Radau(1e-9), 1.0, start=first, accept_changes=True
+    )
+    assert rest["angle"].iloc[-1] == pytest.approx(whole["angle"].iloc[-1], rel=1e-9)
+    names = whole.equations.q_names
+    state = whole.at(1.0).state.q[names.index("servo.state1")]
+    expected = 0.5 + 0.05 * np.sum(1.0 - whole["angle"].iloc[:-1])
+    assert state == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.slow(reason="three runs with a restart at each sample")
+def test_noise_is_repeated_and_quantization_acts():
+    def law(sample):
+        angle, rate = np.round(sample.reads + 1e-3 * sample.random.normal(size=2), 2)
+        return 8.0 * (1.0 - angle) - 4.0 * rate
+
+    runs = [
+        bd.simulate(build_servo(law, seed=seed), bd.Radau(), t_end=1.0)["angle"].to_numpy()
+        for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert np.max(np.abs(runs[0] - runs[2])) > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("law", "reason"),
+    [
+        (lambda sample: 1.0 / 0.0, "the law failed at t = 0 s: ZeroDivisionError"),
+        (lambda sample: setattr(sample, "state", "abc") or 0.0, "the state must consist of"),
+        (lambda sample: np.nan if sample.index else 0.0, "must return one finite number .* 0.05"),
+        (lambda sample: [1.0, 2.0], "must return one finite number per driven input"),
+        (lambda sample: None, "got None"),
+        (lambda sample: -1e308, "at most 1e.75 in absolute value, got -1e.308"),
+        (lambda sample: sample.state.__setitem__(0, 1e80) or 0.0, "the state must consist of"),
+    ],
+    ids=["raises", "state", "nan", "two numbers", "nothing", "huge", "huge state"],
+)
+def test_failing_law_ends_the_run_with_a_reason(law, reason):
+    with pytest.warns(bd.BeamdaeWarning, match=reason):
+        run = bd.simulate(build_servo(law, state=[0.0]), bd.Radau(), t_end=1.0)
+    assert run.status.kind == "failed"
+
+
+def test_analyses_other_than_runs_reject_sampled_controllers():
+    for analysis in (bd.linearize, bd.modes, bd.equilibrium):
+        with pytest.raises(bd.BeamdaeError, match="the sampled controller 'servo' is called only"):
+            analysis(build_servo())
+    check = bd.check(build_servo())
+    assert check.ok
+    assert "inertia" not in str(check)
+
+
+def test_invalid_controllers_are_rejected():
+    mech = build_servo()
+    torque, sensor = mech.inputs["torque"], mech.sensor("again", mech.parts["wheel"].at(0, 0), "x")
+    with pytest.raises(bd.BeamdaeError, match="'torque' is already driven"):
+        mech.add(bd.Controller("second", 0.1, sensor, torque, servo_law))
+    with pytest.raises(bd.BeamdaeError, match="second: every must be positive"):
+        bd.Controller("second", 0.0, sensor, torque, servo_law)
+    with pytest.raises(bd.BeamdaeError, match="second: drives must be inputs"):
+        bd.Controller("second", 0.1, sensor, [sensor], servo_law)
+    with pytest.raises(bd.BeamdaeError, match="a controller drives the input 'torque'"):
+        bd.simulate(mech, t_end=1.0, inputs={"torque": 1.0})
+    pin = mech.parts["pin"]
+    with pytest.raises(bd.BeamdaeError, match="cannot read the reaction of a joint"):
+        mech.add(bd.Controller("third", 0.1, pin.reaction, mech.input("free"), servo_law))
+
+
+def test_step_response_of_a_transfer_function():
+    mech = bd.Mechanism()
+    step = mech.input("step", default=1.0)
+    output = bd.transfer_function(mech, "filter", step, [0.5, 1.0, 8.0], [1.0, 2.0, 9.0])
+    lag = bd.low_pass(mech, "lag", output, time_constant=0.3)
+    run = bd.simulate(mech, bd.Radau(1e-8), t_end=3.0, output_step=0.1)
+    plant = control.tf([0.5, 1.0, 8.0], [1.0, 2.0, 9.0]) * control.tf([1.0], [0.3, 1.0])
+    expected = control.step_response(plant, run.t).outputs
+    np.testing.assert_allclose(run["lag"], expected, atol=1e-7)
+    assert lag.name == "lag"
+
+
+def build_stage(goal=0.1, **options):
+    """Return a mass on a rail under a PID controller."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    x = mech.sensor("x", stage.point, "x")
+    force = bd.pid(mech, "servo", goal - x, kp=300.0, ki=400.0, kd=40.0, **options)
+    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+    return mech
+
+
+def test_step_response_of_a_pid():
+    run = bd.simulate(build_stage(filter_time=0.01), bd.Radau(1e-9), t_end=2.0, output_step=0.05)
+    s = control.tf("s")
+    loop = (300.0 + 400.0 / s + 40.0 * s / (0.01 * s + 1.0)) / (2.0 * s**2)
+    response = control.step_response(control.feedback(loop), run.t).outputs
+    np.testing.assert_allclose(run["x"], 0.1 * response, atol=1e-7)
+
+
+@pytest.mark.slow(reason="two runs with kinks, and a fine reference")
+def test_saturated_pid_does_not_wind_up():
+    limits = {"filter_time": 0.01, "limits": (-1.0, 1.0)}
+    run = bd.simulate(build_stage(**limits), bd.Radau(1e-8), t_end=4.0, output_step=0.05)
+
+    def rate(t, s):
+        x, v, integral, filtered = s
+        error = 0.1 - x
+        raw = 300.0 * error + 400.0 * integral + 40.0 * (error - filtered) / 0.01
+        force = np.clip(raw, -1.0, 1.0)
+        return [v, force / 2.0, error + (force - raw) / 300.0, (error - filtered) / 0.01]
+
+    options = {"rtol": 1e-9, "atol": 1e-12, "max_step": 1e-2, "t_eval": run.t}
+    expected = solve_ivp(rate, (0.0, 4.0), np.zeros(4), **options)
+    np.testing.assert_allclose(run["x"], expected.y[0], atol=2e-6)
+    # Without tracking, the integral winds up and the stage overshoots more than twice as far.
+    winding = bd.simulate(build_stage(**limits, tracking_time=1e9), bd.Radau(), t_end=4.0)
+    assert np.max(winding["x"]) - 0.1 > 2.0 * (np.max(run["x"]) - 0.1)
+
+
+def test_invalid_blocks_are_rejected():
+    mech = bd.Mechanism()
+    value = mech.input("value")
+    with pytest.raises(bd.BeamdaeError, match="time_constant must be positive"):
+        bd.low_pass(mech, "lag", value, 0.0)
+    with pytest.raises(bd.BeamdaeError, match="degree of the numerator must not exceed"):
+        bd.transfer_function(mech, "filter", value, [1.0, 0.0], [1.0])
+    for first in (5e-324, 1e-308, -1e-80):
+        with pytest.raises(bd.BeamdaeError, match="filter: the coefficients divided by the first"):
+            bd.transfer_function(mech, "filter", value, [1.0], [first, 1.0])
+    assert "filter 1" not in mech.parts
+    with pytest.raises(bd.BeamdaeError, match="the derivative requires rate= or filter_time="):
+        bd.pid(mech, "servo", value, 1.0, kd=1.0)
+    with pytest.raises(bd.BeamdaeError, match="limits must ascend"):
+        bd.pid(mech, "servo", value, 1.0, ki=1.0, limits=(1.0, 0.0))
+    with pytest.raises(bd.BeamdaeError, match="tracking_time must be positive"):
+        bd.pid(mech, "servo", value, 0.0, ki=1.0, limits=(0.0, 1.0))
+    assert not mech.parts
+    with pytest.raises(bd.BeamdaeError, match="pid: mechanism must be a Mechanism"):
+        bd.pid(None, "servo", value, 1.0)
+
+
+EVERY, UPRIGHT = 0.01, 0.5 * np.pi
+
+
+def build_cart(tilt=0.0, controller=None):
+    """Return a flexible rod with a tip mass that stands on a cart, with a force on the cart."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    cart = mech.add(bd.PointMass("cart", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), cart.point))
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.004, damping=1e-4)
+    end = (0.6 * np.sin(tilt), 0.6 * np.cos(tilt))
+    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), end), section, elements=1))
+    mech.add(bd.Revolute("hinge", cart.point, rod.start))
+    mech.add(bd.PointMass("tip", 0.1, on=rod.end))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("motor", cart.point, (force, 0.0)))
+    reads = [mech.sensor("x", cart.point, "x"), mech.sensor("angle", rod.start, "angle")]
+    if controller is not None:
+        law, size = controller
+        mech.add(bd.Controller("lqg", EVERY, reads, [force], law, state=[0.0] * size))
+    return mech
+
+
+def sample_slow_modes(linear):
+    """Return the sampled matrices of the modes below 400 rad/s, and the map to their states."""
+    schur, basis, n = la.schur(linear.A, sort=lambda re, im: np.hypot(re, im) < 400.0)
+    coupling = la.solve_sylvester(schur[:n, :n], -schur[n:, n:], -schur[:n, n:])
+    to_slow = basis.T[:n] - coupling @ basis.T[n:]
+    block = np.block([[schur[:n, :n], to_slow @ linear.B], [np.zeros((1, n + 1))]])
+    sampled = la.expm(EVERY * block)
+    return sampled[:n, :n], sampled[:n, n:], linear.C @ basis[:, :n], to_slow
+
+
+@pytest.mark.slow(reason="two runs of an inverted pendulum, one of them with noise")
+def test_regulator_of_an_inverted_flexible_pendulum():
+    """LQG designed by python-control for the linearized mechanism, against a linear recursion."""
+    linear = bd.linearize(
+        build_cart(), about="equilibrium", inputs=["force"], outputs=["x", "angle"]
+    )
+    A, B, C, to_slow = sample_slow_modes(linear)
+    n = len(A)
+    # The upright rod falls at the rate of a rigid pendulum, to 2 % for its bending.
+    rod = 7850.0 * 0.02 * 0.004 * 0.6
+    inertia = rod * 0.6**2 / 3.0 + 0.1 * 0.6**2
+    moment = rod * 0.3 + 0.1 * 0.6
+    rate = np.sqrt(9.81 * moment / (inertia - moment**2 / (1.1 + rod)))
+    assert np.max(np.linalg.eigvals(linear.A).real) == pytest.approx(rate, rel=0.02)
+    weight = C.T @ np.diag([10.0, 50.0]) @ C
+    weight = 0.5 * (weight + weight.T) + 1e-6 * np.max(weight) * np.eye(n)
+    gain = control.dlqr(A, B, weight, [[1e-2]])[0]
+    observer = control.dlqe(A, np.eye(n), C, 1e-4 * np.eye(n), 1e-6 * np.eye(2))[0]
+
+    def regulate(reads, state):
+        force = -float((gain @ state)[0])
+        return force, A @ state + B[:, 0] * force + observer @ (reads - C @ state)
+
+    def law(sample):
+        reads = sample.reads - [0.0, UPRIGHT] + noise * sample.random.normal(size=2)
+        force, sample.state[:] = regulate(reads, sample.state)
+        return force
+
+    noise, tilt = 0.0, 1e-4
+    options = {"t_end": 0.3, "output_step": EVERY}
+    run = bd.simulate(build_cart(tilt, (law, n)), bd.Radau(1e-7), **options)
+    start, names = run.at(0.0).state, run.equations.q_names
+    values = dict(zip(names, start.q, strict=True))
+    values |= {f"{name}_dot": v for name, v in zip(names, start.v, strict=True)}
+    x = to_slow @ (np.array([values[s.name] for s in linear.states]) - linear.state_values)
+    state, angles = np.zeros(n), []
+    for _ in run.t:
+        angles.append((C @ x)[1])
+        force, state = regulate(C @ x, state)
+        x = A @ x + B[:, 0] * force
+    np.testing.assert_allclose(run["angle"] - UPRIGHT, angles, atol=0.02 * tilt)
+
+    noise = 1e-3
+    noisy = bd.simulate(build_cart(0.02, (law, n)), bd.GeneralizedAlpha(2e-3), t_end=1.0)
+    assert noisy.status.success
+    # Without control, the angle would grow by a factor of exp(5.3) = 200.
+    assert np.max(np.abs(noisy["angle"] - UPRIGHT)) < 0.03
+
+
+@pytest.mark.slow(reason="modes and a run of a beam in each formulation")
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_active_damping_by_strain_feedback(formulation):
+    """A second-order filter of the strain at the root moves a patch; the run decays as its mode."""
+    mech = bd.Mechanism()
+    # Material damping ends the vibrations of higher modes.
+    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002, damping=1e-4)
+    curve = bd.Line((0.0, 0.0), (0.3, 0.0))
+    beam = mech.add(bd.Beam("beam", curve, strip, elements=2, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    strain = mech.sensor("strain", beam.strain(s=0.03, offset=0.001))
+    omega = 30.0 * np.pi
+    position = mech.state("position")
+    position.follows(
+        mech.state("rate", lambda rate, t: omega**2 * (strain - position) - 0.6 * omega * rate)
+    )
+    mech.add(bd.Moment("patch", beam.at(0.06), -300.0 * position))
+    mech.add(bd.Force("hit", beam.end, (0.0, bd.piecewise((0.01, 1.0), 0.0))))
+    values = bd.modes(mech, n=3).eigenvalues
+    first = values[np.argmin(np.abs(values.imag - 119.0))]
+    assert first.real < -2.0
+    run = bd.simulate(mech, bd.GeneralizedAlpha(5e-4), t_end=0.5, output_step=5e-4)
+    # The second window begins four periods later.
+    shift = 8.0 * np.pi / first.imag
+    early, late = (
+        np.max(np.abs(run["strain"][(run.t >= t) & (run.t < t + 0.07)])) for t in (0.2, 0.2 + shift)
+    )
+    assert late / early == pytest.approx(np.exp(first.real * shift), rel=0.01)
+
+
+class _UnreadableList(list):
+    def __iter__(self):
+        raise RuntimeError("this list raises")
+
+
+def nest_list(depth):
+    nested = []
+    for _ in range(depth):
+        nested = [nested]
+    return nested
+
+
+@pytest.mark.parametrize("unit", [nest_list(1000), _UnreadableList(), "m\x1b", "\ud800", "deg", 3])
+def test_invalid_units_are_rejected_at_once(unit):
+    mech = bd.Mechanism()
+    for add in (
+        lambda: mech.state("lag", unit=unit),
+        lambda: bd.low_pass(mech, "lag", 1.0, time_constant=0.3, unit=unit),
+        lambda: mech.input("lag", unit=unit),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=r"lag: (units|angles) must be"):
+            add()
+    assert "lag" not in mech.parts
+    assert "lag" not in mech.inputs

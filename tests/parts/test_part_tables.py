@@ -1,0 +1,351 @@
+"""Tables: interpolation, time laws, force formulas, limits, CSV files and sensitivities."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
+
+import beamdae as bd
+from beamdae.parts.laws import as_law
+
+X = np.array([-0.4, 0.1, 0.7, 1.5, 3.0])
+Y = np.array([2.0, -1.0, 0.2, 0.7, 2.5])
+REFERENCES = {
+    "linear": lambda x: np.interp(x, X, Y),
+    "pchip": lambda x: PchipInterpolator(X, Y)(np.clip(x, X[0], X[-1])),
+    "spline": lambda x: CubicSpline(X, Y, bc_type="natural")(np.clip(x, X[0], X[-1])),
+}
+every_kind = pytest.mark.parametrize("kind", REFERENCES)
+
+
+def compile_formula(table, count=1):
+    x = ca.SX.sym("x", count)
+    return ca.Function("table", [x], [table(*ca.vertsplit(x))])
+
+
+@every_kind
+@given(x=st.lists(st.floats(-2.0, 5.0), min_size=1, max_size=20))
+def test_numbers_symbols_and_scipy_agree(kind, x):
+    table = bd.table(X, Y, kind)
+    expected = REFERENCES[kind](np.array(x))
+    # Rounding errors of cubic polynomials of values up to ten.
+    assert_allclose(table(np.array(x)), expected, atol=1e-13)
+    formula = compile_formula(table)
+    assert_allclose([float(formula(value)) for value in x], expected, atol=1e-13)
+    assert table(x[0]) == table(np.array(x))[0]
+
+
+@pytest.mark.parametrize("kind", ["linear", "spline"])
+def test_grids_are_products_of_the_interpolations_of_both_arguments(kind):
+    z, rng = np.array([0.0, 1.0, 1.5, 4.0]), np.random.default_rng(0)
+    values = rng.normal(size=(len(X), len(z)))
+    table = bd.table((X, z), values, kind)
+    x = np.column_stack([rng.uniform(-1.0, 4.0, 30), rng.uniform(-1.0, 5.0, 30)])
+    inside = np.clip(x, [X[0], z[0]], [X[-1], z[-1]])
+    if kind == "linear":
+        expected = RegularGridInterpolator((X, z), values)(inside)
+    else:
+        rows = CubicSpline(X, values, bc_type="natural")(inside[:, 0])
+        expected = [
+            CubicSpline(z, row, bc_type="natural")(place)
+            for row, place in zip(rows, inside[:, 1], strict=True)
+        ]
+    assert_allclose(table(*x.T), expected, atol=1e-13)
+    formula = compile_formula(table, 2)
+    assert_allclose([float(formula(place)) for place in x], expected, atol=1e-13)
+
+
+@every_kind
+def test_slopes_of_formulas_are_derivatives_and_zero_outside(kind):
+    table, x = bd.table(X, Y, kind), ca.SX.sym("x")
+    slope = ca.Function("slope", [x], [ca.jacobian(table(x), x)])
+    h = 1e-6
+    for place in (-0.2, 0.4, 1.1, 2.9):
+        expected = (table(place + h) - table(place - h)) / (2.0 * h)
+        assert_allclose(float(slope(place)), expected, rtol=1e-8)
+    assert float(slope(-0.5)) == float(slope(3.1)) == 0.0
+
+
+def test_linear_time_laws_have_breakpoints_at_kinks_only():
+    law = as_law("test", bd.table([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 2.0, 0.0, 0.0], "linear"))
+    assert law.breakpoints == (0.0, 2.0, 3.0)
+    assert law.time_scale is None
+    assert [law.at(t) for t in (-1.0, 0.5, 1.5, 2.5, 9.0)] == [0.0, 0.5, 1.5, 1.0, 0.0]
+
+
+@every_kind
+def test_tables_in_formulas_of_time_have_smooth_pieces(kind):
+    table = bd.table(X, Y, kind)
+    law = as_law("test", lambda t: 2.0 * table(3.0 - 2.0 * t) + np.sin(t))
+    times = np.sort((3.0 - X) / 2.0)
+    assert_allclose(law.breakpoints, times if kind == "linear" else times[[0, -1]], rtol=1e-15)
+    scale = None if kind == "linear" else pytest.approx(4.0 * 0.25)
+    assert law.time_scale == scale
+    for t in np.linspace(-0.5, 2.5, 31):
+        assert_allclose(law.at(t), 2.0 * table(3.0 - 2.0 * t) + np.sin(t), rtol=1e-14, atol=1e-14)
+    # The piece before a breakpoint continues beyond the breakpoint, without a kink.
+    time = ca.SX.sym("time", 2)
+    rate = ca.Function("rate", [time], [ca.jacobian(law(time), time)[0]])
+    after = times[1] + 0.01
+    inside = 0.5 * (times[0] + times[1])
+    h = 1e-3
+    change = float(rate([after, inside])) - float(rate([times[1] - h, inside]))
+    assert abs(change) < 0.2
+
+
+def test_formulas_of_time_with_other_arguments_are_refused():
+    table = bd.table(X, Y)
+    with pytest.raises(bd.BeamdaeError, match=r"push: .* each argument of table must be a t \+ b"):
+        as_law("push", lambda t: table(t**2))
+    with pytest.raises(bd.BeamdaeError, match="must be smooth, but uses fabs"):
+        as_law("push", lambda t: abs(table(t)))
+    grid = bd.table((X, X), np.outer(Y, Y))
+    with pytest.raises(bd.BeamdaeError, match="push: table has two arguments and is no time law"):
+        as_law("push", grid)
+    assert as_law("push", lambda t: grid(t, 0.7)).at(1.5) == pytest.approx(0.7 * 0.2, rel=1e-14)
+
+
+def run(law, integrator=None, t_end=1.0, on=None, velocity=1.0, step=None):
+    """Return a run of a mass of 1 kg that moves along x under a law of force."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.1, 0.0), velocity=(velocity, 0.0)))
+    if on is None:
+        mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (law(ball.position[0]), 0.0)))
+    else:
+        mech.add(bd.Force("push", ball.point, (law, 0.0)))
+    mech.observe("ball", ball.point)
+    integrator = bd.Radau(1e-8) if integrator is None else integrator
+    return bd.simulate(mech, integrator, t_end=t_end, output_step=step or t_end)
+
+
+# Bilinear spring: half periods with the frequencies of both sides.
+SOFT, STIFF = 40.0, 360.0
+BILINEAR = bd.table([-1.0, 0.0, 1.0], [STIFF, 0.0, -SOFT], "linear")
+PERIOD = np.pi / np.sqrt(SOFT) + np.pi / np.sqrt(STIFF)
+
+
+def bilinear_error(integrator):
+    """Return the error of the position after three quarters of a soft half and whole periods."""
+    solution = run(BILINEAR, integrator, t_end=4.0 * PERIOD, velocity=0.0)
+    assert solution.status.success
+    return abs(solution.table()["ball.x [m]"].iloc[-1] - 0.1) + 0.1 * abs(
+        solution.table()["ball.x_dot [m/s]"].iloc[-1]
+    )
+
+
+@pytest.mark.slow(reason="three runs with thousands of steps")
+def test_fixed_steps_keep_their_order_across_kinks():
+    errors = [bilinear_error(bd.GeneralizedAlpha(step=PERIOD / n)) for n in (100, 200, 400)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    # Second order: a kink changes the error of one step by a term of third order.
+    assert_allclose(orders, 2.0, atol=0.15)
+
+
+@pytest.mark.parametrize("method", [bd.Radau, bd.Ida])
+def test_adaptive_steps_keep_their_accuracy_across_kinks(method):
+    errors = [bilinear_error(method(rtol)) for rtol in (1e-4, 1e-6, 1e-8)]
+    # Errors of a smooth oscillator of this length are up to 20 rtol of its amplitude.
+    assert np.all(np.array(errors) < 20.0 * np.array([1e-4, 1e-6, 1e-8]) * 0.1 * 20.0)
+
+
+@pytest.mark.parametrize("kind", ["linear", "pchip"])
+@pytest.mark.parametrize("method", [bd.Radau(1e-6), bd.Ida(1e-6)], ids=lambda x: x.method)
+def test_steps_do_not_pass_over_peaks(kind, method):
+    """A peak of 2 mm in the way of a free mass, whose work is known."""
+    width, height = 1e-3, 4e3
+    peak = bd.table([0.0, 5.0 - width, 5.0, 5.0 + width, 20.0], [0.0, 0.0, -height, 0.0, 0.0], kind)
+    solution = run(peak, method, velocity=10.0)
+    lost = 50.0 - 0.5 * solution.table()["ball.x_dot [m/s]"].iloc[-1] ** 2
+    # Both kinds are symmetric about the middle of each flank.
+    assert_allclose(lost, width * height, rtol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "method", [bd.Radau(1e-6), bd.Ida(1e-6), bd.GeneralizedAlpha(step=1e-2)], ids=str
+)
+def test_runs_stop_where_the_argument_leaves_the_table(method):
+    curve = bd.table([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], "linear", "error", "curve")
+    solution = run(curve, method, t_end=5.0)
+    assert solution.status.kind == "limited"
+    assert "s: push: x = 2." in solution.status.sentence
+    assert solution.status.sentence.endswith("leaves the range 0 to 2 of curve")
+    assert_allclose(solution.trajectory.end, 1.9, rtol=1e-6)
+    held = run(bd.table([0.0, 1.0], [0.0, 0.0], "linear"), method, t_end=5.0)
+    assert held.status.success
+
+
+@pytest.mark.slow(reason="four runs")
+def test_runs_stop_at_the_end_of_a_table_of_time():
+    curve = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0], outside="error", name="pulse")
+    solution = run(curve, t_end=3.0, on="time")
+    assert solution.status.sentence.startswith("stopped at t = 2 s: x = 2 leaves the range 0 to 2")
+    assert solution.trajectory.end == 2.0
+    assert run(bd.piecewise((1.5, curve), 0.0), t_end=3.0, on="time").status.success
+    late = run(bd.piecewise((1.0, 0.0), (2.5, curve), 0.0), t_end=3.0, on="time")
+    assert late.trajectory.end == 2.0
+    scaled = run(lambda t: 3.0 * curve(0.5 * t), t_end=5.0, on="time")
+    assert scaled.trajectory.end == 4.0
+
+
+def test_a_start_outside_the_table_is_reported():
+    curve = bd.table([1.0, 2.0, 3.0], [0.0, 1.0, 0.0], outside="error", name="curve")
+    sentence = run(curve).status.sentence
+    assert sentence == "stopped at t = 0 s: push: x = 0.1 leaves the range 1 to 3 of curve"
+
+
+def test_numbers_outside_a_table_and_symbols_outside_formulas_are_refused():
+    curve = bd.table([1.0, 2.0], [0.0, 1.0], "linear", "error", "curve")
+    with pytest.raises(bd.BeamdaeError, match=r"curve: x = 3 leaves the range 1 to 2 of curve"):
+        curve(np.array([1.5, 3.0]))
+    with pytest.raises(bd.BeamdaeError, match=r"curve: outside='error' requires"):
+        curve(ca.SX.sym("x"))
+
+
+@bd.model(t_end=1.0)
+def table_spring(stiffness=40.0, kind="linear"):
+    """Mass on a spring with the tension stiffness times elongation, as a table."""
+    x = np.linspace(-0.5, 0.5, 6)
+    curve = bd.table(x, stiffness * x, kind)
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.3, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0, 0), mass.point, law=curve))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param("linear", marks=pytest.mark.slow(reason="two models")), "spline"]
+)
+def test_sensitivities_by_values_of_a_table(kind):
+    result = bd.sensitivities(table_spring, "stiffness", bd.Radau(1e-8), parameters={"kind": kind})
+    k, h = 40.0, 1e-30
+
+    def position(k):
+        omega = np.sqrt(k / 2.0)
+        return 0.3 / omega * np.sin(omega * result.t)
+
+    exact = position(k + 1j * h).imag / h
+    assert_allclose(
+        result.sensitivity("mass.x", "stiffness"), exact, atol=1e-6 * np.max(np.abs(exact))
+    )
+
+
+def test_models_with_other_values_share_kernels():
+    first, second = (
+        bd.equations_of_motion(table_spring(stiffness=k, kind="spline")) for k in (40.0, 55.0)
+    )
+    assert first.structure is second.structure
+
+
+def write(folder, text):
+    path = folder / "pad.csv"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_csv_columns_are_converted_to_si_units(tmp_path):
+    path = write(tmp_path, "time [ms], travel [mm],force\xa0[kN]\n0,0,0\n1,5,1\n2,10,4\n")
+    table = bd.table_from_csv(path, "travel", "force [kN]", kind="linear", outside="error")
+    assert_allclose(table(np.array([0.0, 0.0025, 0.01])), [0.0, 500.0, 4000.0], rtol=1e-15)
+    assert_allclose(bd.table_from_csv(path, kind="linear")(0.0005), 0.0025, rtol=1e-15)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"travel = 0.02 leaves the range 0 to 0.01 of table pad"
+    ):
+        table(0.02)
+
+
+def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
+    rows = ["x [mm],speed [m/s],F [N]", "0,1,3", "1,0,2", "1,1,4", "0,0,1", "2,0,5", "2,1,6"]
+    path = write(tmp_path, "\n".join(rows))
+    table = bd.table_from_csv(path, x=("x", "speed"), y="F", kind="linear")
+    assert_allclose(table(5e-4, 0.5), 2.5, rtol=1e-14)
+    path = write(tmp_path, "\n".join(rows[:-1]))
+    with pytest.raises(
+        bd.BeamdaeError, match=r"table pad.csv: the rows must form a grid of 3 by 2"
+    ):
+        bd.table_from_csv(path, x=("x", "speed"), y="F", kind="linear")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; write a header and rows"),
+        ("x [mm],F [stone]\n0,1\n1,2\n2,3\n", r"unit of 'F \[stone\]' is unknown"),
+        ("x,F\n0,1\n1\n", "row 3 of .* has 1 cells, but the header has 2"),
+        ("x,F\n0,1\n1,two\n2,3\n", "row 3 of 'F' must be a number, got 'two'"),
+        ("x,F\n0,1\n1,nan\n2,3\n", "y must be finite, got nan"),
+        ("x,x\n0,1\n", "two columns of the same name"),
+        ("x,F\a\n0,1\n", r"the header 'F\\x07' of .* contains unprintable characters"),
+        ("x\n0\n1\n2\n", "there is no column after 'x'"),
+        ("x,F\n0,1\n1,2\n1,3\n", "x must ascend, but 1 is followed by 1"),
+    ],
+)
+def test_messages_about_csv_files(tmp_path, text, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.table_from_csv(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: bd.table(X, Y, "cubic"), "table: kind must be one of .*, got 'cubic'"),
+        (lambda: bd.table(X, Y, outside="stop"), "table: outside must be one of 'hold', 'error'"),
+        (lambda: bd.table([0.0, 1.0], [0.0, 1.0]), "x must have at least 3 entries for kind='spl"),
+        (
+            lambda: bd.table(3.0, Y),
+            "table: x must be a list of numbers or a pair of lists, got 3.0",
+        ),
+        (lambda: bd.table([], []), "table: x must be a list of numbers or a pair of lists"),
+        (lambda: bd.table((X, X), np.outer(Y, Y), "pchip"), "is not defined for two arguments"),
+        (lambda: bd.table((X, X), Y), r"table: y\[0\] must be a list of numbers"),
+        (lambda: bd.table((X, X), np.outer(Y, Y[:3])), "y must have 5 rows of 5 values"),
+        (lambda: bd.table(X, Y)(1.0, 2.0), r"table: the table has 1 argument \(x\), got 2"),
+        (lambda: bd.table(X, Y)("far"), "arguments must be numbers, arrays or symbols"),
+        (lambda: bd.table_from_csv(3), "table_from_csv: path must be a path, got 3"),
+        (
+            lambda: bd.table_from_csv("\ud800"),
+            r"the path '\\ud800' is too long or contains unpr",
+        ),
+        (lambda: bd.table_from_csv("a\x1b\n\0"), r"the path 'a\\x1b\\n\\x00' is too long or con"),
+        (lambda: bd.table_from_csv("no.csv"), "'no.csv' cannot be read: No such file"),
+    ],
+)
+def test_messages(make, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        make()
+
+
+def test_equilibria_outside_a_table_are_reported():
+    """A weight of 20 N on a table that ends at 10 N; the held value leaves it without support."""
+    curve = bd.table([0.0, 1.0], [0.0, 10.0], "linear", "error", "pad")
+    mech = bd.Mechanism(gravity=(0.0, -10.0))
+    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, 1.0)))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 1.0), ball.point, (0.0, 1.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), ball.point, 25.0, free_length=2.6))
+    mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (0.0, -curve(ball.position[1]))))
+    with pytest.warns(bd.BeamdaeWarning, match=r"push: x = .* leaves the range 0 to 1 of pad"):
+        bd.equilibrium(mech)
+
+
+@pytest.mark.slow(reason="assembles the equations twice")
+def test_tables_begin_when_events_change_a_law():
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 0.1))
+    shaft = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
+    mech.add(bd.Revolute("bearing", *shaft))
+    motor = mech.add(bd.Driver("motor", *shaft, lambda t: t))
+    swing = bd.table([0.0, 0.5, 1.0], [0.0, 0.5, 0.2], outside="error", name="swing")
+    mech.observe("disk", disk.at(0.0, 0.0))
+    mech.when("disk.angle", crosses=0.7, do=bd.change_law(motor, swing), name="change")
+    solution = bd.simulate(mech, bd.Radau(1e-6), t_end=3.0, output_step=0.1)
+    table = solution.table()
+    later = table["t [s]"] > 0.75
+    expected = 0.7 + swing(np.minimum(table["t [s]"][later].to_numpy() - 0.7, 1.0))
+    assert_allclose(table["disk.angle [rad]"][later], expected, atol=1e-6)
+    assert_allclose(solution.trajectory.end, 1.7, rtol=1e-6)
+    assert "leaves the range 0 to 1 of swing" in solution.status.sentence

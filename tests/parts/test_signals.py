@@ -1,0 +1,170 @@
+"""Inputs and sensors in laws and formulas, in all integrators, linear models and observables."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+INERTIA, T_END = 0.5, 1.0
+
+
+def build_wheel():
+    """Return a mechanism with a wheel on a pin, and the wheel."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=INERTIA))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech.observe("wheel", wheel.at(0.0, 0.0))
+    return mech, wheel
+
+
+@pytest.fixture
+def driven():
+    """Return a wheel under a moment of 2 N m that is an input, braked in proportion to its rate."""
+    mech, wheel = build_wheel()
+    torque = mech.input("torque", default=2.0, unit="N m")
+    rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
+    mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque - 0.25 * rate))
+    return mech
+
+
+@pytest.mark.parametrize(
+    "integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(1e-3)], ids=lambda x: x.method
+)
+def test_input_and_sensor_act_in_a_law(driven, integrator):
+    run = bd.simulate(driven, integrator, t_end=T_END)
+    expected = 8.0 * (1.0 - np.exp(-0.5 * T_END))
+    assert run["wheel.angle_dot"].iloc[-1] == pytest.approx(expected, rel=1e-5)
+    np.testing.assert_array_equal(run["rate"], run["wheel.angle_dot"])
+    np.testing.assert_array_equal(run["torque"], 2.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (3.0, 12.0 * (1.0 - np.exp(-0.5))),
+        (bd.piecewise((0.5, 2.0), 0.0), 8.0 * (np.exp(-0.25) - np.exp(-0.5))),
+        # x' + x/2 = 4 t
+        (lambda t: 2.0 * t, 8.0 - 16.0 * (1.0 - np.exp(-0.5))),
+    ],
+    ids=["number", "piecewise", "function"],
+)
+def test_run_replaces_the_value_of_an_input(driven, value, expected):
+    run = bd.simulate(driven, bd.Radau(rtol=1e-9), t_end=T_END, inputs={"torque": value})
+    assert run["wheel.angle_dot"].iloc[-1] == pytest.approx(expected, rel=1e-8)
+    assert bd.simulate(driven, bd.Radau(), t_end=T_END)["torque"].iloc[0] == 2.0
+
+
+def test_input_is_a_number_of_the_equations(driven):
+    (term,) = bd.equations_of_motion(driven).inputs
+    assert (term.name, term.unit, term.value, term.law) == ("torque", "N m", 2.0, None)
+    equations = bd.equations_of_motion(driven)
+    # The law of the motor and the observed column.
+    assert len(term.indices) == 2
+    np.testing.assert_array_equal(equations.p[list(term.indices)], 2.0)
+
+
+def test_signals_act_in_force_laws_springs_and_drivers():
+    mech, wheel = build_wheel()
+    gain = mech.input("gain", default=3.0, unit="N/m")
+    level = mech.input("level", default=0.5, unit="rad")
+
+    def push(point, t):
+        return (0.0 * gain, -gain * point.position[1] * np.maximum(level, 0.0))
+
+    mech.add(bd.ForceLaw("push", wheel.at(1.0, 0.0), push))
+    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), level))
+    mech.observe("driver", mech.parts["driver"].reaction)
+    run = bd.simulate(mech, bd.Radau(), t_end=0.1)
+    assert run["wheel.angle"].iloc[-1] == pytest.approx(0.5, rel=1e-12)
+    expected = 3.0 * 0.5 * np.sin(0.5) * np.cos(0.5)
+    assert run["driver.M"].iloc[-1] == pytest.approx(expected, rel=1e-9)
+
+
+def test_sensor_measures_a_force_that_contains_an_input():
+    mech, wheel = build_wheel()
+    torque = mech.input("torque", default=2.0, unit="N m")
+    point = wheel.at(0.0, 0.0)
+    motor = mech.add(bd.ForceLaw("motor", point, lambda a, t: (0.0, 0.0, torque - a.rate)))
+    load = mech.sensor("load", motor.load, "M")
+    mech.add(bd.Moment("brake", point, -0.5 * load))
+    # 0.5 w' = (2 - w) / 2
+    run = bd.simulate(mech, bd.Radau(rtol=1e-9), t_end=T_END)
+    assert run["load"].iloc[-1] == pytest.approx(2.0 * np.exp(-1.0), rel=1e-8)
+
+
+def test_sensor_of_its_own_force_is_rejected():
+    mech, wheel = build_wheel()
+    holder = []
+    law = bd.ForceLaw("motor", wheel.at(0.0, 0.0), lambda a, t: (0.0, 0.0, -sum(holder)))
+    mech.add(law)
+    holder.append(mech.sensor("load", law.load, "M"))
+    with pytest.raises(bd.BeamdaeError, match="load: the sensor measures a force that depends on"):
+        bd.equations_of_motion(mech)
+
+
+def test_constraint_with_a_sensor_is_rejected():
+    mech, wheel = build_wheel()
+    slide = mech.add(bd.PointMass("slide", 1.0, at=(1.0, 0.0)))
+    x = mech.sensor("x", slide.point, "x")
+    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), x))
+    with pytest.raises(bd.BeamdaeError, match="driver: a constraint must not depend on the state"):
+        bd.equations_of_motion(mech)
+
+
+def test_unknown_inputs_are_rejected(driven):
+    with pytest.raises(bd.BeamdaeError, match="there is no input 'torqe'"):
+        bd.simulate(driven, t_end=1.0, inputs={"torqe": 1.0})
+    with pytest.raises(bd.BeamdaeError, match="inputs require a mechanism"):
+        bd.simulate(bd.equations_of_motion(driven), t_end=1.0, inputs={"torque": 1.0})
+    other, wheel = build_wheel()
+    other.add(bd.Moment("motor", wheel.at(0.0, 0.0), driven.inputs["torque"]))
+    with pytest.raises(bd.BeamdaeError, match="torque: the input is not part of this mechanism"):
+        bd.equations_of_motion(other)
+    with pytest.raises(bd.BeamdaeError, match="the name 'torque' is in use"):
+        driven.input("torque")
+
+
+def test_inputs_of_linear_models_are_exact(driven):
+    linear = bd.linearize(driven, inputs=["torque"])
+    assert [x.header for x in linear.inputs] == ["torque [N m]"]
+    np.testing.assert_allclose(linear.A, [[0.0, 1.0], [0.0, -0.25 / INERTIA]], atol=1e-15)
+    np.testing.assert_allclose(linear.B, [[0.0], [1.0 / INERTIA]], atol=1e-15)
+    outputs = [x.name for x in linear.outputs]
+    assert linear.D[outputs.index("torque"), 0] == 1.0
+    assert linear.C[outputs.index("rate")].tolist() == [0.0, 1.0]
+
+
+def test_input_of_a_driver_is_linearized_as_its_law():
+    mech, wheel = build_wheel()
+    level = mech.input("level", default=0.2, unit="rad")
+    mech.add(bd.Driver("driver", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), level))
+    by_input = bd.linearize(mech, inputs=["level"])
+    by_law = bd.linearize(mech, inputs=["driver"])
+    assert by_input.inputs[0].header == "level_ddot [rad/s^2]"
+    row = [x.name for x in by_input.outputs].index("level")
+    np.testing.assert_allclose(by_input.C[row], [1.0, 0.0], atol=1e-12)
+    for one, other in zip(by_input, by_law, strict=True):
+        if one.shape == by_input.C.shape:
+            # Unless it is an input, the law of the driver is constant.
+            one, other = np.delete(one, row, axis=0), np.delete(other, row, axis=0)
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_mechanism_with_signals_can_be_pickled(driven):
+    copied = pickle.loads(pickle.dumps(driven.inputs["torque"]))
+    assert copied.value_symbol.element_hash() != driven.inputs["torque"].value_symbol.element_hash()
+    assert copied.default == 2.0
+
+
+def test_power_of_a_driver_that_follows_an_input():
+    mech, wheel = build_wheel()
+    level = mech.input("level", unit="rad")
+    points = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
+    driver = mech.add(bd.Driver("driver", *points, level))
+    mech.observe("driver", driver.drive)
+    run = bd.simulate(mech, bd.Radau(), t_end=1.0, inputs={"level": lambda t: 0.5 * t**3})
+    # Moment J 3 t, rate 1.5 t^2.
+    assert run["driver.M"].iloc[-1] == pytest.approx(3.0 * INERTIA, rel=1e-6)
+    assert run["driver.power"].iloc[-1] == pytest.approx(4.5 * INERTIA, rel=1e-6)

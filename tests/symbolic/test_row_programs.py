@@ -1,0 +1,66 @@
+"""Functions of many rows as NumPy operations on columns, compared with CasADi's virtual machine."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from beamdae.symbolic.compiled import Compiled, RowFunction
+from beamdae.symbolic.row_programs import RowProgram, can_vectorize
+
+X, Y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+EXPRESSIONS = ca.vertcat(
+    ca.sqrt(ca.sumsqr(X)) + 2.0 * Y[0],
+    ca.fmax(X[0] * Y[1], ca.fabs(X[1])) - ca.fmin(X[2], 0.3),
+    ca.sin(X[0]) / (1.5 + ca.cos(Y[0])),
+    -X[1],
+    Y[1],
+    4.0,
+)
+FUNCTION = ca.Function("f", [X, Y], [ca.densify(EXPRESSIONS)])
+
+
+def evaluate_by_row(function, x, y):
+    compiled = Compiled(function)
+    return np.array([compiled(*row)[0].copy() for row in zip(x, y, strict=True)])
+
+
+@pytest.mark.parametrize("rows", [200, 1024, 1025, 2500])
+def test_many_rows_have_the_bits_of_the_virtual_machine(rows):
+    rng = np.random.default_rng(rows)
+    x, y = rng.standard_normal((rows, 3)), rng.standard_normal((rows, 2))
+    assert can_vectorize(FUNCTION)
+    values = RowFunction(FUNCTION)(x, y)
+    np.testing.assert_array_equal(values, evaluate_by_row(FUNCTION, x, y))
+
+
+def test_rows_can_share_an_argument():
+    x, y = np.random.default_rng(0).standard_normal((300, 3)), np.array([0.4, -2.0])
+    values = RowFunction(FUNCTION)(x, y)
+    expected = evaluate_by_row(FUNCTION, x, np.tile(y, (300, 1)))
+    np.testing.assert_array_equal(values, expected)
+
+
+def test_divisions_by_zero_are_silent():
+    reciprocal = ca.Function("f", [X, Y], [1.0 / X[0]])
+    values = RowFunction(reciprocal)(np.zeros((300, 3)), np.zeros((300, 2)))
+    assert np.all(np.isinf(values))
+
+
+@pytest.mark.parametrize("expression", [ca.exp(X[0]), X[0] ** Y[0], ca.atan2(X[0], X[1])])
+def test_functions_whose_bits_depend_on_the_library_are_left_to_the_virtual_machine(expression):
+    assert not can_vectorize(ca.Function("f", [X, Y], [expression]))
+
+
+def test_long_functions_and_functions_of_matrices_are_left_to_the_virtual_machine():
+    long = X[0]
+    for _ in range(1000):
+        long = long * X[1] + Y[0]
+    assert not can_vectorize(ca.Function("f", [X, Y], [long]))
+    matrix = ca.MX.sym("m", 2)
+    assert not can_vectorize(ca.Function("f", [matrix], [2.0 * matrix]))
+
+
+def test_the_next_call_overwrites_the_output():
+    program = RowProgram(FUNCTION, 4)
+    first = program.evaluate([np.ones((4, 3)), np.ones(2)])
+    assert np.shares_memory(first, program.evaluate([np.zeros((4, 3)), np.zeros(2)]))

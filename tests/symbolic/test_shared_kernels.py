@@ -1,0 +1,52 @@
+"""Concurrent threads share kernels, by whose identity structures are compared."""
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import beamdae as bd
+import beamdae.symbolic.formula
+import beamdae.symbolic.kernel_groups
+from beamdae.beams import damping
+from beamdae.beams.exact import element as exact_element
+from beamdae.beams.floating_frame import element as floating_element
+from beamdae.parts.bodies import rigid_body
+from beamdae.symbolic.formula import cache_kernels
+
+
+def test_threads_that_build_a_kernel_at_the_same_time_get_the_same_one():
+    barrier = Barrier(2)
+
+    @cache_kernels
+    def build(size):
+        barrier.wait(10.0)
+        return object()
+
+    with ThreadPoolExecutor(2) as pool:
+        one, other = pool.map(build, [3, 3])
+    assert one is other
+
+
+def test_structures_of_concurrent_threads_are_equal():
+    """Sensitivities in threads were refused because kernels had been built twice."""
+    for build in (
+        beamdae.symbolic.formula._build_shared_kernel,
+        beamdae.symbolic.kernel_groups._rebuild_kernel,
+        damping._rayleigh_kernel,
+        exact_element.exact_kernel,
+        floating_element.floating_frame_kernel,
+        rigid_body._rigid_body_kernel,
+    ):
+        build.cache_clear()
+    barrier = Barrier(4)
+
+    def assemble(_):
+        mechanism = bd.Mechanism()
+        section = bd.Section.rectangle(bd.Material(E=1e7, nu=0.3, rho=2e3), width=0.1, height=0.1)
+        beam = mechanism.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=3))
+        mechanism.add(bd.Revolute("hinge", mechanism.ground.at(0.0, 0.0), beam.start))
+        barrier.wait(10.0)
+        return bd.equations_of_motion(mechanism).structure
+
+    with ThreadPoolExecutor(4) as pool:
+        one, *others = pool.map(assemble, range(4))
+    assert all(other == one for other in others)
