@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -25,23 +27,35 @@ class _SingleThreadedBlas(contextlib.ContextDecorator):
         self._limits: Any = None
 
     def __enter__(self) -> None:
-        with self._lock:
-            if self._limits is None:
-                _call_in_thread(self._limit)
-            self._n_active += 1
+        try:
+            self._count(1)
+        except BaseException:
+            self._count(-1)
+            raise
 
     def __exit__(self, *problem: object) -> None:
+        self._count(-1)
+
+    def _count(self, change: int) -> None:
         with self._lock:
-            self._n_active -= 1
-            if self._n_active == 0:
-                _call_in_thread(self._restore)
+            self._n_active += change
+            is_limited = self._limits is not None
+            if is_limited == (self._n_active > 0):
+                return
+        _call_in_thread(self._follow_count)
 
-    def _limit(self) -> None:
-        self._limits = ThreadpoolController().limit(limits=1, user_api="blas")
+    def _follow_count(self) -> None:
+        """Limit or restore as the number of contexts requires now.
 
-    def _restore(self) -> None:
-        self._limits.restore_original_limits()
-        self._limits = None
+        An interrupted caller does not wait for the thread of this call, so that the number may have
+        changed when the call begins.
+        """
+        with self._lock:
+            if self._n_active > 0 and self._limits is None:
+                self._limits = _find_libraries(len(sys.modules)).limit(limits=1, user_api="blas")
+            elif self._n_active == 0 and self._limits is not None:
+                self._limits.restore_original_limits()
+                self._limits = None
 
 
 def _call_in_thread(function: Callable[[], None]) -> None:
@@ -58,6 +72,15 @@ def _call_in_thread(function: Callable[[], None]) -> None:
             function()
         else:
             future.result()
+
+
+@lru_cache(maxsize=1)
+def _find_libraries(n_modules: int) -> ThreadpoolController:
+    """Return the BLAS libraries in memory; `n_modules` is the number of imported modules.
+
+    A search takes half a millisecond; libraries are loaded by imports of modules.
+    """
+    return ThreadpoolController()
 
 
 single_threaded = _SingleThreadedBlas()

@@ -311,6 +311,34 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
+def test_regression_blas_is_used_again_before_an_interrupted_restoration_ends(
+    monkeypatch, two_threads_of_blas
+):
+    """An interrupted exit does not wait for its thread; the next run may begin before it ends."""
+    may_restore, threads = threading.Event(), []
+
+    def begin(function):
+        def run():
+            may_restore.wait(10.0)
+            function()
+
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        raise KeyboardInterrupt
+
+    context = blas_threads.single_threaded
+    context.__enter__()
+    with monkeypatch.context() as patch:
+        patch.setattr(blas_threads, "_call_in_thread", begin)
+        with pytest.raises(KeyboardInterrupt):
+            context.__exit__(None, None, None)
+    with context:
+        may_restore.set()
+        threads[0].join()
+        assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
+
+
 @pytest.mark.parametrize("law", [lambda t: np.sqrt(1e-7 - t), lambda t: np.sqrt(0.2 - t)])
 def test_regression_nonfinite_forces_are_not_attributed_to_scikit_sundae(law):
     mech = bd.Mechanism()
