@@ -139,6 +139,20 @@ class Equilibrium:
         return bool(self.unstable[-1] == 0) and not self.free
 
     @property
+    def end_warning(self) -> str:
+        """Warning for analyses of the end of a path that ended early; "" if it reached its target.
+
+        The end is an equilibrium, but under other loads than requested.
+        """
+        if self.status.success:
+            return ""
+        return (
+            "the equilibrium path ended before its target, so this state is its last equilibrium, "
+            f"at load factor {self.factor:.6g} ({self.status.sentence}); repeat the path, or "
+            "select a row with Equilibrium.at."
+        )
+
+    @property
     def positions(self) -> dict[str, float]:
         """Coordinates at the end of the path [m or rad] by name, for `Mechanism(start=)`."""
         return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
@@ -146,7 +160,8 @@ class Equilibrium:
     def at(self, row: int) -> Equilibrium:
         """Return the path up to and including a row, for example up to a critical point.
 
-        `status`, `settings` and `notes` remain those of the whole path.
+        `settings` and `notes` remain those of the whole path. Each row is an equilibrium, so
+        `status` is "ok" for every row but the last one, which keeps the status of the path.
 
         Parameters
         ----------
@@ -159,8 +174,10 @@ class Equilibrium:
             If `row` is not a whole number from 0 to the index of the last row.
         """
         row = require_count("Equilibrium.at", "row", row, 0, len(self.q) - 1)
+        is_end = row == len(self.q) - 1
         return replace(
             self,
+            status=self.status if is_end else Status("ok", f"row {row} of a longer path"),
             factors=self.factors[: row + 1],
             q=self.q[: row + 1],
             lam=self.lam[: row + 1],
@@ -377,7 +394,8 @@ class Equilibrium:
     def to_checkpoint(self) -> Checkpoint:
         """Return a checkpoint that starts a run at rest from the end of the path."""
         at_rest = dict.fromkeys(self.equations.q_names, 0.0)
-        return Checkpoint(self.t, self.positions, at_rest, inactive=self._inactive)
+        doubt = "" if self.status.success else self.status.sentence
+        return Checkpoint(self.t, self.positions, at_rest, inactive=self._inactive, doubt=doubt)
 
     @property
     def _inactive(self) -> tuple[str, ...]:

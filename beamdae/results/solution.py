@@ -177,7 +177,11 @@ class Solution(RunData, TimeSeries):
         BeamdaeError
             If the time is not a finite number or lies outside the run.
         """
-        return Instant.of(self.trajectory, t)
+        instant = Instant.of(self.trajectory, t)
+        has_pending_event = any(not record.done for record in self.event_records)
+        if t < self.trajectory.end or not self.status.is_unreliable(has_pending_event):
+            return instant
+        return instant._replace(doubt=self.status.sentence)
 
     def at_times(self, times: Array) -> Solution:
         """Return the solution with other output times.

@@ -427,11 +427,14 @@ class Instant(NamedTuple):
         Coordinates q (n,), velocities v (n,), accelerations a (n,) and multipliers lam (m,).
     configuration
         The active parts. None if `EquationsOfMotion.configurations` is None.
+    doubt
+        Reason why the state may be wrong. Empty if the state is reliable.
     """
 
     time: Array
     state: State
     configuration: Configuration | None = None
+    doubt: str = ""
 
     @property
     def t(self) -> float:

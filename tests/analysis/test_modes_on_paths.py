@@ -69,3 +69,32 @@ def test_path_of_another_model_is_rejected():
     other.add(bd.PointMass("bob", 1.0, at=(0.0, 0.2)))
     with pytest.raises(bd.BeamdaeError, match="crown"):
         bd.modes(other, about=path)
+
+
+def test_regression_analyses_of_the_end_of_a_failed_path_warn():
+    # Load control stops at the limit point, at a load factor of 3.02.
+    failed = bd.equilibrium(truss(), to=4.0)
+    assert failed.status.kind == "failed"
+    for result in (bd.modes(truss(), failed), bd.linearize(truss(), failed)):
+        (warning,) = result.warnings
+        assert warning.startswith("the equilibrium path ended before its target")
+        assert f"load factor {failed.factor:.6g}" in warning
+    # Every row is an equilibrium, and a chosen row is meant.
+    row = failed.at(len(failed.q) - 2)
+    assert row.status.success
+    assert bd.modes(truss(), row).warnings == ()
+    limited = bd.equilibrium(truss(), to=1.0, most_points=2)
+    assert "most_points" in bd.modes(truss(), limited).warnings[0]
+    with pytest.warns(bd.BeamdaeWarning, match="the earlier run ended early"):
+        bd.simulate(truss(), bd.Radau(), 0.01, start=failed)
+
+
+def test_regression_modes_about_the_end_of_a_failed_run_warn():
+    mech = truss()
+    tear = bd.Force("tear", mech.parts["crown"].point, (0.0, lambda t: (0.05 - t) ** 0.5))
+    mech.add(tear)  # not a number after 0.05 s
+    run = bd.simulate(mech, bd.Radau(), 0.1)
+    assert run.status.kind == "failed"
+    end = run.trajectory.end
+    assert "failed run" in bd.modes(mech, run.at(end)).warnings[0]
+    assert "failed run" not in " ".join(bd.modes(mech, run.at(0.5 * end)).warnings)

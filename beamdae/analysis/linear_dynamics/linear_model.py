@@ -66,7 +66,8 @@ class LinearModel:
     about
         Description of the state.
     warnings
-        Warning if the state is at rest but not an equilibrium; otherwise empty.
+        Warnings if the state is at rest but not an equilibrium, or if it is the end of an
+        equilibrium path or a run that ended early.
     """
 
     A: Array

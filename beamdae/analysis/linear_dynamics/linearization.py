@@ -75,8 +75,9 @@ class Linearization:
     tangent
         Matrices of the linearized equations.
     warnings
-        Warning that names the coordinate with the largest acceleration if the state is at rest but
-        not an equilibrium; otherwise empty.
+        Warnings that name the coordinate with the largest acceleration if the state is at rest but
+        not an equilibrium, and that the state is the end of an equilibrium path or a run that ended
+        early.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
@@ -190,7 +191,13 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
     state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
     description = f"the frozen motion at t = {instant.t:g} s"
     tangent = compute_tangent(equations, time, state)
-    return Linearization(equations, full_equations, description, time, state, tangent)
+    warnings = ()
+    if instant.doubt:
+        warnings = (
+            "this state may be wrong because it is the end of a failed run "
+            f"({instant.doubt}); repeat the run, or select an earlier time.",
+        )
+    return Linearization(equations, full_equations, description, time, state, tangent, warnings)
 
 
 def _linearize_rest(full_equations: EquationsOfMotion, description: str, t: float) -> Linearization:
@@ -218,7 +225,8 @@ def _linearize_path_end(name: str, model: Any, path: Equilibrium) -> Linearizati
     time = system.loaded.time
     rest = linearize_at_rest(equations, time, lambda state: system.motion_tangent(state, factor))
     description = f"equilibrium at load factor {path.factor:g}" if path.loads else EQUILIBRIUM
-    return Linearization(equations, full_equations, description, time, *rest)
+    lin = Linearization(equations, full_equations, description, time, *rest)
+    return replace(lin, warnings=(*filter(None, (path.end_warning,)), *lin.warnings))
 
 
 def linearize_at_rest(

@@ -62,7 +62,8 @@ class Modes:
     mechanism
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
-        Warnings that the state is unstable or not an equilibrium, or that there are no modes.
+        Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
+        or a run that ended early, or that there are no modes.
     """
 
     about: str

@@ -255,7 +255,7 @@ def mode_sensitivities(
             f"{_NAME}: modes of models with states such as {name} cannot be differentiated; use "
             "differences of bd.modes."
         )
-    if lin.warnings:
+    if lin.zero_square > 0.0:
         raise BeamdaeError(
             f"{_NAME}: the state of {model.name} is not an equilibrium, so its modes cannot be "
             "differentiated; use about='equilibrium'."
