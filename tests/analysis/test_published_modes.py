@@ -50,8 +50,9 @@ def case_parameter(case, formulation):
 def test_published_frequencies_are_reproduced(case, formulation):
     rows = list(case.rows_by(formulation))
     stored_rows = STORED[(STORED["case"] == case.name) & (STORED["setting"] == rows[0]["setting"])]
-    assert [float(row["published"]) for row in rows] == list(stored_rows["published"].astype(float))
     for row, line in zip(rows, stored_rows.to_dict("records"), strict=True):
+        # LAPACK evaluates closed forms; their eigenvalues differ by a factor of 1e5.
+        assert_allclose(float(row["published"]), float(line["published"]), rtol=1e-10)
         assert float(row["relative"]) <= case.tolerance
         # Allows for rounding errors of slender structures.
         assert_allclose(float(row["ours"]), float(line["ours"]), rtol=1e-7)

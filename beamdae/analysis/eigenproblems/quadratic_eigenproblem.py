@@ -62,6 +62,9 @@ _ROUNDING_AMPLIFICATION = 20.0
 # rounding errors, and their mean growth rate is at most this fraction of either growth rate.
 _SPLIT_RATIO = 4.0
 _MEAN_GROWTH_RATIO = 1e-2
+# Squared eigenvalues within this factor of the size of rounding are zero if they are zero in the
+# undamped problem.
+_ZERO_SQUARE_MARGIN = 4.0
 # Dampers that slow a free motion down at a rate below this fraction of the shift are rounding.
 _ZERO_RATE_RATIO = 1e-12
 # Prevents division by zero.
@@ -92,12 +95,13 @@ class QuadraticProblem:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
         squares = undamped.squares
         self._undamped_shapes = undamped.shapes
+        self._undamped_free = undamped.shapes[:, squares == 0.0]
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
         self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
-        self._free = self._find_undamped_free_motions(undamped)
+        self._free = self._find_undamped_free_motions()
         self._weighted_free = self.tangent.mass @ self._free
 
     @cached_property
@@ -119,13 +123,13 @@ class QuadraticProblem:
             raise _singular_error()
         return solve
 
-    def _find_undamped_free_motions(self, undamped: UndampedModes) -> Array:
+    def _find_undamped_free_motions(self) -> Array:
         """Return the free motions (n, k) on which no damper acts, scaled to x^T M x = 1.
 
         The result is empty if C or the undamped problem (see `is_symmetric`) is not symmetric:
         follower loads and rotation couple free motions to other modes.
         """
-        free = undamped.shapes[:, undamped.squares == 0.0]
+        free = self._undamped_free
         if not (free.shape[1] and self._is_symmetric):
             return free[:, :0]
         mass, damping = self.tangent.mass, self.tangent.damping
@@ -300,6 +304,10 @@ class QuadraticProblem:
         is_zero = size <= _ZERO_RATIO * self.shift
         is_zero &= energy <= _ZERO_ENERGY_FACTOR * zero_energy
         zero_squares = np.maximum(rounding, self.lin.zero_square)
+        if self._is_symmetric:
+            # The same motions count as free with and without dampers, whatever the rounding.
+            is_free = self._undamped_free_share(shapes) > 0.5
+            zero_squares *= np.where(is_free, _ZERO_SQUARE_MARGIN, 1.0 / _ZERO_SQUARE_MARGIN)
         is_zero |= size**2 <= zero_squares
         zero_square = float(np.max(zero_squares[is_zero], initial=0.0))
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
@@ -322,6 +330,10 @@ class QuadraticProblem:
         )
         values = np.concatenate([np.zeros(free.shape[1], complex), values[is_upper]])
         return values, np.hstack([free, shapes[:, is_upper]])
+
+    def _undamped_free_share(self, shapes: Array) -> Array:
+        """Return the share (k,) of the inertia of each mode that is in undamped free motions."""
+        return np.sum(np.abs(self._undamped_free.T @ (self.tangent.mass @ shapes)) ** 2, axis=0)
 
     def _refine_values(self, values: Array, shapes: Array) -> Array:
         """Return for each mode x the root l of x^H (l^2 M + l C + K) x = 0 nearest to its value.
