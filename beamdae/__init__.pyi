@@ -85,6 +85,7 @@ from .integrators import Radau as Radau
 from .interrupts import Interrupted as Interrupted
 from .model_functions import Model as Model
 from .model_functions import model as model
+from .model_parameters import param as param
 from .parts.attachments import Attachment as Attachment
 from .parts.bodies.point_mass import PointMass as PointMass
 from .parts.bodies.rigid_body import RigidBody as RigidBody

@@ -119,6 +119,7 @@ GROUPS = (
             Public("Part", "beamdae.parts.part"),
             Public("model", "beamdae.model_functions"),
             Public("Model", "beamdae.model_functions"),
+            Public("param", "beamdae.model_parameters"),
             Public("load_model", "beamdae.cli.model_files.model_file"),
             Public("ConstrainedSystem", "beamdae.equations.assembly.constrained_system"),
             Public("equations_of_motion", "beamdae.equations.assembly.assemble"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import html
 import inspect
 import os
 import sys
@@ -26,6 +27,13 @@ from beamdae.errors import (
     suggest,
     unbox_scalar,
     working_folder,
+)
+from beamdae.model_parameters import (
+    ModelParameter,
+    describe_parameters,
+    format_with_unit,
+    parse_value,
+    plain_number,
 )
 from beamdae.read_only import ReadOnlyDict, copy_containers
 
@@ -88,6 +96,7 @@ class Model:
         parameters = require_mapping(
             self.name, "parameters", self.parameters, "a dict of values by name"
         )
+        parameters = {name: plain_number(value) for name, value in parameters.items()}
         files = tuple(require_sequence(self.name, "data", self.data, "a list of file names"))
         for name in files:
             if not isinstance(name, str) or not name.isprintable() or not name:
@@ -112,6 +121,43 @@ class Model:
         module_docstring = inspect.unwrap(self.build).__globals__.get("__doc__")
         lines = (self.build.__doc__ or module_docstring or "").strip().splitlines()
         return lines[0] if lines else ""
+
+    @property
+    def parameter_info(self) -> dict[str, ModelParameter]:
+        """Default, unit and description of each parameter, by name.
+
+        Units and descriptions are those of `bd.param`, or are read from the docstring of the
+        function: "`radius` [m]" states a unit, and the description is the first sentence that
+        mentions the parameter.
+        """
+        signature = inspect.signature(self.build).parameters
+        defaults = {name: x.default for name, x in signature.items()}
+        return describe_parameters(self.build.__doc__ or "", self.parameters, defaults)
+
+    def __repr__(self) -> str:
+        """Return the name of the model with its parameters and end time."""
+        values = [f"{x.name}={self._format_default(x)}" for x in self.parameter_info.values()]
+        return f"<Model {self.name}({', '.join(values)}), t_end={self.t_end:g} s>"
+
+    def _repr_html_(self) -> str:
+        """Return the parameters as a table, which notebooks display."""
+        rows = [
+            (x.name, self._format_default(x, with_unit=False), x.unit, x.description)
+            for x in self.parameter_info.values()
+        ]
+        cells = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(x)}</td>' for x in row)}</tr>" for row in rows
+        )
+        head = "".join(f"<th>{x}</th>" for x in ("parameter", "default", "unit", "description"))
+        return (
+            f"<p><b>{html.escape(self.name)}</b>, {self.t_end:g} s. {html.escape(self.summary)}</p>"
+            f"<table><tr>{head}</tr>{cells}</table>"
+        )
+
+    def _format_default(self, x: ModelParameter, with_unit: bool = True) -> str:
+        if type(x.default) not in (int, float, bool):
+            return short_repr(x.default)
+        return format_with_unit(x.default, x.unit if with_unit else "")
 
     @property
     def home(self) -> Path:
@@ -188,8 +234,9 @@ class Model:
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
 
-        Strings are converted to the types of the parameters, as on the command line. For a tuple or
-        list of floats, all sequences and one-dimensional arrays of numbers are accepted.
+        Strings are converted to the types of the parameters, as on the command line; numbers may
+        have a unit, as in "850 mm". For a tuple or list of floats, all sequences and
+        one-dimensional arrays of numbers are accepted.
 
         Parameters
         ----------
@@ -199,7 +246,7 @@ class Model:
         Raises
         ------
         BeamdaeError
-            If a name is unknown or a value has the wrong type.
+            If a name is unknown, or a value has the wrong type or unit.
         """
         for name in values:
             if name not in self.parameters:
@@ -214,7 +261,7 @@ class Model:
 
     def _convert(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
-        value = unbox_scalar(value)
+        value = plain_number(unbox_scalar(value))
         if isinstance(value, str) and kind is not str:
             value = self._parse(name, value, kind)
         value = self._convert_numbers(name, value)
@@ -263,7 +310,12 @@ class Model:
         try:
             return kind(text) if kind in (int, float) else ast.literal_eval(text)
         except (TypeError, ValueError, SyntaxError, RecursionError, MemoryError):
-            raise self._type_error(name, text) from None
+            pass
+        if kind in (int, float):
+            number = parse_value(self.name, name, text, self.parameter_info[name].unit)
+            if number is not None:
+                return number
+        raise self._type_error(name, text)
 
 
 def require_file_name(part: str, value: Any) -> str:
@@ -304,7 +356,8 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     """Return a decorator that turns a function that builds a mechanism into a `Model`.
 
     Every parameter of the function needs a default value. The defaults define the parameters of the
-    model and their types.
+    model and their types. The docstring states units, as in "`radius` [m]"; `param` defines
+    a default with a unit and a description.
 
     Parameters
     ----------

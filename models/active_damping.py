@@ -11,9 +11,9 @@ def active_damping(
 
     The strip, 30 mm x 2 mm and 0.3 m long, carries 30 g at its end. The moment of a piezo patch,
     which reaches 60 mm from the clamp, follows the strain in its middle by positive position
-    feedback: a filter of second order with the `frequency` [rad/s] and damping `ratio` (Fanson &
-    Caughey, AIAA Journal 28, 1990, 717-724). `gain` [-] is the moment of the patch relative to the
-    bending moment under it; at zero, only the material damps the first mode of 61 rad/s.
+    feedback: a filter of second order with the `frequency` [rad/s] and damping `ratio` [-] (Fanson
+    & Caughey, AIAA Journal 28, 1990, 717-724). `gain` [-] is the moment of the patch relative to
+    the bending moment under it; at zero, only the material damps the first mode of 61 rad/s.
     """
     length, patch, width, height = 0.3, 0.06, 0.03, 0.002
     aluminum = bd.Material.of("aluminum")

@@ -19,7 +19,8 @@ def four_bar(
 
     The crank is 0.25 m long, the rocker 0.6 m, and their bearings are 0.9 m apart. The coupler is a
     steel strip of 20 mm x `height` [m], 0.8 m from pin to pin and curved with a `rise` [m]. A
-    spring of `stiffness` [N/m] pulls the middle of the rocker back.
+    spring of `stiffness` [N/m] pulls the middle of the rocker back. `damping` [s] is the
+    Kelvin-Voigt retardation time of the strip.
     """
     steel = bd.Material.of("steel")
     strip = bd.Section.rectangle(steel, width=0.02, height=height, damping=damping)

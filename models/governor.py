@@ -5,11 +5,11 @@ import beamdae as bd
 
 @bd.model(t_end=1.0)
 def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.05):
-    """Drive the rotor by a mainspring barrel and a gear of `ratio`.
+    """Drive the rotor by a mainspring barrel and a gear of `ratio` [-].
 
     The mainspring has a torque of `torque` [N m] at the start. Two flyweights of 40 g are pivoted
     on the rotor and restrained by torsion springs of `preload` [N m] and `stiffness` [N m/rad]. At
-    speed they swing out, and their shoes rub with the friction `coefficient` in a fixed drum of
+    speed they swing out, and their shoes rub with the friction `coefficient` [-] in a fixed drum of
     45 mm radius.
     """
     mech = bd.Mechanism()

@@ -24,12 +24,13 @@ def hub_beam(
     frequency=1.0,
     formulation="floating frame",
 ):
-    """Apply `torque` [N m] times sin(2 pi `frequency` t) to the hub, without gravity.
+    """Apply `torque` [N m] times sin(2 pi `frequency` [Hz] t) to the hub, without gravity.
 
-    `subtended` is the angle of the arc in degrees; a "parabolic" `shape` has the same chord and
-    rise. The beam consists of `bodies` beams of `elements` elements each, welded together. Each has
-    a floating frame on its start section (`frame` "tangent", the paper's) or from end to end
-    ("chord"). `strain` and `continuity` apply to the floating frame only, not to
+    `subtended` [deg] is the angle of the arc, `length` [m] its length; a "parabolic" `shape` has
+    the same chord and rise. The material has the `density` [kg/m^3] and the Kelvin-Voigt
+    retardation time `damping` [s]. The beam consists of `bodies` beams of `elements` elements each,
+    welded together. Each has a floating frame on its start section (`frame` "tangent", the paper's)
+    or from end to end ("chord"). `strain` and `continuity` apply to the floating frame only, not to
     `formulation="exact"`.
     """
     angle = np.radians(subtended)

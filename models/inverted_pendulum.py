@@ -28,8 +28,8 @@ def inverted_pendulum(
 
     The strip, 20 mm x `height` [m] and 0.5 m long and optionally `rigid`, stands on a cart of
     0.8 kg. The cart returns to the center of its rail. The `control` is
-    "continuous", "sampled" (at 100 Hz with `noise` times the noise of the sensors) or "none", with
-    the force on the cart as an input.
+    "continuous", "sampled" (at 100 Hz with `noise` [-] times the noise of the sensors) or "none",
+    with the force on the cart as an input.
     """
     length = 0.5
     steel = bd.Material.of("steel")

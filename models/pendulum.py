@@ -21,10 +21,10 @@ def pendulum(
 
     `damping` [s] is the Kelvin-Voigt retardation time of the strip, `mass_damping` [1/s] and
     `stiffness_damping` [s] are Rayleigh's coefficients, `air_drag` [kg/m^2] is the drag force per
-    length and squared normal velocity. `tip_mass` is in kg; a negative `angle` points below the
-    horizontal, and a negative `radius` [m] curves the strip downward. The gauges are on the lower
-    surface, which gives the strains the sign of Fig. 5a. `strain` applies to the floating frame
-    only, not to `formulation="exact"`.
+    length and squared normal velocity. `tip_mass` [kg] is the mass at the tip; a negative `angle`
+    points below the horizontal, and a negative `radius` [m] curves the strip downward. The gauges
+    are on the lower surface, which gives the strains the sign of Fig. 5a. `strain` applies to the
+    floating frame only, not to `formulation="exact"`.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     alloy = bd.Material(E=68.95e9, nu=0.3, rho=2760.0)

@@ -13,8 +13,9 @@ FORCE = (0.0, 22.0, 61.0, 98.0, 118.0, 124.0, 121.0, 108.0, 71.0, 26.0, 8.0, 0.0
 def press(speed=12.0, inertia=20.0, ram_mass=40.0, slip=20.0, sheet=1.0, kind="pchip"):
     """Punch a sheet in each stroke, with a flywheel of `inertia` [kg m^2] at `speed` [rad/s].
 
-    The moment of the motor is `slip` [N m s/rad] times the difference from its idle speed. `sheet`
-    is a factor of the measured force. The interpolation of the table is `kind`.
+    The moment of the motor is `slip` [N m s/rad] times the difference from its idle speed. The ram
+    has a mass of `ram_mass` [kg]. `sheet` [-] is a factor of the measured force. The interpolation
+    of the table is `kind`.
     """
     radius, rod = 0.05, 0.30
     lowest = -radius - rod

@@ -10,8 +10,8 @@ def quick_return(speed=2.0 * np.pi, crank_radius=0.12, cutting_force=800.0, coef
     """Run the crank up to `speed` [rad/s] in 0.5 s; the ram cuts to the right and returns faster.
 
     The lever swings about the origin; the crank of `crank_radius` [m] rotates about a bearing 0.3 m
-    above the origin. The ram of 25 kg slides in a guide of 0.4 m with the friction `coefficient`,
-    and `cutting_force` [N] resists its motion to the right.
+    above the origin. The ram of 25 kg slides in a guide of 0.4 m with the friction `coefficient`
+    [-], and `cutting_force` [N] resists its motion to the right.
     """
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     ground, center, pin = mech.ground, (0.0, 0.3), (0.0, 0.3 + crank_radius)

@@ -12,8 +12,9 @@ def shallow_arch(
     """Load the crown of a clamped circular arch of steel, 20 mm x `height` [m], by `load` [N].
 
     The arch carries loads up to 38.1 N if they increase slowly. Applied suddenly, as in a
-    simulation, 35 N snap it through. With a `rise` of 12 mm, an asymmetric path branches off beyond
-    the limit point.
+    simulation, 35 N snap it through. The arch has a `span` [m] and a `rise` [m]; with a rise of
+    12 mm, an asymmetric path branches off beyond the limit point. `damping` [s] is the Kelvin-Voigt
+    retardation time of the strip.
     """
     steel = bd.Material.of("steel")
     strip = bd.Section.rectangle(steel, width=0.02, height=height, damping=damping)

@@ -20,6 +20,7 @@ def slider_crank(
 ):
     """Run the crank up to `speed` [rad/s] in 0.5 s; parabolic rod, slider of 0.5 kg.
 
+    The rod has the `density` [kg/m^3] and the Kelvin-Voigt retardation time `damping` [s].
     `frame` is the floating frame of the rod: "tangent" (start section) or "chord". The `crank` is
     "rigid", or "flexible" with the rod's section and half its elements. The rod consists of
     `bodies` beams of `elements` elements each; "mid-point" is the deformation of the middle one in

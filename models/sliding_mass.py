@@ -10,7 +10,8 @@ def sliding_mass(
     """Release a particle of `mass` [kg] at rest on a clamped strip of aluminum.
 
     The strip of 25 mm x `height` [m] leaves its clamp 1.1 rad below the horizontal and ends level
-    after an arc of `radius` [m]. The run stops when the mass reaches the free end.
+    after an arc of `radius` [m]. The run stops when the mass reaches the free end. `damping` [s] is
+    the Kelvin-Voigt retardation time of the strip.
     """
     alloy = bd.Material.of("aluminum")
     strip = bd.Section.rectangle(alloy, width=0.025, height=height, damping=damping)

@@ -17,7 +17,8 @@ def spin_up(
     J. C. Simo, L. Vu-Quoc, J. Appl. Mech. 53 (1986) 849 and 855, after Kane, Ryan & Banerjee,
     J. Guidance 10 (1987) 139: EA = 2.8e7 N, GA = 1e7 N, EI = 1.4e4 N m^2, rho A = 1.2 kg/m,
     rho I = 6e-4 kg m. Without quadratic strains the centrifugal force does not stiffen the beam in
-    bending, and the deflection grows without bound. `strain` applies to the floating frame only,
+    bending, and the deflection grows without bound. `damping` [s] is the Kelvin-Voigt retardation
+    time of the beam. `strain` applies to the floating frame only,
     not to `formulation="exact"`.
     """
     rubber = bd.Material(E=2.8e7, nu=0.4, rho=1.2)

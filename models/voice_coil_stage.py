@@ -23,10 +23,11 @@ def voice_coil_stage(
 ):
     """Move the platform by `step` [m] in the horizontal plane; the coil pushes up to 15 N.
 
-    Two leaf springs of steel, 20 mm wide, of `length` and `thickness` [m] guide a platform of
-    0.5 kg. The `control` is "continuous" (PID with the measured position and velocity), "sampled"
-    (at 1 kHz with differences of the position, rounded to `resolution` [m]) or "none", with the
-    force of the coil as an input.
+    Two leaf springs of steel, 20 mm wide, of `length` [m] and `thickness` [m] guide a platform
+    of 0.5 kg. The `control` is "continuous" (PID with the measured position and velocity),
+    "sampled" (at 1 kHz with differences of the position, rounded to `resolution` [m]) or "none",
+    with the force of the coil as an input. The gains are `kp` [N/m], `ki` [N/(m s)] and
+    `kd` [N s/m].
     """
     steel = bd.Material.of("steel")
     leaf = bd.Section.rectangle(steel, width=0.02, height=thickness, damping=1e-4)

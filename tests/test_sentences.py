@@ -168,6 +168,7 @@ CALLS = {
     "rotation": (bd.rotation, {"speed": 1.0, "center": (0.0, 0.0)}),
     "load_model": (bd.load_model, {"path": "models/pendulum.py"}),
     "model": (bd.model, {"t_end": 1.0}),
+    "param": (bd.param, {"default": 0.85, "unit": "m", "description": "radius"}),
     "model of": (lambda function: bd.model(t_end=1.0)(function), {"function": disk_mechanism}),
     "Input": (lambda **x: bd.Mechanism().input(**x), {"name": "u", "default": 0.5, "unit": "N"}),
     "Sensor": (

@@ -38,15 +38,18 @@ def complete_model_files(incomplete: str) -> list[str]:
 
 
 def complete_parameters() -> list[tuple[str, str]]:
-    """Return NAME=DEFAULT and a help text for each parameter of the models on the command line.
+    """Return NAME=DEFAULT and a text with its unit for each parameter of the models.
+
+    The models are those on the command line.
 
     If the command line names no model, return the parameters of all models of the file. Defaults
     that require quotes in a shell are omitted: NAME=.
     """
     words = _command_line_words()
-    models = _outline_of_model_file(words).models
+    outline = _outline_of_model_file(words)
+    models = outline.models
     return [
-        (f"{name}={_as_typed(default)}", f"default {default}")
+        (f"{name}={_as_typed(default)}", outline.hints[model][name])
         for model in [model for model in models if model in words] or models
         for name, default in models[model].items()
     ]

@@ -25,7 +25,7 @@ def arm(length=1.0, kind="exact", *, speed=2 * 3.14, needed):
 
 @m(t_end=2.0)
 def leg(mass=2.0):
-    """Another."""
+    """Another of `mass` [kg]."""
 
 
 @bd.study()
@@ -63,6 +63,20 @@ def test_an_outline_is_read_without_executing_the_file(here):
     assert not Path("ran").exists()
 
 
+def test_an_outline_reads_defaults_with_units(tmp_path):
+    source = """import beamdae as bd
+@bd.model(t_end=1.0)
+def arm(a=bd.param(0.85, "m", "radius"), b=bd.param(2, description="count"), c=bd.param(3)):
+    \"\"\"`a` [mm].\"\"\"
+"""
+    (tmp_path / "arm.py").write_text(source, encoding="utf-8")
+    outline = read_outline(tmp_path / "arm.py")
+    assert outline.models == {"arm": {"a": "0.85", "b": "2", "c": "3"}}
+    assert outline.hints == {
+        "arm": {"a": "default 0.85 m: radius", "b": "default 2: count", "c": "default 3"}
+    }
+
+
 @pytest.mark.parametrize(
     ("source", "defines"),
     [
@@ -98,7 +112,9 @@ def test_parameters_and_models_of_the_file_on_the_line(here, monkeypatch):
     # Defaults that a shell would split are omitted.
     assert words == ["length=1.0", "kind=exact", "speed=", "needed=", "mass=2.0"]
     monkeypatch.setenv(line, "beamdae run model.py --model leg --set ")
-    assert completion.complete_parameters() == [("mass=2.0", "default 2.0")]
+    assert completion.complete_parameters() == [
+        ("mass=2.0", "default 2.0 kg: Another of `mass` [kg].")
+    ]
     assert completion.complete_models() == ["arm", "leg", "all_of_them"]
     for other in ("", "run gone.py", "run example:gone", "run 'open model.py"):
         monkeypatch.setenv(line, other)

@@ -27,6 +27,7 @@ def list_command(
 ) -> None:
     """List models with their parameters, and studies with their number of cases.
 
+    For a file, list the default, unit and description of each parameter, too.
     In a folder, only files that define models or studies are imported; exits with 1 if the import
     of one of these files fails or takes more than 10 s.
     """
@@ -64,5 +65,8 @@ def list_command(
     ):
         if rows:
             console.print(create_table(rows))
+    if not path.is_dir():
+        for model in models:
+            console.print(text_tables.parameters_table(model))
     if problems:
         raise typer.Exit(1)

@@ -172,7 +172,11 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
     is_geometric = rest == ["log", ""]
     try:
-        ends, count = (float(start_text), float(stop_text)), float(count_text)
+        # Converts units, as in 500mm:900mm:5, and rejects wrong ones.
+        start, stop = (_convert_end(model, name, x) for x in (start_text, stop_text))
+        ends, count = (start, stop), float(count_text)
+    except BeamdaeError:
+        raise
     except ValueError:
         ends, count = (np.nan, np.nan), np.nan
     if not np.isfinite([*ends, count]).all() or not (is_geometric or rest == [""]):
@@ -184,6 +188,25 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     return [
         model.complete({name: float(f"{value:.{_SIGNIFICANT_DIGITS}g}")})[name] for value in values
     ]
+
+
+def _convert_end(model: Model, name: str, text: str) -> float:
+    """Return an end of a range in the unit of the parameter.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a number with or without a unit.
+    """
+    from beamdae.model_parameters import parse_value
+
+    try:
+        return float(text)
+    except ValueError:
+        number = parse_value(model.name, name, text, model.parameter_info[name].unit)
+        if number is None:
+            raise
+        return number
 
 
 def _require_no_sweep_options(
@@ -252,7 +275,11 @@ def _print_results(swept: SweepResults) -> None:
     n_success = int((table["status"] == "ok").sum())
     console.print(f"{len(table)} cases, {n_success} reached the end time", style="dim")
     if len(table) <= MAX_SCREEN_ROWS:
-        console.print(text_tables.sweep_table(table, swept.parameters, swept.response_columns))
+        console.print(
+            text_tables.sweep_table(
+                table, swept.parameters, swept.response_columns, swept.sweep.units
+            )
+        )
     n_warnings = int((table["warnings"] != "").sum())
     if n_warnings:
         console.print(f"warnings in {n_warnings} of {len(table)} cases; see sweep.csv")

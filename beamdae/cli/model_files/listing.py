@@ -143,6 +143,10 @@ def _describe_content(file: Path, model_file: Any) -> FileContent:
                 "t_end": model.t_end,
                 "file": str(file),
                 "parameters": {name: _plain(x) for name, x in model.parameters.items()},
+                "units": {x.name: x.unit for x in model.parameter_info.values() if x.unit},
+                "descriptions": {
+                    x.name: x.description for x in model.parameter_info.values() if x.description
+                },
                 "about": model.summary,
             }
             for model in model_file.models.values()

@@ -6,11 +6,15 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import shorten
+
+from beamdae.model_parameters import ModelParameter, format_with_unit, read_docstring
 
 # A file that uses one of these names of beamdae defines a model or a study.
 _DEFINING_NAMES = {"model", "study", "Study"}
 # As a decorator, `sweep` defines a study; called in a script, it runs one.
 _DECORATORS = {"model", "study", "sweep"}
+_MAX_HINT_LENGTH = 60
 
 
 @dataclass(frozen=True)
@@ -23,12 +27,15 @@ class Outline:
         True if the file uses a name of beamdae that defines a model or a study.
     models
         Parameters of each model, with the source text of their defaults; "" without a default.
+    hints
+        Default, unit and description of the parameters of each model as text.
     studies
         Names of the studies and sweeps.
     """
 
     defines: bool = False
     models: dict[str, dict[str, str]] = field(default_factory=dict)
+    hints: dict[str, dict[str, str]] = field(default_factory=dict)
     studies: tuple[str, ...] = ()
 
 
@@ -76,16 +83,39 @@ def read_outline(file: Path) -> Outline:
         bool(functions["sweep"])
         or not _DEFINING_NAMES.isdisjoint(names.values())
         or any(resolve_name(node) in _DEFINING_NAMES for node in ast.walk(tree)),
-        {function.name: dict(_parameters(function)) for function in functions["model"]},
+        {x.name: {y.name: y.default for y in _parameters(x)} for x in functions["model"]},
+        {x.name: {y.name: _format_hint(y) for y in _parameters(x)} for x in functions["model"]},
         tuple(function.name for kind in ("study", "sweep") for function in functions[kind]),
     )
 
 
-def _parameters(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
-    """Yield the name of each parameter and the source text of its default, or ""."""
+def _parameters(function: ast.FunctionDef) -> Iterator[ModelParameter]:
+    """Yield the parameters of a function, with the source text of their defaults or ""."""
     signature = function.args
     positional = [*signature.posonlyargs, *signature.args]
     n_required = len(positional) - len(signature.defaults)
     defaults = [*[None] * n_required, *signature.defaults, *signature.kw_defaults]
-    for parameter, default in zip([*positional, *signature.kwonlyargs], defaults, strict=True):
-        yield parameter.arg, "" if default is None else ast.unparse(default)
+    names = [x.arg for x in (*positional, *signature.kwonlyargs)]
+    documented = read_docstring(ast.get_docstring(function) or "", tuple(names))
+    for name, default in zip(names, defaults, strict=True):
+        unit, description = documented.get(name, ("", ""))
+        if isinstance(default, ast.Call) and default.args and _called_name(default) == "param":
+            # The arguments of bd.param(0.85, "m", "radius of the arc").
+            arguments = dict(zip(("unit", "description"), default.args[1:], strict=False))
+            arguments |= {x.arg: x.value for x in default.keywords if x.arg}
+            texts = {k: x.value for k, x in arguments.items() if isinstance(x, ast.Constant)}
+            unit = str(texts.get("unit", "-"))
+            description = str(texts.get("description", description))
+            default = default.args[0]
+        text = "" if default is None else ast.unparse(default)
+        yield ModelParameter(name, text, unit, description)
+
+
+def _called_name(call: ast.Call) -> str:
+    function = call.func
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def _format_hint(x: ModelParameter) -> str:
+    text = f"default {format_with_unit(x.default, x.unit)}"
+    return f"{text}: {shorten(x.description, _MAX_HINT_LENGTH)}" if x.description else text

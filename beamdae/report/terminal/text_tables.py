@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.model_parameters import format_with_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
 from beamdae.results.columns import Header
@@ -230,18 +231,26 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
 
 
 def sweep_table(
-    table: pd.DataFrame, parameters: Sequence[str], outputs: Sequence[str]
+    table: pd.DataFrame,
+    parameters: Sequence[str],
+    outputs: Sequence[str],
+    units: Mapping[str, str] | None = None,
 ) -> ResponsiveTable:
-    """Return a table of the parameters, status and outputs of each run of a sweep."""
+    """Return a table of the parameters, status and outputs of each run of a sweep.
+
+    `units` contains the units of the parameters, by name.
+    """
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
-    columns = [Column(name, 0 if name in varied else last) for name in others]
+    headers = {x: f"{x}\n[{y}]" for x, y in (units or {}).items() if y not in ("", "-")}
+    columns = [Column(headers.get(x, x), 0 if x in varied else last) for x in others]
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
     names = [first, *others, "status", *outputs]
     rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
-    return ResponsiveTable(first, columns, rows, "sweep.csv")
+    title = headers.get(first, first).replace("\n", " ")
+    return ResponsiveTable(title, columns, rows, "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
@@ -353,10 +362,28 @@ def models_table(models: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     ]
     rows = []
     for model in models:
-        parameters = ", ".join(f"{name}={value}" for name, value in model["parameters"].items())
+        parameters = ", ".join(
+            f"{name}={format_with_unit(value, model['units'].get(name, ''))}"
+            for name, value in model["parameters"].items()
+        )
         file, t_end = Path(model["file"]).name, f"{model['t_end']:g}"
         rows.append((model["name"], t_end, file, parameters, model["about"]))
     return ResponsiveTable("model", columns, rows, "--json")
+
+
+def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
+    """Return a table of the parameters of a model, with their units and descriptions."""
+    columns = [Column("default"), Column("unit", 1), Column("description", 2, sentences=True)]
+    rows = [
+        (
+            name,
+            format_with_unit(value, ""),
+            model["units"].get(name, ""),
+            model["descriptions"].get(name, ""),
+        )
+        for name, value in model["parameters"].items()
+    ]
+    return ResponsiveTable(f"{model['name']}", columns, rows, "--json")
 
 
 def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:

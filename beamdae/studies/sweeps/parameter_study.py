@@ -88,6 +88,12 @@ class ParameterStudy(Study):
         ]
 
     @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of the swept parameters by name; "" if unknown, "-" without dimension."""
+        described = self.cases[0].model.parameter_info
+        return {name: described[name].unit for name in self.parameters if name in described}
+
+    @cached_property
     def _setting_by_case(self) -> dict[int, Mapping[str, Any]]:
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 

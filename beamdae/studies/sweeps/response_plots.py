@@ -64,6 +64,8 @@ class ParameterScale:
         Tick labels of a parameter that is not numeric; empty for numbers.
     log
         True for a logarithmic axis: at least three positive values form a geometric sequence.
+    unit
+        Unit of the parameter; "" if unknown, "-" without dimension.
     """
 
     name: str
@@ -71,15 +73,16 @@ class ParameterScale:
     ticks: Array
     labels: tuple[str, ...]
     log: bool
+    unit: str = ""
 
     @classmethod
-    def of(cls, table: pd.DataFrame, name: str) -> ParameterScale:
+    def of(cls, table: pd.DataFrame, name: str, unit: str = "") -> ParameterScale:
         """Return the scale of a parameter in a table of responses."""
         values = list(table[parameter_column(name)])
         if is_numeric_parameter(table, name):
             positions = np.array(values, float)
             ticks = np.unique(positions)
-            return cls(name, positions, ticks, (), _is_geometric(ticks))
+            return cls(name, positions, ticks, (), _is_geometric(ticks), unit)
         texts = [str(value) for value in values]
         labels = list(dict.fromkeys(texts))
         positions = np.array([labels.index(text) for text in texts], float)
@@ -88,7 +91,8 @@ class ParameterScale:
     def format_axis(self, axes: Axes, which: str) -> None:
         """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
         axis = getattr(axes, f"{which}axis")
-        axis.set_label_text(shorten_text(self.name, figures.MAX_LABEL_LETTERS))
+        label = shorten_text(self.name, figures.MAX_LABEL_LETTERS)
+        axis.set_label_text(label if self.unit in ("", "-") else f"{label} [{self.unit}]")
         if self.log:
             getattr(axes, f"set_{which}scale")("log")
         spread = np.linspace(0, len(self.ticks) - 1, _MAX_TICKS).round().astype(int)
@@ -163,7 +167,8 @@ def plot_curves(
     If there are several combinations, each measure has a panel; otherwise, the measures of a panel
     are its curves. See `SweepResults.plot` for `x` and errors.
     """
-    scale = ParameterScale.of(table, choose_axis(study, table, x))
+    x = choose_axis(study, table, x)
+    scale = ParameterScale.of(table, x, study.units.get(x, ""))
     groups = group_rows(study, scale.name)
     several = len(groups) > 1
     if several:
@@ -277,13 +282,14 @@ def plot_maps(
             f"{study.name}: a map requires two varied parameters, got {len(varied)}{names}; "
             "vary exactly two parameters."
         )
-    horizontal = ParameterScale.of(table, choose_axis(study, table, x))
+    x = choose_axis(study, table, x)
+    horizontal = ParameterScale.of(table, x, study.units.get(x, ""))
     (other,) = [name for name in varied if name != horizontal.name]
     if y is not None and choose_axis(study, table, y) != other:
         raise BeamdaeError(
             f"{study.name}: y must be {other!r}, got {y!r}, which is on the horizontal axis."
         )
-    vertical = ParameterScale.of(table, other)
+    vertical = ParameterScale.of(table, other, study.units.get(other, ""))
     panels = _remove_empty(table, [line for panel in panels for line in panel.split()])
     figure, axes = figures.create_panels(len(panels), "", constrained=True)
     for axis, panel in zip(axes, panels, strict=False):

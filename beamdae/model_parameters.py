@@ -1,0 +1,321 @@
+"""Units and descriptions of model parameters, and values with units such as "850 mm"."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
+
+from beamdae.errors import BeamdaeError, as_real, as_text, short_repr, suggest, unbox_scalar
+
+# Factor and exponents of base units. The factor is exact; angles in degrees have a factor of pi.
+_UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
+    "m": (Fraction(1), {"m": 1}),
+    "s": (Fraction(1), {"s": 1}),
+    "g": (Fraction(1, 1000), {"kg": 1}),
+    "N": (Fraction(1), {"kg": 1, "m": 1, "s": -2}),
+    "Nm": (Fraction(1), {"kg": 1, "m": 2, "s": -2}),
+    "J": (Fraction(1), {"kg": 1, "m": 2, "s": -2}),
+    "W": (Fraction(1), {"kg": 1, "m": 2, "s": -3}),
+    "Pa": (Fraction(1), {"kg": 1, "m": -1, "s": -2}),
+    "Hz": (Fraction(1), {"s": -1}),
+    "K": (Fraction(1), {"K": 1}),
+    "A": (Fraction(1), {"A": 1}),
+    "V": (Fraction(1), {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "rad": (Fraction(1), {"rad": 1}),
+    "deg": (math.pi / 180.0, {"rad": 1}),
+    "°": (math.pi / 180.0, {"rad": 1}),
+    "rpm": (math.pi / 30.0, {"rad": 1, "s": -1}),
+    "%": (Fraction(1, 100), {}),
+    "1": (Fraction(1), {}),
+    "-": (Fraction(1), {}),
+}
+_PREFIXES = {
+    "G": Fraction(10**9),
+    "M": Fraction(10**6),
+    "k": Fraction(10**3),
+    "c": Fraction(1, 10**2),
+    "m": Fraction(1, 10**3),
+    "u": Fraction(1, 10**6),
+    "µ": Fraction(1, 10**6),  # micro sign
+    "μ": Fraction(1, 10**6),  # Greek letter, as many keyboards type it
+    "n": Fraction(1, 10**9),
+}
+_WITHOUT_PREFIX = {"deg", "°", "rpm", "%", "1", "-"}
+_FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
+_SUPERSCRIPTS = str.maketrans("²³", "23")
+_VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)")
+_MAX_UNIT_LENGTH = 40
+
+_PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
+# A line "radius : float" of a numpydoc section, or "radius [m]: radius of the arc".
+_ENTRY = re.compile(r"\s*(\w+(?:, \w+)*)\s*(?:\[[^\[\]]+\]\s*)?:(?:\s|$)")
+_IN_BRACKETS = re.compile(r"\[([^\[\]]+)\]")
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[A-Z`])")
+
+
+class ModelParameter(NamedTuple):
+    """Parameter of a model: its name, default value, unit and description.
+
+    The unit is "" if it is unknown, and "-" for a number without dimension.
+    """
+
+    name: str
+    default: Any
+    unit: str = ""
+    description: str = ""
+
+
+class _DescribedNumber:
+    """Unit and description of a default value, as a mixin of subclasses of float and int."""
+
+    unit: str
+    description: str
+
+    def __new__(cls, value: Any, unit: str, description: str) -> Self:
+        number = super().__new__(cls, value)  # type: ignore[call-arg]
+        number.unit, number.description = unit, description
+        return number
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (plain_number(self), self.unit, self.description)
+
+
+class _DescribedFloat(_DescribedNumber, float):
+    pass
+
+
+class _DescribedInt(_DescribedNumber, int):
+    pass
+
+
+def param(default: float, unit: str = "-", description: str = "") -> Any:
+    """Return a default value with its unit and description, for the arguments of a model function.
+
+    The result is a number: it can be used in every formula.
+
+    Parameters
+    ----------
+    default
+        Default value, a finite float or int. Its type is the type of the parameter.
+    unit
+        Unit of the parameter, such as "m", "N m/rad" or "deg"; "-" for a number without dimension.
+    description
+        Short description, such as "radius of the arc".
+
+    Returns
+    -------
+    float or int
+        The number, with the attributes `unit` and `description`.
+
+    Raises
+    ------
+    BeamdaeError
+        If an argument has the wrong type, or the number is not finite.
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> @bd.model(t_end=1.0)
+    ... def swing(length=bd.param(0.85, "m", "length of the rope"), mass=2.0):
+    ...     mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ...     bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    ...     mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
+    ...     return mech
+    >>> swing.parameters
+    {'length': 0.85, 'mass': 2.0}
+    >>> swing.parameter_info["length"].unit
+    'm'
+    >>> swing.complete({"length": "850 mm"})
+    {'length': 0.85, 'mass': 2.0}
+    """
+    value = plain_number(unbox_scalar(default))
+    number = None if isinstance(value, bool) else as_real(value)
+    if number is None or not math.isfinite(number):
+        raise BeamdaeError(
+            f"param: default must be a finite number, got {short_repr(default)}; write defaults "
+            "of other types without param."
+        )
+    text, about = as_text(unit), as_text(description)
+    if text is None or not text.strip() or not text.isprintable() or len(text) > _MAX_UNIT_LENGTH:
+        raise BeamdaeError(
+            f"param: unit must be a text such as 'm' or '-', got {short_repr(unit)}."
+        )
+    if about is None:
+        raise BeamdaeError(f"param: description must be a text, got {short_repr(description)}.")
+    kind = _DescribedInt if isinstance(value, int) else _DescribedFloat
+    return kind(value, text.strip(), " ".join(about.split()))
+
+
+def plain_number(value: Any) -> Any:
+    """Return a number created by `param` as a plain float or int; other values unchanged."""
+    if isinstance(value, _DescribedFloat):
+        return float(value)
+    return int(value) if isinstance(value, _DescribedInt) else value
+
+
+def describe_parameters(
+    docstring: str, parameters: Mapping[str, Any], defaults: Mapping[str, Any]
+) -> dict[str, ModelParameter]:
+    """Return the parameters of a model function with their units and descriptions.
+
+    Parameters
+    ----------
+    docstring
+        Docstring of the function, see `read_docstring`.
+    parameters
+        Values by name.
+    defaults
+        Defaults in the signature of the function by name; those of `param` precede the docstring.
+    """
+    documented = read_docstring(docstring, tuple(parameters))
+    described = {}
+    for name, value in parameters.items():
+        unit, description = documented.get(name, ("", ""))
+        default = defaults.get(name)
+        if isinstance(default, _DescribedNumber):
+            unit, description = default.unit, default.description or description
+        described[name] = ModelParameter(name, value, unit, description)
+    return described
+
+
+@lru_cache(maxsize=256)
+def read_docstring(docstring: str, names: tuple[str, ...]) -> Mapping[str, tuple[str, str]]:
+    """Return the unit and the description of each parameter in a docstring, by name.
+
+    A unit follows the name in the text, as in "`length` [m]", or is in the description of an entry,
+    as in "radius : float" followed by "Radius of the arc [m]." Text in brackets that is not a unit
+    is ignored, and so are different units of one parameter. The description is that of the entry or
+    the first sentence that mentions the parameter; either is "" if missing.
+    """
+    documented = _read_entries(docstring, names)
+    text = " ".join(docstring.split())
+    units: dict[str, set[str]] = {name: set() for name in names}
+    for name, unit in _PROSE.findall(text):
+        if name in units and parse_unit(unit.strip()) is not None:
+            units[name].add(unit.strip())
+    sentences = _SENTENCE_END.split(text)
+    for name in names:
+        unit, description = documented.get(name, ("", ""))
+        units[name] |= {unit} - {""}
+        unit = units[name].pop() if len(units[name]) == 1 else ""
+        mentions = (x for x in sentences if f"`{name}`" in x)
+        description = description or next(mentions, "")
+        if unit or description:
+            documented[name] = unit, description
+    return documented
+
+
+def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return the unit and description of each entry of a section "Parameters" or "Args"."""
+    entries: dict[str, tuple[str, str]] = {}
+    current: tuple[str, ...] = ()
+    lines: list[str] = []
+
+    def close() -> None:
+        text = " ".join(" ".join(lines).split())
+        units = [x.strip() for x in _IN_BRACKETS.findall(text)]
+        unit = next((x for x in units if parse_unit(x) is not None), "")
+        colon = text.partition(":")[2].strip()
+        # "radius : float" is followed by the description, "radius [m]: the radius" contains it.
+        description = " ".join(" ".join(lines[1:]).split()) or colon
+        entries.update(dict.fromkeys(current, (unit, description)))
+
+    for line in [*docstring.splitlines(), ""]:
+        match = _ENTRY.match(line)
+        entry = tuple(match[1].split(", ")) if match else ()
+        if entry and set(entry) <= set(names):
+            close()
+            current, lines = entry, [line]
+        elif not line.strip():
+            close()
+            current, lines = (), []
+        elif current:
+            lines.append(line)
+    return entries
+
+
+@lru_cache(maxsize=256)
+def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
+    """Return the factor to base units and the exponents of the base units; None if unknown.
+
+    The base units are m, kg, s, rad, K and A. A product is written with spaces, `*` or `·`, and a
+    quotient with `/`, as in "N m/rad"; each factor may have a prefix from n to G and an integer
+    exponent.
+    """
+    if len(unit) > _MAX_UNIT_LENGTH:
+        return None
+    factor: Fraction | float = Fraction(1)
+    exponents: dict[str, int] = {}
+    numerator, *denominators = unit.translate(_SUPERSCRIPTS).split("/")
+    for sign, product in [(1, numerator), *((-1, x) for x in denominators)]:
+        for text in re.split(r"[ *·]+", product.strip().removeprefix("(").removesuffix(")")):
+            match = _FACTOR.fullmatch(text)
+            symbol = None if match is None else _parse_symbol(match[1])
+            if match is None or symbol is None:
+                return None
+            power = sign * int(match[2] or 1)
+            factor = factor * symbol[0] ** power
+            for base, exponent in symbol[1].items():
+                exponents[base] = exponents.get(base, 0) + power * exponent
+    return factor, {base: exponent for base, exponent in exponents.items() if exponent}
+
+
+def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | None:
+    if text in _UNITS:
+        return _UNITS[text]
+    prefix, symbol = _PREFIXES.get(text[0]), text[1:]
+    if prefix is None or symbol not in _UNITS or symbol in _WITHOUT_PREFIX:
+        return None
+    factor, exponents = _UNITS[symbol]
+    return prefix * factor, exponents
+
+
+def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
+    """Return the number of a text such as "850 mm" in the unit of the parameter.
+
+    None if the text is not a number followed by a unit, or neither unit is known.
+
+    Raises
+    ------
+    BeamdaeError
+        If the parameter has no unit, or the unit of the text is unknown or measures another
+        quantity.
+    """
+    match = _VALUE.fullmatch(text.strip())
+    if match is None:
+        return None
+    number, symbol = match[1], match[2].strip()
+    call = f"{part}: {name}={text}"
+    source, target = parse_unit(symbol), parse_unit(unit)
+    if not unit and source is None:
+        return None
+    if not unit:
+        raise BeamdaeError(
+            f"{call}: the model states no unit of {name}; give the number alone, or add the unit "
+            "to the docstring of the model function."
+        )
+    if symbol == unit:
+        source = target = (Fraction(1), {})
+    if source is None or target is None or source[1] != target[1]:
+        problem = "is unknown" if source is None else "measures another quantity"
+        if source is not None and target is None:
+            problem = f"cannot be converted to {unit}"
+        advice = "the number alone" if unit == "-" else f"the value in {unit}"
+        hint = suggest(symbol, _UNITS) if source is None else ""
+        raise BeamdaeError(f"{call}: the unit {symbol} {problem}{hint}; give {advice}.")
+    value = float(number)
+    if not math.isfinite(value) or value == 0.0:
+        return value
+    ratio = source[0] / target[0]
+    # The exact product: 850 mm are the float 0.85.
+    return float(Fraction(number) * ratio) if isinstance(ratio, Fraction) else value * ratio
+
+
+def format_with_unit(value: Any, unit: str) -> str:
+    """Return a value and its unit as text; numbers have six significant digits."""
+    text = f"{value:.6g}" if type(value) is float else str(value)
+    return text if unit in ("", "-") else f"{text} {unit}"

@@ -1,0 +1,145 @@
+"""Units and descriptions of model parameters, and values with units."""
+
+import math
+import pickle
+
+import pytest
+
+import beamdae as bd
+from beamdae.cli.model_files.example_files import example_names
+from beamdae.model_parameters import describe_parameters, parse_unit, parse_value
+
+
+@bd.model(t_end=1.0)
+def swing(
+    length=bd.param(0.85, "m", "length of the rope"),
+    mass=2.0,
+    tilt=0.1,
+    copies=bd.param(1, "-", "number of masses"),
+    speed=3.0,
+    factor=1.0,
+    name="bob",
+):
+    """Release a `mass` [kg] at `tilt` [rad]. The list `name` [x, y] is no unit.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of the support [rad/s],
+        from the start on.
+    """
+    assert type(length) is float
+    assert type(copies) is int
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass(name, factor * mass, at=(length, tilt + 0.0 * speed)))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def test_parameters_have_units_and_descriptions():
+    info = swing.parameter_info
+    assert list(info) == list(swing.parameters)
+    assert info["length"] == ("length", 0.85, "m", "length of the rope")
+    assert info["mass"] == ("mass", 2.0, "kg", "Release a `mass` [kg] at `tilt` [rad].")
+    assert (info["tilt"].unit, info["factor"].unit, info["name"].unit) == ("rad", "", "")
+    assert info["speed"][2:] == ("rad/s", "Speed of the support [rad/s], from the start on.")
+    assert (info["copies"].unit, info["copies"].default) == ("-", 1)
+    assert "length=0.85 m, mass=2 kg, tilt=0.1 rad, copies=1, " in repr(swing)
+    assert "<td>length</td><td>0.85</td><td>m</td>" in swing._repr_html_()
+
+
+def test_defaults_with_units_are_plain_numbers_in_the_model():
+    assert all(type(x) in (int, float, str) for x in swing.parameters.values())
+    swing()
+    assert type(swing.complete({"mass": bd.param(3.0, "kg")})["mass"]) is float
+    number = bd.param(0.85, "m", "radius\n  of the arc")
+    assert number == 0.85
+    assert math.sin(number) == math.sin(0.85)
+    copy = pickle.loads(pickle.dumps(number))
+    assert (copy, copy.unit, copy.description) == (0.85, "m", "radius of the arc")
+
+
+VALUES = (
+    ("850mm", "m", 0.85),
+    ("-850 mm", "m", -0.85),
+    ("1e3 mm", "m", 1.0),
+    ("0.5 cm", "m", 0.005),
+    ("2.5GPa", "Pa", 2.5e9),
+    ("7.85 g/cm^3", "kg/m^3", 7850.0),
+    ("3 N/mm", "N/m", 3000.0),
+    ("3 µm²", "m^2", 3e-12),
+    ("12 Nm/rad", "N m/rad", 12.0),
+    ("180deg", "rad", math.pi),
+    ("1 rad", "deg", 180.0 / math.pi),
+    ("60 rpm", "rad/s", 2.0 * math.pi),
+    ("5%", "-", 0.05),
+    ("3 px", "px", 3.0),
+    ("0 mm", "m", 0.0),
+    ("1e-999999999 mm", "m", 0.0),
+    ("1e400 mm", "m", math.inf),
+)
+
+
+def test_values_with_units():
+    for text, unit, value in VALUES:
+        number = parse_value("swing", "length", text, unit)
+        assert number == pytest.approx(value, rel=1e-15), text
+
+
+def test_prefixes_are_exact():
+    assert parse_value("swing", "length", "850mm", "m") == 0.85
+    assert parse_value("swing", "length", "0.3 um", "m") == 0.3e-6
+
+
+def test_other_texts_of_parameters_without_unit_are_no_values():
+    for text in ("1", "heavy", "1e5", "3 furlongs", "0x10", "", "m", "1.0.0"):
+        assert parse_value("swing", "factor", text, "") is None, text
+
+
+MISTAKES = {
+    "length=3 N": "swing: length=3 N: the unit N measures another quantity; give the value in m.",
+    "length=3 mn": "swing: length=3 mn: the unit mn is unknown",
+    "length=3 mrpm": "swing: length=3 mrpm: the unit mrpm is unknown",
+    "tilt=3 Hz": "the unit Hz measures another quantity; give the value in rad.",
+    "speed=3 Hz": "the unit Hz measures another quantity; give the value in rad/s.",
+    "copies=3 m": "the unit m measures another quantity; give the number alone.",
+    "factor=3 m": "swing: factor=3 m: the model states no unit of factor; give the number alone",
+    "factor=heavy": "swing: factor must be of type float, got 'heavy'.",
+    "copies=250%": "swing: copies must be of type int, got 2.5.",
+    "length=1e400 mm": "swing: length must be finite, got inf.",
+}
+
+
+def test_wrong_units_are_one_sentence():
+    for setting, sentence in MISTAKES.items():
+        name, _, value = setting.partition("=")
+        with pytest.raises(bd.BeamdaeError) as info:
+            swing.complete({name: value})
+        assert sentence in str(info.value)
+
+
+def test_units_of_the_docstring_are_those_next_to_the_name():
+    text = "Rub with `friction`, and `force` [N]; `a` [m] and `a` [mm], ``b`` [s] and `c`\n[Pa]."
+    names = dict.fromkeys(("friction", "force", "a", "b", "c"), 1.0)
+    units = {name: x.unit for name, x in describe_parameters(text, names, {}).items()}
+    assert units == {"friction": "", "force": "N", "a": "", "b": "s", "c": "Pa"}
+
+
+def test_mistakes_in_param():
+    for arguments in (("3", "m"), (True, "m"), (math.nan, "m"), (1.0, ""), (1.0, 3), (1.0, "m", 3)):
+        with pytest.raises(bd.BeamdaeError, match="param: "):
+            bd.param(*arguments)
+
+
+def test_all_numbers_of_the_examples_have_units():
+    for name in example_names():
+        for x in bd.load_model(f"example:{name}").parameter_info.values():
+            if isinstance(x.default, float):
+                assert parse_unit(x.unit) is not None, (name, x)
+                assert x.description, (name, x)
+
+
+def test_sweeps_convert_units():
+    results = bd.sweep(swing, {"length": ["500 mm", 0.6]}, t_end=0.1)
+    assert list(results.table["length"]) == [0.5, 0.6]
+    assert results.sweep.units == {"length": "m"}
