@@ -81,6 +81,18 @@ def test_eigenvalues_of_the_state_matrix_are_the_modes():
 
 
 @pytest.mark.slow(reason="a run of a curved beam")
+def test_regression_slow_poles_of_stiff_structures_are_accurate():
+    """A steel strip of 1 m x 0.2 mm: elements of A are up to 1e17, its slowest modes 1 rad/s."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 2e-4, damping=1e-4)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    poles, modes = bd.linearize(mech).poles, bd.modes(mech, n=4).eigenvalues
+    assert len(poles) == 2 * 27
+    assert_allclose(poles[poles.imag > 0.0][:4], modes, rtol=1e-6)
+    assert np.all(np.diff(np.abs(poles)) >= -1e-6 * np.abs(poles[1:]))
+
+
 def test_small_step_response_matches_the_nonlinear_run():
     model = bd.linearize(strip(), about="equilibrium")
     force = 1e-4

@@ -40,27 +40,27 @@ def test_gains_are_those_of_the_regulator():
     assert_allclose(gains[0], GAINS, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow(reason="equilibria and eigenvalues of a stiff plant, 3 s")
+@pytest.mark.slow(reason="equilibria, linear models and modes of two stiff plants, 0.8 s")
 @pytest.mark.filterwarnings("ignore:cart.x. this coordinate can move without stiffness")
 def test_poles_of_the_flexible_pendulum():
     plant = linearize_plant(find_upright)
     # Uncontrolled, the pendulum falls over, as the rigid one but 0.05 % faster.
-    falling, rigid = (
-        np.max(np.linalg.eigvals(x.A).real) for x in (plant, linearize_plant(rigid=True))
-    )
+    falling, rigid = (np.max(x.poles.real) for x in (plant, linearize_plant(rigid=True)))
     assert 1.0001 < falling / rigid < 1.001
     upright = inverted_pendulum(tilt=0.0)
-    linear = bd.linearize(upright, find_upright(upright))
+    equilibrium = find_upright(upright)
+    linear = bd.linearize(upright, equilibrium)
     feedback = control.ss([], [], [], [GAINS])
     loop = control.feedback(control.ss(*plant), feedback)
-    slow, expected = (
-        np.sort_complex(x[np.abs(x) < 300.0]) for x in (np.linalg.eigvals(linear.A), loop.poles())
-    )
+    # Elements of A are so large that rounding errors of its own eigenvalues are 1e-3.
+    loop_poles = 1.0 / np.linalg.eigvals(np.linalg.inv(loop.A))
+    slow, expected = (np.sort_complex(x[np.abs(x) < 300.0]) for x in (linear.poles, loop_poles))
     # Four poles of the regulator and two of each of two bending modes.
     assert len(slow) == 8
     assert np.all(slow.real < -2.0)
-    # Rounding errors of the eigenvalues, because elements of A are large: 5e-4.
-    assert_allclose(slow, expected, rtol=2e-3)
+    assert_allclose(slow, expected, rtol=1e-5)
+    modes = bd.modes(upright, equilibrium, n=4).eigenvalues
+    assert_allclose(np.sort_complex(modes), slow[slow.imag > 0.0], rtol=2e-6)
 
 
 def fall(t, state):

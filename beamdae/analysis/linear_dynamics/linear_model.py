@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,11 @@ if TYPE_CHECKING:
 
 # State matrices are dense; memory grows with the square of the number of coordinates.
 _MAX_COORDINATES = 2000
+# Shift of the inverse from which slow poles are computed [1/s]: not small, because free motions are
+# poles at zero, and not a round number, because models may have poles at those.
+_POLE_SHIFT = 0.618034
+# Poles whose magnitudes differ less than this may be a conjugate pair.
+_PAIR_TOLERANCE = 1e-6
 
 
 @read_only_data
@@ -91,6 +97,34 @@ class LinearModel:
 
     def __iter__(self) -> Any:
         return iter((self.A, self.B, self.C, self.D))
+
+    @cached_property
+    def poles(self) -> Array:
+        """Eigenvalues l of `A` [1/s], (states,), in ascending order of |l|.
+
+        Elements of `A` of stiff structures are so large that rounding errors of its eigenvalues
+        reach the slow ones. Slow poles are therefore computed from the eigenvalues 1 / (l - s) of
+        the inverse of A - s I (shift and invert), which `A` determines well.
+        """
+        if not self.A.size:
+            return np.zeros(0, complex)
+        fast = la.eigvals(self.A)
+        fast = fast[np.argsort(np.abs(fast))]
+        try:
+            inverse = np.linalg.inv(self.A - _POLE_SHIFT * np.eye(len(self.A)))
+        except la.LinAlgError:
+            return fast
+        slow = _POLE_SHIFT + 1.0 / la.eigvals(inverse)
+        slow = slow[np.argsort(np.abs(slow))]
+        # Relative errors are |A| eps / |l| without and |l| eps / s with the inverse.
+        balanced, _ = la.matrix_balance(self.A)
+        limit = np.sqrt(_POLE_SHIFT * float(la.norm(balanced, 2)))
+        count = int(np.sum(np.abs(slow) < limit))
+        if 0 < count < len(slow):
+            inner, outer = np.abs(slow[count - 1 : count + 1])
+            is_pair = outer - inner <= _PAIR_TOLERANCE * outer
+            count += int(is_pair and np.sum(slow[:count].imag) != 0.0)
+        return np.concatenate([slow[:count], fast[count:]])
 
     def state_space(self) -> StateSpace:
         """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses."""
