@@ -9,7 +9,6 @@ mechanisms of validation/certificates.
 from __future__ import annotations
 
 import time as clock
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -22,13 +21,13 @@ from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     ProgressError,
     call_progress,
     require_choice,
     require_finite,
     require_positive,
     require_progress,
+    warn_user,
 )
 from beamdae.integrators import Radau
 from beamdae.integrators.integrator import Progress
@@ -241,7 +240,7 @@ def certify(
         raise Interrupted(certificate.status.sentence, certificate, "certify")
     if not certificate.success:
         name = description.get("name", "certify")
-        warnings.warn(f"{name}: not certified; {certificate.reason}.", BeamdaeWarning, stacklevel=3)
+        warn_user(f"{name}: not certified; {certificate.reason}.")
     return certificate
 
 

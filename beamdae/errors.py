@@ -97,14 +97,40 @@ class KernelWarning(UserWarning):
     """
 
 
+# Kinds of warnings that were shown, and the filters that showed them.
+_shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any]]] = {}
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?|\b(?:nan|inf)\b")
+
+
 def warn_user(message: str) -> None:
-    """Issue a `BeamdaeWarning` that cites the line outside this package that led to it."""
-    level, frame = 1, inspect.currentframe()
+    """Issue a `BeamdaeWarning` that cites the line outside this package that led to it.
+
+    Python shows a text only once per line. Messages that differ only in numbers after their first
+    colon are one kind, of which only the first is shown, for example in the runs of a loop. As for
+    Python, this does not apply if filters show every warning or turn warnings into errors.
+    """
+    frame = inspect.currentframe()
     inner = {"beamdae", "contextlib"}  # decorators may be context managers
     while frame and str(frame.f_globals.get("__name__", "")).partition(".")[0] in inner:
-        level, frame = level + 1, frame.f_back
-    # Commands of this package have no such line.
-    warnings.warn(message, BeamdaeWarning, stacklevel=level if frame else 2)
+        frame = frame.f_back
+    if frame is None:
+        # Commands of this package have no such line.
+        warnings.warn(message, BeamdaeWarning, stacklevel=2)
+        return
+    file, line = frame.f_code.co_filename, frame.f_lineno
+    part, colon, rest = message.partition(": ")
+    kind = part + colon + _NUMBER.sub("0", rest), file, line
+    filters: list[Any] = warnings.filters  # type: ignore[assignment]
+    shown = _shown_kinds.get(kind)
+    # The list is another one inside `catch_warnings`, and changes if a filter is added.
+    if shown is not None and shown[0] is filters and shown[1] == filters:
+        return
+    registry = frame.f_globals.setdefault("__warningregistry__", {})
+    module = frame.f_globals.get("__name__") or "<unknown>"
+    warnings.warn_explicit(message, BeamdaeWarning, file, line, module, registry)
+    if (message, BeamdaeWarning, line) in registry:
+        # Python showed the warning and will not repeat it.
+        _shown_kinds[kind] = filters, list(filters)
 
 
 # Messages of `warn_once` issued in this process.

@@ -5,7 +5,6 @@ The module also contains the checks of the settings and the warnings about curva
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
@@ -24,7 +23,6 @@ from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, require_curve
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     as_real,
     require_choice,
     require_count,
@@ -34,6 +32,7 @@ from beamdae.errors import (
     require_sequence,
     set_fields,
     short_repr,
+    warn_user,
 )
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
@@ -783,7 +782,7 @@ def _warn_about_attachments_inside_elements(
             "an element there (elements=[...]), or give a larger number of elements and add all "
             "parts before the first run or check."
         )
-        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+        warn_user(message)
 
 
 def attachment_errors(
@@ -858,7 +857,7 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
             f"but above {max_turn:g} rad deflections have errors of more than 1 %; "
             f"use elements={sufficient} or more."
         )
-        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+        warn_user(message)
     for ratio in height_ratios:
         if ratio > _MAX_CURVATURE_TIMES_HEIGHT:
             shape = "" if section.at(0.0).shapes else " and stresses assume a rectangular section"
@@ -868,7 +867,7 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
                 f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness{shape}; "
                 "reduce the height or the curvature."
             )
-            warnings.warn(message, BeamdaeWarning, stacklevel=3)
+            warn_user(message)
 
 
 def _require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -14,7 +13,6 @@ from beamdae.beams.sections import Section, SectionLaw, Taper, require_section
 from beamdae.curves.plane_curves import Line, PlaneCurve, Segment, require_curve
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     as_text,
     require_choice,
     require_count,
@@ -25,6 +23,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.joint import Weld
@@ -134,11 +133,9 @@ def frame(
     unused = [key for key, attachments in ends.items() if not attachments]
     if unused:
         # A dictionary of points may be shared by several frames.
-        warnings.warn(
+        warn_user(
             f"{name}: no member uses point {', '.join(map(short_repr, unused))}, so the frame has "
-            "no corner there; add a member, or omit the point.",
-            BeamdaeWarning,
-            stacklevel=2,
+            "no corner there; add a member, or omit the point."
         )
     corners = {key: attachments[0] for key, attachments in ends.items() if attachments}
     for key, corner in corners.items():

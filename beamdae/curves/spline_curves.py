@@ -18,7 +18,6 @@ from beamdae.curves.plane_curves import (
 )
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     as_real,
     format_exception,
     require_finite,
@@ -27,6 +26,7 @@ from beamdae.errors import (
     require_sequence,
     set_fields,
     short_repr,
+    warn_user,
 )
 from beamdae.read_only import read_only
 
@@ -470,4 +470,4 @@ def warn_about_curvature_jumps(spline: Any, length: float) -> None:
             f"{jump:.2g} times the RMS curvature, which indicates scattered or too few points; "
             "pass their standard deviation as noise= [m], or more points."
         )
-        warnings.warn(message, BeamdaeWarning, stacklevel=4)
+        warn_user(message)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -12,7 +11,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import Configuration, State
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_finite
+from beamdae.errors import BeamdaeError, require_finite, warn_user
 from beamdae.read_only import read_only, read_only_data
 
 Array = np.ndarray
@@ -85,6 +84,9 @@ class Interval:
     responded to the laws of this interval. The polynomials therefore exclude the first state,
     except before the second node and in intervals with too few nodes.
 
+    At the samples of a controller, a step of length zero leads from the state before the jump of
+    held inputs to the state after the jump. Polynomials use only nodes between two jumps.
+
     Long runs store only some of their steps (`integrators.step_thinning`). Nodes are then the start
     and the end of the interval, the output times, at which the dense output of all steps was
     evaluated, and every n-th step; the polynomials pass through these nodes.
@@ -93,7 +95,7 @@ class Interval:
     ----------
     nodes
         Ascending times (k,) [s]: the start of the interval and, for each step, its end or, for
-        methods with stages, its stages.
+        methods with stages, its stages. All nodes of a step of length zero have the same time.
     rows
         States at the nodes: q (k, n), v (k, n), a (k, n) and lam (k, m).
     branch
@@ -131,6 +133,18 @@ class Interval:
         empty = State(*(np.zeros((len(self.record.nodes), 0)) for _ in self.rows))
         nodes, nodes_per_step = self.record.nodes, self.record.nodes_per_step
         return Interval(nodes, empty, self.branch, nodes_per_step, self.configuration)
+
+    @cached_property
+    def step_count(self) -> int:
+        """Number of steps, without those of length zero."""
+        return int(np.count_nonzero(np.diff(self.t)))
+
+    @cached_property
+    def _pieces(self) -> tuple[Array, Array]:
+        """First and last node of each piece between two jumps."""
+        (jumps,) = np.nonzero(np.diff(self.t) == 0.0)
+        first, last = jumps * self.nodes_per_step, len(self.nodes) - 1
+        return np.append(0, first + self.nodes_per_step), np.append(first, last)
 
     @property
     def times(self) -> Array:
@@ -174,10 +188,11 @@ class Interval:
         if self.nodes_per_step == 1:
             rates = motion @ q
         else:
-            ends, step = self.t[1:], _preceding_node(self.t, t)
+            step = _preceding_node(self.t, t)
             # Slope of the linear correction by which `positions_at` matches q at the steps.
             change = np.diff(q[:: self.nodes_per_step], axis=0)
-            slopes = (change - self._integrate_within_step(v, ends)) / np.diff(self.t)[:, None]
+            durations = np.diff(self.t)[:, None]
+            slopes = (change - self._integrate_steps(v)) / np.where(durations > 0, durations, 1.0)
             rates = self.interpolate(v, t) + slopes[step]
         return State(rates, motion @ v, reaction @ a, reaction @ lam)
 
@@ -226,7 +241,7 @@ class Interval:
             Integrals (steps + 1, c) at the times `t`; the first row is zero.
         """
         integrals = np.zeros((len(self.t), rates.shape[1]))
-        np.cumsum(self._integrate_within_step(rates, self.t[1:]), axis=0, out=integrals[1:])
+        np.cumsum(self._integrate_steps(rates), axis=0, out=integrals[1:])
         return integrals
 
     def integrate_to(self, t: Array, rates: Array, to_steps: Array) -> Array:
@@ -246,15 +261,18 @@ class Interval:
         ndarray
             Integrals at the times, (j, c).
         """
-        return to_steps[_preceding_node(self.t, t)] + self._integrate_within_step(rates, t)
-
-    def _integrate_within_step(self, rates: Array, t: Array) -> Array:
-        """Integrate rates from the start of the step that contains each time to that time."""
-        return self._integration_weights(t) @ rates
-
-    def _integration_weights(self, t: Array) -> sp.csr_array:
-        """Return the weights (len(t), k) of the nodes in integrals from the start of the step."""
         step = _preceding_node(self.t, t)
+        return to_steps[step] + self._integration_weights(t, step) @ rates
+
+    def _integrate_steps(self, rates: Array) -> Array:
+        """Integrate rates over each step."""
+        return self._integration_weights(self.t[1:], np.arange(len(self.t) - 1)) @ rates
+
+    def _integration_weights(self, t: Array, step: Array) -> sp.csr_array:
+        """Return the weights (len(t), k) of the nodes in integrals from the start of the step.
+
+        `step` is the index of the step that contains each time.
+        """
         node, start = step * self.nodes_per_step, self.t[step]
         half = 0.5 * (t - start)
         # Gauss points that integrate polynomials of this degree exactly.
@@ -282,8 +300,8 @@ class Interval:
         """
         step = _preceding_node(self.t, t)
         x = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
-        weights = self._integration_weights(t)
-        to_ends = self._integration_weights(self.t[1:])
+        weights = self._integration_weights(t, step)
+        to_ends = self._integration_weights(self.t[1:], np.arange(len(self.t) - 1))
         # All times of a step have the same nodes.
         width = int(to_ends.indptr[1])
         weights.data -= np.repeat(x, width) * to_ends.data.reshape(-1, width)[step].ravel()
@@ -306,18 +324,26 @@ class Interval:
         `node` contains, for each time, the index of an earlier node: the start of the step or one
         of its stages. If `derivative` is True, the weights are differentiated with respect to t.
         """
-        last, degree = len(self.nodes) - 1, self._degree(degree)
+        degree = self._degree(degree)
+        begins, lasts = self._pieces
+        piece = np.searchsorted(begins, node, side="right") - 1
+        begin, last = begins[piece], (lasts - begins)[piece]
+        node, degrees = node - begin, np.minimum(degree, last)
         end = (node // self.nodes_per_step + 1) * self.nodes_per_step
         least = np.minimum(node, 1)
-        first = np.minimum(np.maximum(end - degree, least), last - degree)
-        through = first + np.arange(degree + 1)[:, None]
+        first = begin + np.minimum(np.maximum(end - degrees, least), last - degrees)
+        order = np.arange(degree + 1)[:, None]
+        # Short pieces have polynomials of lower degree: further nodes have no weight.
+        through, is_used = first + np.minimum(order, degrees), order <= degrees
         x = self.nodes[through]
-        weights, slopes = np.ones_like(x), np.zeros_like(x)
+        weights, slopes = is_used.astype(float), np.zeros_like(x)
         for k, j in np.ndindex(degree + 1, degree + 1):
             if j != k:
+                factor = np.where(is_used[j], t - x[j], 1.0)
+                distance = np.where(is_used[j] & is_used[k], x[k] - x[j], 1.0)
                 if derivative:  # Product rule, before the product contains this factor.
-                    slopes[k] = (slopes[k] * (t - x[j]) + weights[k]) / (x[k] - x[j])
-                weights[k] *= (t - x[j]) / (x[k] - x[j])
+                    slopes[k] = (slopes[k] * factor + is_used[j] * weights[k]) / distance
+                weights[k] *= factor / distance
         if derivative:
             weights = slopes
         ends = np.arange(len(t) + 1) * (degree + 1)
@@ -354,7 +380,7 @@ class Trajectory:
     @property
     def steps(self) -> int:
         """Number of accepted steps."""
-        return sum(len(interval.grid.t) - 1 for interval in self.intervals)
+        return sum(interval.grid.step_count for interval in self.intervals)
 
     def require_all_steps(self, caller: str) -> None:
         """Raise BeamdaeError if the run stores only some of its steps."""
@@ -371,12 +397,10 @@ class Trajectory:
         for k, interval in enumerate(self.intervals):
             if interval.record is None or np.isin(times[index == k], interval.nodes).all():
                 continue
-            warnings.warn(
+            warn_user(
                 f"{caller}: this long run stores only some of its steps, and states between its "
                 "rows are interpolated, without the vibrations between them; choose output times, "
-                "or simulate(..., keep_steps=True).",
-                BeamdaeWarning,
-                stacklevel=4,
+                "or simulate(..., keep_steps=True)."
             )
             return
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_count
+from beamdae.errors import BeamdaeError, require_count, warn_user
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -175,11 +174,11 @@ def fit(
     result = create_fit(problem, scaling, search(problem, scaling, first, max_evaluations), table)
     _warn_of_parameters_without_effect(problem, result)
     for sentence in result.warnings:
-        warnings.warn(f"fit: {sentence}", BeamdaeWarning, stacklevel=3)
+        warn_user(f"fit: {sentence}")
     for experiment, run in result.sensitivities.items():
         for sentence in run.solution.warnings:
             text = f"{experiment}: {sentence}" if experiment else sentence
-            warnings.warn(text, BeamdaeWarning, stacklevel=3)
+            warn_user(text)
     return result
 
 

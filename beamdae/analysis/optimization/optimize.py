@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,11 +15,11 @@ from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     require_choice,
     require_count,
     require_positive,
     short_repr,
+    warn_user,
 )
 from beamdae.integrators import Integrator
 from beamdae.interrupts import (
@@ -174,7 +173,7 @@ def optimize(
     if result.solution is not None:
         messages += result.solution.warnings
     for message in messages:
-        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+        warn_user(message)
     return result
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -22,7 +21,6 @@ from beamdae.analysis.periodic.shooting import (
 )
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     format_exception,
     require_choice,
     require_count,
@@ -30,6 +28,7 @@ from beamdae.errors import (
     require_pair,
     require_positive,
     short_repr,
+    warn_user,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -181,7 +180,7 @@ def frequency_response(
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
     if not status.success:
-        warnings.warn(f"{_NAME}: {status.sentence}.", BeamdaeWarning, stacklevel=4)
+        warn_user(f"{_NAME}: {status.sentence}.")
     return response
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -23,10 +22,10 @@ from beamdae.analysis.periodic.shooting import (
 )
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     require_count,
     require_finite,
     require_positive,
+    warn_user,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -167,7 +166,7 @@ def periodic(
             status,
         )
     if not motion.status.success:
-        warnings.warn(f"periodic: {motion.status.sentence}.", BeamdaeWarning, stacklevel=4)
+        warn_user(f"periodic: {motion.status.sentence}.")
     return motion
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,12 +17,12 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     require_finite,
     require_mapping,
     require_sequence,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -266,7 +265,7 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
                 f"knock_down: the path of the amplitude {size:g} m has no critical point; choose "
                 "a farther target to=."
             )
-            warnings.warn(message, BeamdaeWarning, stacklevel=2)
+            warn_user(message)
     perfect = equilibrium(model, **settings).critical
     factor = float(perfect[0].factor) if perfect else np.nan
     return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from beamdae.analysis.statics.path_tracing import (
     trace_path,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeWarning, require_choice, require_finite
+from beamdae.errors import require_choice, require_finite, warn_user
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -169,7 +168,7 @@ def equilibrium(
     if not result.status.success:
         messages.insert(0, f"{information.get('name', _NAME)}: {result.status.sentence}.")
     for message in messages:
-        warnings.warn(message, BeamdaeWarning, stacklevel=3)
+        warn_user(message)
     return result
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
+from beamdae.errors import BeamdaeError, require_positive, warn_user
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.section_forces.peak_errors import (
@@ -351,7 +350,7 @@ class SectionForces:
         ):
             errors = float(mesh_bounds[largest]) - stress, float(bounds[largest]) - stress
             warning = self._describe_stress_error(stress, *errors, float(self.t[row]))
-            warnings.warn(warning, BeamdaeWarning, stacklevel=2)
+            warn_user(warning)
         return Safety(
             factor=yielding / stress if stress > 0.0 else np.inf,
             stress=stress,

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, ProgressError
+from beamdae.errors import BeamdaeError, KernelWarning, ProgressError, warn_user
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
@@ -83,8 +83,7 @@ class StudyPlan:
 def _merge_tasks(tasks: list[Task]) -> list[Task]:
     """Merge tasks with the same key, and assign unique names.
 
-    A merged task has the largest number of repetitions, and is animated if any of its tasks is
-    animated.
+    A merged task has the largest number of repetitions and of frames.
     """
     merged: dict[str, Task] = {}
     for task in tasks:
@@ -92,7 +91,7 @@ def _merge_tasks(tasks: list[Task]) -> list[Task]:
         merged[task.key] = replace(
             earlier,
             repetitions=max(earlier.repetitions, task.repetitions),
-            animated=earlier.animated or task.animated,
+            frames=max(earlier.frames, task.frames),
         )
     names = create_file_names((task.case.group, task.case.label) for task in merged.values())
     return [replace(x, name=name) for x, name in zip(merged.values(), names, strict=True)]
@@ -238,7 +237,7 @@ def run_study(
         store.remove_scratch_files()
         notes, outcomes = _load_stored_outcomes(plan, store, interrupts)
         for sentence in notes:
-            warnings.warn(sentence, BeamdaeWarning, stacklevel=2)
+            warn_user(sentence)
         interrupted, progress_error = False, None
         try:
             interrupted = _run_missing_tasks(plan, outcomes, store, executor, progress, interrupts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any, overload
 
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     as_real,
     is_valid_path,
     path_as_text,
@@ -20,6 +18,7 @@ from beamdae.errors import (
     require_positive,
     require_progress,
     short_repr,
+    warn_user,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import require_integrator
@@ -124,7 +123,7 @@ class Sweep(ParameterStudy):
         if swept.interrupted and partial == "raise":
             raise Interrupted("interrupted", swept, "run")
         for sentence in list_warnings(swept):
-            warnings.warn(sentence, BeamdaeWarning, stacklevel=4)
+            warn_user(sentence)
         return swept
 
     __call__ = run

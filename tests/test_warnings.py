@@ -1,0 +1,43 @@
+"""Warnings that differ only in numbers are shown once per line."""
+
+import warnings
+
+import pytest
+
+import beamdae as bd
+from beamdae.errors import warn_user
+
+
+def shown(action, messages, times=1):
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter(action)
+        for message in times * messages:
+            warn_user(message)
+    return [str(x.message) for x in records]
+
+
+def test_one_warning_of_a_kind_is_shown():
+    runs = [f"arm: stopped at t = {t:g} s of 1e-3 s." for t in (0.25, -1e-9, 3e300, float("nan"))]
+    assert shown("default", runs) == runs[:1]
+    # New filters show it again, as in Python; all or no warnings are shown if filters say so.
+    assert shown("default", runs) == runs[:1]
+    assert shown("always", runs, 2) == 2 * runs
+    assert shown("ignore", runs) == []
+    names = ["leaf 1: bent by 2 rad.", "leaf 2: bent by 3 rad.", "leaf 1: bent by 4 m."]
+    assert shown("default", names, 2) == names
+    with pytest.raises(bd.BeamdaeWarning, match=r"0\.25 s"):
+        shown("error", runs)
+
+
+def test_regression_a_loop_over_models_warns_once_of_each_kind():
+    steel = bd.Material.of("steel")
+    strip = bd.Section.rectangle(steel, width=0.02, height=0.01)
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("default")
+        for length in (1.0, 1.1, 1.2):
+            arc = bd.Arc(radius=0.4, length=length, start=(0.0, 0.0), angle=0.0)
+            bd.Beam("beam", arc, strip, elements=1)
+            with warnings.catch_warnings():  # such as those of laws and curves
+                warnings.simplefilter("ignore")
+    assert [str(x.message)[:37] for x in records] == ["beam: the curve turns by 2.5 rad with"]
+    assert records[0].filename == __file__
