@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 import warnings
 from dataclasses import dataclass, replace
 from typing import Any
@@ -35,6 +36,7 @@ from beamdae.equations.starts.mobility import (
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
 from beamdae.integrators.auto import Auto
+from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
@@ -42,6 +44,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 
 Array = np.ndarray
@@ -50,8 +53,11 @@ Array = np.ndarray
 # cube.
 _MAX_CONSTRAINTS = 1500
 _MAX_COORDINATES = 600
-# Maximum wall time of the pilot run [s].
-_PILOT_TIME_LIMIT = 1.0
+# Maximum wall times of the run that measures the cost, of its pilot runs, and of the run with a
+# loose tolerance [s].
+_MAX_MEASURED_TIME = 1.0
+_MAX_PILOT_TIME = 3.0
+_MAX_LOOSE_TIME = 3.0
 # Largest error (of arc length, or of curvature times length) of good and of fair meshes. For the
 # hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
 # 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
@@ -105,7 +111,7 @@ class MeshAssessment:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """Order-of-magnitude prediction of the cost of a run with `Auto()`, from a pilot run.
+    """Order-of-magnitude prediction of the cost of a run with `Auto()`, from the begun run.
 
     Attributes
     ----------
@@ -114,7 +120,7 @@ class RunPrediction:
     method
         Method that `Auto` selects, with the reason.
     covered_share
-        Fraction of the run that the pilot run covered [-].
+        Fraction of the run that was measured [-].
     """
 
     steps: float
@@ -156,7 +162,7 @@ class Check:
         Assessment of the mesh of each beam.
     prediction
         Predicted cost of a run. None if no prediction was requested, the end time is not known, the
-        mechanism cannot be run, or the pilot run failed or took no step.
+        mechanism cannot be run, or the run failed or took no step.
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
@@ -222,9 +228,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         End time [s] of the predicted run. Defaults to the model's end time; if the model has none,
         no run is predicted.
     predict
-        True to predict the cost by a pilot run of at most one second of wall time. A pilot run that
-        does not reach the end time is repeated once, because it may have spent its time on
-        compilation.
+        True to predict the cost by a run of at most one second of wall time after its pilot runs,
+        which have at most three. If it does not reach its end, a run with a loose tolerance of at
+        most three seconds follows, by which the cost is extrapolated.
 
     Returns
     -------
@@ -370,20 +376,73 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
 
 
 def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
-    """Extrapolate from a pilot run, or return None if the pilot run fails or takes no step.
+    """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
 
-    A pilot run that does not reach the end is repeated, because only the first run compiles loops.
+    The measured run has the pilot runs of a complete run, so that it has the same method and error
+    control. If it is stopped, a second run with a loose tolerance shows how its steps are
+    distributed over the time, and whether an event ends it.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
-        if not solution.status.success:
-            solution = simulate(equations, Auto(time_limit=_PILOT_TIME_LIMIT), end, output_step=end)
-    fraction_reached = solution.trajectory.end / end
-    if not fraction_reached > 0.0 or solution.status.kind == "failed":
+    measured = _BriefRun(equations, Auto(), end, _MAX_MEASURED_TIME)
+    solution, reached = measured.solution, measured.solution.trajectory.end
+    if not reached > 0.0 or solution.status.kind == "failed":
         return None
-    cost, integrator = solution.statistics, solution.integrator
-    method = f"{integrator.get('method', '')}, {integrator.get('auto', '')}".rstrip(", ")
-    return RunPrediction(
-        cost.steps / fraction_reached, cost.wall_time / fraction_reached, method, fraction_reached
-    )
+    growth = 1.0
+    if not solution.status.success:
+        loose = _BriefRun(equations, Auto(rtol=PILOT_RTOL), end, _MAX_LOOSE_TIME)
+        growth = _steps_after(loose.solution, reached, end)
+    auto = solution.integrator
+    method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
+    seconds = measured.pilot_time + measured.main_time * growth
+    return RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
+
+
+def _steps_after(run: Solution, reached: float, end: float) -> float:
+    """Return the ratio of the steps up to the end to those up to `reached` [s], from another run.
+
+    If the other run was stopped, too, its last steps continue; without a later step, the ratio is
+    that of the times.
+    """
+    times = np.concatenate([interval.t[1:] for interval in run.trajectory.intervals])
+    before, last = int(np.sum(times <= reached)), run.trajectory.end
+    if before == 0 or last <= reached or run.status.kind == "failed":
+        return end / reached
+    total = float(len(times))
+    if not run.status.success:
+        total += (total - before) * (end - last) / (last - reached)
+    return total / before
+
+
+class _BriefRun:
+    """Run that is stopped after limited wall times of its pilot runs and its main run.
+
+    The times begin with the first steps, after compilation, and end the runs by `progress`:
+    `time_limit` of the integrator would change the pilot runs and thereby the error control.
+
+    Attributes
+    ----------
+    solution
+        The run.
+    pilot_time, main_time
+        Wall times [s].
+    """
+
+    def __init__(
+        self, equations: EquationsOfMotion, integrator: Auto, end: float, time: float
+    ) -> None:
+        self._time, self._begin, self._main = time, clock.perf_counter(), 0.0
+        self._has_begun = False
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            self.solution = simulate(equations, integrator, end, progress=self._stop)
+        wall_time = self.solution.statistics.wall_time
+        self.main_time = min(clock.perf_counter() - self._main, wall_time) if self._main else 0.0
+        self.pilot_time = wall_time - self.main_time
+
+    def _stop(self, t: float) -> str | None:
+        now = clock.perf_counter()
+        if not self._has_begun:
+            self._has_begun, self._begin = True, now
+        if t > 0.0 and not self._main:
+            self._main = now
+        limit = self._main + self._time if self._main else self._begin + _MAX_PILOT_TIME
+        return "measured" if now > limit else None
