@@ -9,9 +9,10 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from beamdae.deferred import public
 from beamdae.errors import (
@@ -49,6 +50,10 @@ class Origin(NamedTuple):
     name: str
     parameters: dict[str, Any]
     t_end: float
+
+
+# Model and parameters of the mechanisms that model functions built, as long as these exist.
+_built: WeakKeyDictionary[Any, tuple[Model, dict[str, Any]]] = WeakKeyDictionary()
 
 
 class HasOrigin:
@@ -217,6 +222,8 @@ class Model:
             raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
         if isinstance(mechanism, HasOrigin):
             set_fields(mechanism, origin=self._origin(parameters))
+            with suppress(TypeError):  # classes without hash or weak references
+                _built[mechanism] = self, parameters
         return mechanism
 
     @property
@@ -230,6 +237,10 @@ class Model:
     def check(self, **settings: Any) -> Any:
         """Check the model without a complete run; see `beamdae.check`."""
         return public("check")(self, **settings)
+
+    def view(self, **settings: Any) -> Any:
+        """Show the model with sliders for its parameters; see `beamdae.view`."""
+        return public("view")(self, **settings)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
@@ -316,6 +327,12 @@ class Model:
             if number is not None:
                 return number
         raise self._type_error(name, text)
+
+
+def model_of(mechanism: Any) -> Model | None:
+    """Return the model that built a mechanism, with its parameters as defaults, or None."""
+    built = _built.get(mechanism)
+    return None if built is None else replace(built[0], parameters=built[1])
 
 
 def require_file_name(part: str, value: Any) -> str:

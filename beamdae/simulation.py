@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -73,6 +74,7 @@ def simulate(
     inputs: Mapping[str, Any] | None = None,
     keep_steps: bool = False,
     partial: PartialResult = "raise",
+    sensitivities: Sequence[str] | str | None = None,
 ) -> Solution:
     """Integrate a model from t = 0, or from the end of an earlier run.
 
@@ -117,6 +119,12 @@ def simulate(
         "return" to return the solution so far if the run is interrupted, with the status
         "interrupted", instead of raising `Interrupted`. Before the run has begun, `Interrupted` is
         raised in any case.
+    sensitivities
+        Names of float parameters of the model function. The solution then contains the derivatives
+        of its columns with respect to them: `Solution.sensitivity` returns them, and tables, files
+        and pages contain columns such as "d(tip.y)/d(E) [m per unit of E]". `model` must be a model
+        function or a mechanism that one has built, `Auto` is replaced by `Radau`, and all steps are
+        stored. See `beamdae.sensitivities` for the method and its limits.
 
     Returns
     -------
@@ -155,6 +163,20 @@ def simulate(
     1.200000
     """
     require_choice("simulate", "partial", partial, PARTIAL_RESULTS)
+    if sensitivities is not None:
+        differentiate = deferred.module("analysis.sensitivities.sensitivities").simulate_with
+        solution: Solution = differentiate(
+            sensitivities,
+            model,
+            integrator,
+            t_end,
+            output_step,
+            progress=progress,
+            start=start,
+            inputs=inputs,
+            partial=partial,
+        )
+        return solution
     model, t_end, description = unpack_model("simulate", model, t_end)
     if inputs is not None:
         model = _replace_inputs(model, inputs)

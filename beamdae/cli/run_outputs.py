@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -98,7 +98,11 @@ def can_resume(status: Status) -> bool:
 
 
 def integrate_run(
-    run: Run, t_end: float | None, output_step: float | None, *start: Any
+    run: Run,
+    t_end: float | None,
+    output_step: float | None,
+    *start: Any,
+    sensitivities: Sequence[str] | None = None,
 ) -> Solution:
     """Simulate the model and return the solution, even if interrupted; see `simulate`.
 
@@ -128,6 +132,7 @@ def integrate_run(
                 partial(update, run.integrator.label),
                 *start,
                 partial="return",
+                sensitivities=sensitivities,
             )
         except KeyboardInterrupt:
             reason = "interrupted before the run started; nothing was written"
@@ -296,6 +301,8 @@ def print_results(run: Run, solution: Solution) -> None:
     console.print(text_tables.fact_list(run.model.name, rows))
     if solution.columns:
         console.print(text_tables.range_table(solution.columns, run.errors))
+    if solution.derivatives is not None:
+        console.print(text_tables.range_table(solution.derivatives.columns()))
     if solution.validity:
         console.print(text_tables.validity_table(solution.validity))
     print_warnings(console, [*filter(None, [run.accuracy_warning]), *solution.warnings])

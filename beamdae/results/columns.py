@@ -26,10 +26,14 @@ _REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: ro
 _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
 
 
+_BY = ")/d("  # between column and parameter in the header of a derivative
+
+
 class Header(NamedTuple):
     """Parts of a column header 'name.suffix [unit]'; `name` itself may contain dots.
 
-    If the header has no dot, `name` and `suffix` are equal.
+    If the header has no dot, `name` and `suffix` are equal. The name in 'd(tip.y)/d(E)' is
+    'd(tip)/d(E)'.
     """
 
     name: str
@@ -40,6 +44,10 @@ class Header(NamedTuple):
     def of(cls, column: str) -> Header:
         """Split a header 'name.suffix [unit]' into its parts."""
         dotted, _, unit = column.removesuffix("]").rpartition(" [")
+        if is_derivative(column):
+            quantity, _, parameter = dotted.removeprefix("d(").partition(_BY)
+            name, _, suffix = quantity.rpartition(".")
+            return cls(f"d({name or suffix}{_BY}{parameter}", suffix, unit)
         name, _, suffix = dotted.rpartition(".")
         return cls(name or suffix, suffix, unit)
 
@@ -47,6 +55,11 @@ class Header(NamedTuple):
     def kind(self) -> str:
         """Key of columns with comparable magnitudes: unit, or 'name.suffix' for the unit '-'."""
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
+
+
+def is_derivative(header: str) -> bool:
+    """Return True if a column is a derivative by a parameter, see `derivative_header`."""
+    return header.startswith("d(") and _BY in header
 
 
 def observed_columns(table: Iterable[object]) -> list[str]:

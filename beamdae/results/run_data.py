@@ -21,6 +21,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
 )
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
@@ -69,6 +70,7 @@ class RunData:
     event_signs: dict[str, int] = field(default_factory=dict, repr=False)
     resume_warnings: tuple[str, ...] = field(default=(), repr=False)
     loaded_versions: dict[str, str] = field(default_factory=dict, repr=False)
+    derivatives: ColumnDerivatives | None = field(default=None, repr=False)
 
     @property
     def versions(self) -> dict[str, str]:
@@ -116,7 +118,8 @@ class RunData:
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
         ledger = zip(measures.LEDGER_COLUMNS, self._ledger_rows.T, strict=True)
-        return {measures.TIME: self.t, **self.columns, **dict(ledger)}
+        derivatives = self.derivatives and self.derivatives.at_times(self.t).columns()
+        return {measures.TIME: self.t, **self.columns, **(derivatives or {}), **dict(ledger)}
 
     def coordinate_table(self) -> tuple[list[str], Array]:
         """Return headers and rows (k, 1 + 2n + m): time, coordinates, velocities, multipliers."""

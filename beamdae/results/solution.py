@@ -18,6 +18,7 @@ from beamdae.interrupts import interruptible
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import require_derivatives
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.run_data import RunData
@@ -81,6 +82,8 @@ class Solution(RunData, TimeSeries):
     loaded_versions
         Package versions with which a run from a file or another process was computed; empty if
         this process computed the run. `versions` contains the versions in both cases.
+    derivatives
+        Derivatives of the columns with respect to parameters, see `simulate`; None without them.
     """
 
     def __repr__(self) -> str:
@@ -162,6 +165,33 @@ class Solution(RunData, TimeSeries):
         """
         return replace(self, equations=add_observable(self.equations, name, what))
 
+    def sensitivity(self, column: str, parameter: str) -> pd.Series:
+        """Return the derivative of a column with respect to a parameter, over time.
+
+        The run must have been computed by `simulate(..., sensitivities=[...])`.
+
+        Parameters
+        ----------
+        column
+            Header of an observed column, coordinate, velocity or multiplier, with or without its
+            unit, as in `solution["tip.y"]`.
+        parameter
+            Name of the parameter.
+
+        Returns
+        -------
+        pandas.Series
+            Derivative (k,) in the unit of the column per unit of the parameter, indexed by time
+            [s].
+
+        Raises
+        ------
+        BeamdaeError
+            If the run has no derivatives with respect to the parameter, or the name selects no
+            column or several columns.
+        """
+        return require_derivatives(self.derivatives).sensitivity(column, parameter)
+
     def at(self, t: float) -> Instant:
         """Return the state at a time within the run, interpolated by the dense output.
 
@@ -194,7 +224,8 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If `times` is empty, or the times are not numbers, do not ascend or lie outside the run.
+            If `times` is empty, the times are not numbers, do not ascend or lie outside the run, or
+            a run from a file has derivatives and no row at one of the times.
         """
         numbers = require_sequence("at_times", "times", times, "a list of times [s]")
         t = np.array([require_finite("at_times", "times", number) for number in numbers])
@@ -205,7 +236,7 @@ class Solution(RunData, TimeSeries):
                 f"{first:.12g} to {end:.12g} s, got {short_repr(times)}."
             )
         self.trajectory.warn_between_rows("at_times", t)
-        return replace(self, t=t)
+        return replace(self, t=t, derivatives=self.derivatives and self.derivatives.at_times(t))
 
     def animate(
         self,

@@ -130,7 +130,7 @@ def test_limit_point_of_a_truss_has_a_closed_form(unit):
     for name in values:
         step = {**values, name: values[name] * (1.0 + 1e-30j)}
         expected = [x.imag / (1e-30 * values[name]) for x in limit_point(**step)]
-        assert table[f"d(load factor)/d({name}) [- per unit]"][0] == pytest.approx(
+        assert table[f"d(load factor)/d({name}) [- per unit of {name}]"][0] == pytest.approx(
             expected[0], rel=1e-9
         )
         # Columns follow the limit point.
@@ -351,8 +351,8 @@ def test_functions_of_the_path_agree_with_columns():
     derivative = result.derivative(lambda path: path.factors[:, 0], "rise")
     assert_allclose(derivative, result.factors["rise"][:, 0], rtol=1e-8, atol=1e-9)
     table = result.table()
-    assert list(table)[:2] == ["load factor [-]", "d(load factor)/d(rise) [- per unit]"]
-    assert "d(crown.y)/d(rise) [m per unit]" in table
+    assert list(table)[:2] == ["load factor [-]", "d(load factor)/d(rise) [- per unit of rise]"]
+    assert "d(crown.y)/d(rise) [m per unit of rise]" in table
 
 
 @pytest.mark.parametrize(
@@ -386,7 +386,7 @@ def test_equilibria_that_can_move_have_no_derivative():
 def test_table_is_written_as_csv(tmp_path):
     result = bd.equilibrium_sensitivities(hanging, "mass")
     lines = result.to_csv(tmp_path / "rates.csv").read_text().splitlines()
-    assert lines[0].startswith("load factor [-],d(load factor)/d(mass) [- per unit]")
+    assert lines[0].startswith("load factor [-],d(load factor)/d(mass) [- per unit of mass]")
     assert len(lines) == 1 + len(result.equilibrium.q)
     with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
         result.sensitivity("bob.y", "load")

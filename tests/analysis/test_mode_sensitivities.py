@@ -276,7 +276,7 @@ def test_table_is_written_as_csv(tmp_path):
     result = bd.mode_sensitivities(oscillator, "mass")
     header, row = result.to_csv(tmp_path / "modes.csv").read_text().splitlines()
     assert header.startswith("mode,frequency [Hz],damping ratio [-],growth rate [1/s],d(frequency)")
-    assert "d(damping ratio)/d(mass) [- per unit]" in header
+    assert "d(damping ratio)/d(mass) [- per unit of mass]" in header
     assert row.startswith("1,")
     with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'damping'"):
         result.sensitivity("frequency", "damping")

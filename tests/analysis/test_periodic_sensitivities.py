@@ -146,7 +146,7 @@ def test_shaken_strip_agrees_with_differences():
 def test_table_is_written_as_csv(tmp_path):
     result = bd.periodic_sensitivities(shaker, "mass", period=1.0 / 0.3)
     lines = result.to_csv(tmp_path / "rates.csv").read_text().splitlines()
-    assert lines[0].startswith("t [s],d(bob.x)/d(mass) [m per unit]")
+    assert lines[0].startswith("t [s],d(bob.x)/d(mass) [m per unit of mass]")
     assert len(lines) == 1 + len(result.motion.solution.t)
     with pytest.raises(bd.BeamdaeError, match="must be one of 'mass', got 'load'"):
         result.sensitivity("bob.x", "load")

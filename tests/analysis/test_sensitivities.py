@@ -224,7 +224,7 @@ def test_observed_columns():
         actual = result.sensitivity(header, "width")
         assert np.abs(actual - expected).max() <= 1e-6 * np.abs(expected).max(), header
         name, unit = header.removesuffix("]").split(" [")
-        pd_column = result.table()[f"d({name})/d(width) [{unit} per unit]"]
+        pd_column = result.table()[f"d({name})/d(width) [{unit} per unit of width]"]
         np.testing.assert_array_equal(pd_column, actual)
         assert column.shape == actual.shape
 
@@ -446,7 +446,7 @@ def test_energies():
     x = result.solution.columns["mass.x [m]"] - 1.0
     for name in names:
         kinetic, strain, gravity = (
-            result.energies[f"d(energy.{kind})/d({name}) [J per unit]"]
+            result.energies[f"d(energy.{kind})/d({name}) [J per unit of {name}]"]
             for kind in ("kinetic", "strain", "gravity")
         )
         dx = result.sensitivity("mass.x", name).to_numpy()
@@ -663,7 +663,7 @@ def test_unknown_columns_and_parameters_are_named():
 def test_table_is_written_as_csv(tmp_path):
     result = bd.sensitivities(oscillator, "speed", bd.GeneralizedAlpha(step=0.1))
     lines = result.to_csv(tmp_path / "sensitivities.csv").read_text().splitlines()
-    assert lines[0].startswith("t [s],d(mass.x)/d(speed) [m per unit]")
+    assert lines[0].startswith("t [s],d(mass.x)/d(speed) [m per unit of speed]")
     assert len(lines) == 1 + len(result.t)
 
 

@@ -58,12 +58,14 @@ def test_bouncing_ball(integrator):
             # Parabolas are integrated exactly; errors are rounding errors.
             actual = result.sensitivity(column, name)
             np.testing.assert_allclose(actual, exact, rtol=0.0, atol=1e-11 * np.abs(exact).max())
-        np.testing.assert_allclose(bounces[f"d(t)/d({name}) [s per unit]"], impacts[:3], rtol=1e-9)
+        np.testing.assert_allclose(
+            bounces[f"d(t)/d({name}) [s per unit of {name}]"], impacts[:3], rtol=1e-9
+        )
     # The first mark is passed in free fall: h - g t^2 / 2 = mark.
     mark = result.events.iloc[0]
     assert mark["event"] == "mark"
     slope = -1.0 / (GRAVITY * mark["t [s]"])
-    assert mark["d(t)/d(mark) [s per unit]"] == pytest.approx(slope, rel=1e-9)
+    assert mark["d(t)/d(mark) [s per unit of mark]"] == pytest.approx(slope, rel=1e-9)
     assert np.all(result.sensitivity("ball.y", "mark") == 0.0)
 
 
@@ -82,8 +84,12 @@ def test_run_that_an_event_stops():
     assert result.t[-1] == pytest.approx(time, rel=1e-9)
     np.testing.assert_allclose(result.sensitivity("ball.y", "height"), 1.0, rtol=1e-9)
     landed = result.events.iloc[0]
-    assert landed["d(t)/d(height) [s per unit]"] == pytest.approx(1.0 / (GRAVITY * time), rel=1e-9)
-    assert landed["d(t)/d(target) [s per unit]"] == pytest.approx(-1.0 / (GRAVITY * time), rel=1e-9)
+    assert landed["d(t)/d(height) [s per unit of height]"] == pytest.approx(
+        1.0 / (GRAVITY * time), rel=1e-9
+    )
+    assert landed["d(t)/d(target) [s per unit of target]"] == pytest.approx(
+        -1.0 / (GRAVITY * time), rel=1e-9
+    )
 
 
 @bd.model(t_end=0.5)

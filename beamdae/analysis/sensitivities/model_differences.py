@@ -62,6 +62,7 @@ _CALLS = (
     "gradient",
     "fit",
     "optimize",
+    "simulate",
 )
 
 

@@ -24,9 +24,7 @@ from beamdae.analysis.sensitivities.run_derivatives import derive_states
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
-    derivative_columns,
     require_parameters,
-    select_derivative,
 )
 from beamdae.analysis.sensitivities.static_derivatives import (
     plan_tangent_along,
@@ -45,6 +43,7 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import derivative_columns, select_derivative
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
@@ -137,7 +136,7 @@ class ModeSensitivities(SensitivityResult):
         """Return the properties of the modes and their derivatives, one row per mode.
 
         The header of the derivative of the frequency with respect to "E" is "d(frequency)/d(E) [Hz
-        per unit]": the unit of the column per unit of the parameter.
+        per unit of E]".
         """
         import pandas as pd
 

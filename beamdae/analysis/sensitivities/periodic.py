@@ -19,9 +19,7 @@ from beamdae.analysis.sensitivities.sensitivities import differentiate_observabl
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
-    derivative_columns,
     require_parameters,
-    select_derivative,
 )
 from beamdae.analysis.sensitivities.static_derivatives import plan_tangent_along
 from beamdae.equations import measures
@@ -39,6 +37,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import derivative_columns, select_derivative
 from beamdae.results.periodic_motion import PeriodicMotion
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations

@@ -26,20 +26,21 @@ from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives, diffe
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
-    derivative_columns,
-    derivative_header,
     require_parameters,
-    select_derivative,
 )
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError
-from beamdae.integrators import Integrator, Radau
-from beamdae.interrupts import interruptible
+from beamdae.equations.model_hash import hash_model
+from beamdae.errors import BeamdaeError, short_repr
+from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators.integrator import Progress
+from beamdae.interrupts import Interrupted, PartialResult, acknowledge, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
-from beamdae.model_functions import Model
+from beamdae.model_functions import HasOrigin, Model, model_of
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import ColumnDerivatives, derivative_header
+from beamdae.results.outcome import Status
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
@@ -109,28 +110,24 @@ class Sensitivities(SensitivityResult):
             If the parameter is not one of `parameters`, or the name selects no column or several
             columns. Energies are in `energies`; works are not differentiated.
         """
-        parameter = self._require_parameter("sensitivity", parameter)
-        observed = self._observed[parameter]
-        columns = {**observed, **self._coordinates[parameter], **observed}
-        index = measures.TIME, self.t
-        return select_derivative(columns, column, parameter, index, observed=observed)
+        return self.columns.sensitivity(column, parameter)
 
     def table(self) -> pd.DataFrame:
         """Return time and the derivatives of all observed columns with respect to all parameters.
 
-        The header of the derivative of "tip.y [m]" with respect to "damping" is
-        "d(tip.y)/d(damping) [m per unit]": the unit of the column per unit of the parameter.
+        The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
+        unit of E]".
         """
         import pandas as pd
 
-        return pd.DataFrame({measures.TIME: self.t, **derivative_columns(self._observed)})
+        return pd.DataFrame({measures.TIME: self.t, **self.columns.columns()})
 
     @property
     def events(self) -> pd.DataFrame:
         """Table of the events: name, time, and derivatives of the time with respect to parameters.
 
-        The header of the derivative is "d(t)/d(damping) [s per unit]". Events that act on the run
-        and events that are only recorded are included.
+        The header of the derivative is "d(t)/d(damping) [s per unit of damping]". Events that
+        act on the run and events that are only recorded are included.
 
         Raises
         ------
@@ -158,7 +155,7 @@ class Sensitivities(SensitivityResult):
     def energies(self) -> pd.DataFrame:
         """Table of the derivatives of the kinetic, strain and gravitational energies over time.
 
-        The header of a derivative is "d(energy.kinetic)/d(damping) [J per unit]".
+        The header of a derivative is "d(energy.kinetic)/d(damping) [J per unit of damping]".
 
         Raises
         ------
@@ -186,29 +183,23 @@ class Sensitivities(SensitivityResult):
         return replace(self, solution=self.solution.at_times(times))
 
     @cached_property
-    def _coordinates(self) -> dict[str, dict[str, Array]]:
-        """Derivatives of coordinates, velocities and multipliers by parameter and header."""
-        headers = coordinate_headers(self.solution.equations)[1:]
-        result = {}
-        for name, trajectory in self.trajectories.items():
-            _, state = trajectory.at(self.t)
-            rows = np.hstack([state.q, state.v, state.lam])
-            result[name] = dict(zip(headers, rows.T, strict=True))
-        return result
-
-    @cached_property
-    def _observed(self) -> dict[str, dict[str, Array]]:
-        """Derivatives of the observed columns by parameter and header."""
+    def columns(self) -> ColumnDerivatives:
+        """Derivatives of all columns at the output times."""
         run = self.solution
         times, at = run.trajectory.at(run.t)
         along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
-        result: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
+        observed: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
         for number, observable in enumerate(run.equations.observables):
             for name, rows in differentiate_observable(
                 run.equations, number, times, at, along, self._differences
             ).items():
-                result[name] |= dict(zip(observable.headers, rows.T, strict=True))
-        return result
+                observed[name] |= dict(zip(observable.headers, rows.T, strict=True))
+        headers = coordinate_headers(run.equations)[1:]
+        coordinates = {
+            name: dict(zip(headers, np.hstack([x.q, x.v, x.lam]).T, strict=True))
+            for name, x in along.items()
+        }
+        return ColumnDerivatives(run.t, self.parameters, observed, coordinates)
 
 
 def differentiate_observable(
@@ -319,23 +310,120 @@ def sensitivities(
     names = require_parameters("sensitivities", model, by)
     values = complete_parameters("sensitivities", model, parameters)
     method = require_differentiable_method(integrator, Radau())
-
-    def assemble(mechanism: Any) -> EquationsOfMotion:
-        return as_equations("sensitivities", mechanism, start)
-
     mechanism = model(**values)
-    equations = assemble(mechanism)
-    differences = {
-        name: difference_model(model, name, values, equations, assemble, moves_operators=True)
-        for name in names
-    }
+    differences = _difference_models(model, names, values, mechanism, start)
     solution = simulate(mechanism, method, t_end, output_step, start=start, keep_steps=True)
     if not solution.status.success:
         raise BeamdaeError(
             f"{derivative_call()}: the run of {model.name} did not reach its end "
             f"({solution.status.sentence}); differentiate a shorter run, or change the integrator."
         )
-    warn_of_unreliable_run(model.name, solution)
+    return _differentiate(model.name, values, differences, solution, method)
+
+
+def simulate_with(
+    by: Sequence[str] | str,
+    model: Any,
+    integrator: Integrator | None,
+    t_end: float | None,
+    output_step: float | None,
+    *,
+    progress: Progress | None,
+    start: Any,
+    inputs: Mapping[str, Any] | None,
+    partial: PartialResult,
+) -> Solution:
+    """Return the run with the derivatives of its columns with respect to the parameters in `by`.
+
+    The other arguments are those of `simulate`. A run that does not reach its end has no
+    derivatives.
+
+    Raises
+    ------
+    BeamdaeError
+        As `sensitivities`, or if no model function builds `model`.
+    Interrupted
+        As `simulate`; an interrupt of the derivatives preserves the run.
+    """
+    function = model_of(model) if isinstance(model, HasOrigin) else model
+    if not isinstance(function, Model):
+        raise BeamdaeError(
+            "simulate: sensitivities need a model function (bd.model), which is called at "
+            f"neighboring values of its parameters, got {short_repr(model)}; put the lines that "
+            "build the model into such a function."
+        )
+    names = require_parameters("simulate", function, by, "sensitivities")
+    values = dict(function.parameters)
+    method = require_differentiable_method(integrator, Radau())
+    mechanism = function() if function is model else model
+    if mechanism is model:
+        rebuilt = as_equations("simulate", function(), start)
+        if hash_model(rebuilt) != hash_model(as_equations("simulate", model, start)):
+            raise BeamdaeError(
+                f"simulate: the mechanism was changed after {function.name} had built it, so that "
+                "its sensitivities are not those of this function; make the changes in "
+                f"{function.name}."
+            )
+    if inputs is not None:
+        mechanism = mechanism.with_inputs(inputs)
+    differences = _difference_models(function, names, values, mechanism, start, inputs)
+    solution = simulate(
+        mechanism,
+        method,
+        t_end,
+        output_step,
+        progress,
+        start,
+        keep_steps=True,
+        partial=partial,
+    )
+    if not solution.status.success:
+        return solution
+    try:
+        result = _differentiate(function.name, values, differences, solution, method)
+        columns = result.columns
+    except KeyboardInterrupt:
+        reason = "interrupted while the derivatives were computed"
+        if partial == "raise":
+            raise Interrupted(reason, solution, "simulate") from None
+        acknowledge()
+        return replace(solution, status=Status("interrupted", reason))
+    return replace(
+        solution, derivatives=replace(columns, evaluate=lambda t: result.at_times(t).columns)
+    )
+
+
+def _difference_models(
+    model: Model,
+    names: Sequence[str],
+    values: Mapping[str, Any],
+    mechanism: Any,
+    start: Any,
+    inputs: Mapping[str, Any] | None = None,
+) -> dict[str, Difference]:
+    """Return the models around the value of each parameter; `mechanism` is the model itself."""
+
+    def assemble(built: Any) -> EquationsOfMotion:
+        if inputs is not None and built is not mechanism:
+            built = built.with_inputs(inputs)
+        return as_equations(derivative_call(), built, start)
+
+    base = assemble(mechanism)
+    return {
+        name: difference_model(model, name, values, base, assemble, moves_operators=True)
+        for name in names
+    }
+
+
+def _differentiate(
+    name: str,
+    values: Mapping[str, Any],
+    differences: Mapping[str, Difference],
+    solution: Solution,
+    method: GeneralizedAlpha | Radau,
+) -> Sensitivities:
+    """Return the derivatives of a run of the model `name`."""
+    warn_of_unreliable_run(name, solution)
     redundant = RedundantConstraints.of(solution)
     trajectories: dict[str, Any] = {}
     with single_threaded:
@@ -345,10 +433,9 @@ def sensitivities(
                 trajectories |= RunDerivatives(solution, method, group).trajectories()
             else:
                 trajectories |= redundant.differentiate(method, group)
-    trajectories = {name: trajectories[name] for name in names}
-    return Sensitivities(
-        solution, {name: float(values[name]) for name in names}, trajectories, differences
-    )
+    parameters = {x: float(values[x]) for x in differences}
+    trajectories = {x: trajectories[x] for x in differences}
+    return Sensitivities(solution, parameters, trajectories, differences)
 
 
 def _group_by_structure(differences: Mapping[str, Difference]) -> list[dict[str, Difference]]:

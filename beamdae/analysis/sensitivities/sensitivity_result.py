@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
@@ -18,14 +16,11 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_functions import Model
-from beamdae.results.columns import require_one_column, select_columns
 from beamdae.results.storage.files import write_escaped_table
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = np.ndarray
 
 
 class SensitivityResult(ABC):
@@ -61,80 +56,31 @@ class SensitivityResult(ABC):
         return name
 
 
-def derivative_header(column: str, parameter: str) -> str:
-    """Return the header of the derivative of a column, such as 'd(tip.y)/d(E) [m per unit]'."""
-    name, _, unit = column.removesuffix("]").rpartition(" [")
-    return f"d({name})/d({parameter}) [{unit} per unit]"
-
-
-def derivative_columns(by_parameter: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
-    """Return derivatives by header, from those by parameter and header of the column."""
-    return {
-        derivative_header(header, parameter): values
-        for parameter, columns in by_parameter.items()
-        for header, values in columns.items()
-    }
-
-
-def select_derivative(
-    columns: Mapping[str, Array],
-    column: str,
-    parameter: str,
-    index: tuple[str, Array],
-    of: str = "Solution",
-    observed: Iterable[str] = (),
-) -> pd.Series:
-    """Return the derivative of a column with respect to a parameter.
-
-    Parameters
-    ----------
-    columns
-        Derivatives (k,) by header of the column.
-    column, of, observed
-        Name of the column, see `select_columns`.
-    parameter
-        Name of the parameter.
-    index
-        Name and values (k,) of the index.
-
-    Raises
-    ------
-    BeamdaeError
-        If the name selects no column or several columns.
-    """
-    import pandas as pd
-
-    selected = select_columns(columns, column, of=of, observed=observed)
-    header = require_one_column("sensitivity", column, selected)
-    name, values = index
-    return pd.Series(
-        columns[header], pd.Index(values, name=name), name=derivative_header(header, parameter)
-    )
-
-
-def require_parameter_names(caller: str, model: Any, by: Any) -> tuple[str, ...]:
+def require_parameter_names(
+    caller: str, model: Any, by: Any, argument: str = "by"
+) -> tuple[str, ...]:
     """Return the names in `by` if they are distinct and `model` is a model function.
 
-    `caller` is the calling function, for messages.
+    `caller` is the calling function and `argument` the name of its argument, for messages.
     """
     if not isinstance(model, Model):
         raise BeamdaeError(
             f"{caller}: model must be a model function (bd.model), got {short_repr(model)}."
         )
-    names = tuple(require_names(caller, "by", by, "a list of names of parameters"))
+    names = tuple(require_names(caller, argument, by, "a list of names of parameters"))
     if not names or len(set(names)) < len(names):
         raise BeamdaeError(
-            f"{caller}: by must contain each parameter once, got {short_repr(names)}."
+            f"{caller}: {argument} must contain each parameter once, got {short_repr(names)}."
         )
     return names
 
 
-def require_parameters(caller: str, model: Any, by: Any) -> tuple[str, ...]:
+def require_parameters(caller: str, model: Any, by: Any, argument: str = "by") -> tuple[str, ...]:
     """Return the names in `by` if they are float parameters of the model.
 
-    `caller` is the calling function, for messages.
+    `caller` is the calling function and `argument` the name of its argument, for messages.
     """
-    names = require_parameter_names(caller, model, by)
+    names = require_parameter_names(caller, model, by, argument)
     for name in names:
         if name not in model.parameters:
             available = [k for k, x in model.parameters.items() if isinstance(x, float)]

@@ -19,10 +19,7 @@ from beamdae.analysis.sensitivities.sensitivities import differentiate_observabl
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
-    derivative_columns,
-    derivative_header,
     require_parameters,
-    select_derivative,
 )
 from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
 from beamdae.analysis.statics.critical_points import FLUTTER
@@ -41,6 +38,11 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import (
+    derivative_columns,
+    derivative_header,
+    select_derivative,
+)
 from beamdae.results.equilibrium import FACTOR, KIND, Equilibrium
 from beamdae.simulation import as_equations
 
@@ -121,8 +123,7 @@ class EquilibriumSensitivities(SensitivityResult):
         """Return the load factors and the derivatives of all observed columns, one row per point.
 
         The header of the derivative of "tip.y [m]" with respect to "E" is "d(tip.y)/d(E) [m per
-        unit]": the unit of the column per unit of the parameter. Load factors are differentiated
-        where they are not prescribed.
+        unit of E]". Load factors are differentiated where they are not prescribed.
         """
         import pandas as pd
 
@@ -137,8 +138,8 @@ class EquilibriumSensitivities(SensitivityResult):
     def critical_table(self) -> pd.DataFrame:
         """Return the critical points of the path and the derivatives of their load factors.
 
-        The columns are "point", "load factor [-]" and "d(load factor)/d(parameter) [- per unit]" of
-        each parameter.
+        The columns are "point", "load factor [-]" and "d(load factor)/d(parameter) [- per unit of
+        parameter]" of each parameter.
         """
         import pandas as pd
 

@@ -97,6 +97,14 @@ def run_command(
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the final state to this file.")
     ] = None,
+    sensitivities: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Add the derivatives of the columns with respect to these parameters, separated "
+            "by commas, to the table and the page (radau, generalized-alpha; auto: radau).",
+        ),
+    ] = None,
     resume_from: Annotated[
         Path | None,
         typer.Option(
@@ -144,6 +152,8 @@ def run_command(
             f"run: --start {start[0]} and --continue {resume_from} are mutually "
             "exclusive; omit one."
         )
+    names = None if sensitivities is None else [x.strip() for x in sensitivities.split(",")]
+    _require_differentiable(names, required_accuracy, resume_from)
     run = Run(model, method, out / f"{model.name}.csv")
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
@@ -157,7 +167,7 @@ def run_command(
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):
         if required_accuracy is None:
             solution = run_outputs.integrate_run(
-                run, t_end, output_step, initial_state, accept_changes
+                run, t_end, output_step, initial_state, accept_changes, sensitivities=names
             )
         else:
             solution = run_outputs.certify_run(
@@ -185,6 +195,17 @@ def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
     if checkpoint is None:
         return RunParts(table)
     return RunParts.ending_at(table, Checkpoint.read(checkpoint))
+
+
+def _require_differentiable(
+    names: list[str] | None, accuracy: float | None, resume_from: Path | None
+) -> None:
+    """Reject options that cannot be combined with --sensitivities."""
+    conflicts = {"--accuracy": accuracy, "--continue": resume_from}
+    for option in (x for x, value in conflicts.items() if names is not None and value is not None):
+        raise BeamdaeError(
+            f"run: --sensitivities is not supported with {option}; omit one of these options."
+        )
 
 
 def _require_free_choice(

@@ -18,7 +18,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, observed_columns
+from beamdae.results.columns import Header, is_derivative, observed_columns
 from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
@@ -73,11 +73,17 @@ def mask_huge_values(table: Columns) -> dict[str, Array]:
 
 
 def varying_columns(table: Columns) -> list[str]:
-    """Return the observed columns that vary, excluding rates and columns that contain only nan.
+    """Return the observed columns that vary.
+
+    Rates, derivatives by parameters and columns that contain only nan are excluded.
 
     If all remaining columns are constant, return all of them.
     """
-    columns = [c for c in observed_columns(table) if not Header.of(c).suffix.endswith("_dot")]
+    columns = [
+        c
+        for c in observed_columns(table)
+        if not (Header.of(c).suffix.endswith("_dot") or is_derivative(c))
+    ]
     values = {c: np.asarray(table[c], float) for c in columns}
     columns = [c for c in columns if not np.isnan(values[c]).all()]
     size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}

@@ -14,6 +14,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, Stat
 from beamdae.equations.measures import N_BALANCE_VALUES
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.parts.joints.event_constraints import FrozenGap
+from beamdae.results import column_derivatives
+from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.event_records import DOWN, UP, EventRecord
 from beamdae.results.outcome import Kind, Statistics, Status
 from beamdae.results.run_data import RunData
@@ -71,7 +73,10 @@ PLAIN = record(
         "start": optional(record({"told": text, "moves": flag})),
         "versions": mapping(text),
     },
-    {"recorded": sequence(integer(0, _MAX_STAGES))},
+    {
+        "recorded": sequence(integer(0, _MAX_STAGES)),
+        column_derivatives.ARRAY: column_derivatives.RECORD,
+    },
 )
 
 
@@ -82,7 +87,7 @@ class PackedRun(NamedTuple):
     ----------
     arrays
         Output times, nodes of all intervals and the states there, times and states of the events,
-        the start, and the `StepRecord` of long runs.
+        the start, the `StepRecord` of long runs, and derivatives of the columns.
     plain
         The remaining data as JSON-compatible values.
     """
@@ -130,6 +135,9 @@ def pack_run(run: RunData) -> PackedRun:
             "record nodes": np.concatenate([x.nodes for x in present]),
             "record values": np.concatenate([x.values for x in present]),
         }
+    if run.derivatives is not None:
+        name, derivatives = column_derivatives.ARRAY, run.derivatives.at_times(run.t)
+        plain[name], arrays[name] = derivatives.to_record()
     if e.start is not None:
         arrays |= {"start q": e.start.q, "start v": e.start.v}
         plain["start"] = {"told": e.start.description, "moves": e.start.moves}
@@ -187,7 +195,16 @@ def unpack_fields(equations: EquationsOfMotion, packed: PackedRun) -> dict[str, 
         "event_signs": plain["sides"],
         "resume_warnings": tuple(plain["begun"]),
         "loaded_versions": plain["versions"],
+        "derivatives": unpack_derivatives(packed),
     }
+
+
+def unpack_derivatives(packed: PackedRun) -> ColumnDerivatives | None:
+    """Return the derivatives of the columns of a packed run, or None."""
+    arrays, name = packed.arrays, column_derivatives.ARRAY
+    if name not in arrays:
+        return None
+    return ColumnDerivatives.from_record(arrays["t"], packed.plain[name], arrays[name])
 
 
 def unpack_trajectory(packed: PackedRun, equations: EquationsOfMotion | None = None) -> Trajectory:
@@ -243,6 +260,8 @@ def array_rules(plain: dict[str, Any]) -> dict[str, ArrayRule]:
     }
     if plain["start"] is not None:
         rules |= {"start q": ArrayRule(("n",)), "start v": ArrayRule(("n",))}
+    if column_derivatives.ARRAY in plain:
+        rules |= column_derivatives.array_rules(plain[column_derivatives.ARRAY])
     if "recorded" in plain:
         rules |= {
             "record ends": ArrayRule((intervals + 1,), "i"),
@@ -269,14 +288,15 @@ def require_consistent(packed: PackedRun) -> None:
     if ends[0] != 0 or ends[-1] != len(nodes):
         raise FieldError(f"must begin with 0 and end with {len(nodes)}", "ends")
     require_ascending("t", t)
+    if column_derivatives.ARRAY in plain:
+        column_derivatives.require_consistent(plain[column_derivatives.ARRAY])
     begins = ends[1:-1]
-    is_inside = np.ones(len(nodes) - 1, bool)
-    is_inside[begins - 1] = False
-    steps = np.diff(nodes)
-    if not (steps[is_inside] > 0.0).all() or (steps[~is_inside] != 0.0).any():
-        raise FieldError("must ascend within each interval and continue the previous one", "nodes")
     if (((np.diff(ends) - 1) % np.array(plain["per step"])) != 0).any():
         raise FieldError("must divide the number of nodes after the first", "per step")
+    intervals = zip(np.split(nodes, begins), plain["per step"], strict=True)
+    ascends = all(_are_steps(*interval) for interval in intervals)
+    if (nodes[begins] != nodes[begins - 1]).any() or not ascends:
+        raise FieldError("must ascend within each interval and continue the previous one", "nodes")
     if "recorded" in plain:
         _require_consistent_records(arrays, plain)
     rounding = SAME_TIME * abs(nodes[-1])
@@ -285,6 +305,13 @@ def require_consistent(packed: PackedRun) -> None:
             nodes[0] - rounding <= times.min() and times.max() <= nodes[-1] + rounding
         ):
             raise FieldError(f"must lie within the run, {nodes[0]:g} to {nodes[-1]:g} s", name)
+
+
+def _are_steps(nodes: Array, per_step: int) -> bool:
+    """Return True if nodes ascend, except in steps of length zero, at samples of controllers."""
+    differences = np.diff(nodes).reshape(-1, per_step)
+    is_jump = (differences == 0.0).all(axis=1)
+    return bool(((differences > 0.0).all(axis=1) | is_jump).all())
 
 
 def _require_consistent_records(arrays: dict[str, Array], plain: dict[str, Any]) -> None:
@@ -298,7 +325,7 @@ def _require_consistent_records(arrays: dict[str, Array], plain: dict[str, Any])
         if not count and not len(t):
             continue
         stored = arrays["nodes"][ends[k] : ends[k + 1]]
-        if not (count and len(t) and (np.diff(t) > 0.0).all() and (len(t) - 1) % count == 0):
+        if not (count and len(t) and (len(t) - 1) % count == 0 and _are_steps(t, count)):
             raise FieldError("must ascend and contain complete steps", "record nodes")
         if t[0] != stored[0] or t[-1] != stored[-1]:
             raise FieldError("must cover the interval", "record nodes")

@@ -15,6 +15,7 @@ from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, MissingModelError
 from beamdae.read_only import read_only_data
+from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.diagnostics.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.run_data import RunData, coordinate_headers
@@ -25,6 +26,7 @@ from beamdae.results.storage.packed_run import (
     array_rules,
     pack_run,
     require_consistent,
+    unpack_derivatives,
     unpack_trajectory,
 )
 from beamdae.results.storage.reader import (
@@ -124,6 +126,8 @@ class SavedRun(TimeSeries):
         Termination status and its reason, see `Solution`.
     statistics
         Computational cost of the run.
+    derivatives
+        Derivatives of the columns with respect to parameters, see `simulate`; None without them.
     """
 
     status: Status
@@ -131,6 +135,7 @@ class SavedRun(TimeSeries):
     _metadata: dict[str, Any]
     _columns: dict[str, Array] = field(repr=False)
     _coordinates: dict[str, Array] = field(repr=False)
+    derivatives: ColumnDerivatives | None = field(default=None, repr=False)
 
     def __getattr__(self, name: str) -> Any:
         # Called only for attributes that a saved run does not have.
@@ -164,6 +169,10 @@ class SavedRun(TimeSeries):
 
         return pd.DataFrame(self._coordinates)
 
+    def sensitivity(self, column: str, parameter: str) -> pd.Series:
+        """Return the derivative of a column over time, see `Solution.sensitivity`."""
+        return require_derivatives(self.derivatives).sensitivity(column, parameter)
+
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""
         return dict(self._metadata["result"])
@@ -189,7 +198,10 @@ class SavedRun(TimeSeries):
         rows = self._rows_at(times, owner, "load the run with bd.load(path, model)")
         columns = {header: column[rows] for header, column in self._columns.items()}
         coordinates = {header: column[rows] for header, column in self._coordinates.items()}
-        return SavedRun(self.status, self.statistics, self._metadata, columns, coordinates)
+        derivatives = self.derivatives and self.derivatives.at_times(self.times[rows])
+        return SavedRun(
+            self.status, self.statistics, self._metadata, columns, coordinates, derivatives
+        )
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV and the metadata as JSON, and return the path of the CSV file.
@@ -368,4 +380,5 @@ def saved_run_from_arrays(
         {**content["beside"], "label": content["label"], "file": file.name},
         dict(zip(content[_TABLE], arrays[_TABLE], strict=True)),
         dict(zip(content[_COORDINATES], arrays[_COORDINATES], strict=True)),
+        unpack_derivatives(PackedRun(arrays, plain)),
     )

@@ -1,0 +1,187 @@
+"""`simulate(..., sensitivities=[...])`: derivatives as columns of a solution."""
+
+import pickle
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.analysis.sensitivities import sensitivities as implementation
+from beamdae.cli.app import app
+from beamdae.report.pictures.figures import characteristic_columns
+from beamdae.report.run_page import build_run_page
+from beamdae.results.columns import Header
+from beamdae.verification import estimate_errors
+
+HEADER = "d(mass.x)/d(stiffness) [m per unit of stiffness]"
+ALPHA = bd.GeneralizedAlpha(step=0.02)
+
+
+@bd.model(t_end=0.4)
+def oscillator(stiffness=40.0, speed=0.2):
+    """Mass on a spring, on a rail."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(1.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@bd.model(t_end=0.4)
+def driven(stiffness=40.0):
+    """Oscillator with an input."""
+    mech = oscillator(stiffness=stiffness)
+    mech.add(bd.Force("load", mech.part("mass").point, (mech.input("push", unit="N"), 0.0)))
+    return mech
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return bd.simulate(oscillator, ALPHA, output_step=0.05, sensitivities=["stiffness", "speed"])
+
+
+def test_derivatives_are_those_of_sensitivities(solution):
+    result = bd.sensitivities(oscillator, ["stiffness", "speed"], ALPHA, output_step=0.05)
+    for name in ("mass.x", "mass.y_dot", *solution.coordinates().columns[-1:]):
+        assert solution.sensitivity(name, "speed").equals(result.sensitivity(name, "speed"))
+    table = result.table()
+    assert solution.table()[list(table)].equals(table)
+    assert solution[HEADER].equals(result.sensitivity("mass.x", "stiffness"))
+    assert len(solution["d(mass)/d(speed)"].columns) == len(solution["mass"].columns)
+
+
+def test_a_parameter_name_or_a_built_mechanism_is_accepted():
+    stiff = bd.simulate(oscillator(stiffness=90.0), ALPHA, sensitivities="stiffness")
+    expected = bd.sensitivities(oscillator, "stiffness", ALPHA, parameters={"stiffness": 90.0})
+    assert stiff.sensitivity("mass.x", "stiffness").equals(
+        expected.sensitivity("mass.x", "stiffness")
+    )
+    assert stiff.derivatives.parameters == {"stiffness": 90.0}
+
+
+def test_inputs_are_those_of_the_run():
+    push = 3.0
+    run = bd.simulate(driven, ALPHA, inputs={"push": push}, sensitivities="stiffness")
+    ends = [
+        bd.simulate(driven(stiffness=40.0 + x), ALPHA, inputs={"push": push})["mass.x"].iloc[-1]
+        for x in (-1e-3, 1e-3)
+    ]
+    end = run.sensitivity("mass.x", "stiffness").iloc[-1]
+    assert end == pytest.approx((ends[1] - ends[0]) / 2e-3, rel=1e-6)
+
+
+def test_saved_and_pickled_solutions_keep_derivatives(solution, tmp_path):
+    path = solution.save(tmp_path / "run.beamdae")
+    derivative = solution.sensitivity("mass.x", "stiffness")
+    for copy in (pickle.loads(pickle.dumps(solution)), bd.load(path, oscillator), bd.load(path)):
+        assert copy.sensitivity("mass.x", "stiffness").equals(derivative)
+        assert copy.table().equals(solution.table())
+        rows = copy.at_times(solution.t[2:5])
+        assert rows.sensitivity("mass.x", "stiffness").equals(derivative.iloc[2:5])
+        with pytest.raises(bd.BeamdaeError, match=r"at_times: the .*run"):
+            copy.at_times([0.07])
+
+
+def test_derivatives_at_other_times(solution):
+    result = bd.sensitivities(oscillator, ["stiffness", "speed"], ALPHA, output_step=0.05)
+    expected = result.at_times([0.07, 0.33]).sensitivity("mass.x", "speed")
+    assert solution.at_times([0.07, 0.33]).sensitivity("mass.x", "speed").equals(expected)
+
+
+def test_tables_files_and_pages_contain_derivatives(solution, tmp_path):
+    csv = solution.to_csv(tmp_path / "run.csv").read_text().partition("\n")[0].split(",")
+    assert HEADER in csv
+    assert csv.index(HEADER) < csv.index("energy.kinetic [J]")
+    page = build_run_page(solution, "run", errors=estimate_errors(solution))
+    assert HEADER in page["cases"][0]["curves"]["observed"]
+    assert any(HEADER in row for x in page["tables"] for row in x["rows"])
+    assert not any(x.startswith("d(") for x in characteristic_columns(solution.all_columns()))
+    assert Header.of(HEADER) == ("d(mass)/d(stiffness)", "x", "m per unit of stiffness")
+
+
+def test_a_run_that_is_stopped_has_no_derivatives():
+    with pytest.warns(bd.BeamdaeWarning, match="not finished"):
+        run = bd.simulate(oscillator, bd.Radau(max_steps=3), sensitivities="speed")
+    assert not run.status.success
+    assert "mass.x" in run
+    with pytest.raises(bd.BeamdaeError, match="no derivatives; name the parameters"):
+        run.sensitivity("mass.x", "speed")
+
+
+@pytest.mark.parametrize("partial", ["raise", "return"])
+def test_an_interrupt_of_the_derivatives_preserves_the_run(partial, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(implementation, "_differentiate", interrupt)
+    if partial == "return":
+        run = bd.simulate(oscillator, ALPHA, sensitivities="speed", partial="return")
+        assert run.status.kind == "interrupted"
+    else:
+        with pytest.raises(bd.Interrupted) as problem:
+            bd.simulate(oscillator, ALPHA, sensitivities="speed")
+        run = problem.value.solution
+    assert run.t[-1] == 0.4
+    assert run["mass.x"].iloc[-1] != 1.0
+
+
+def changed():
+    mech = oscillator()
+    mech.add(bd.PointMass("other", 1.0, at=(0.0, 1.0)))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("model", "names", "sentence"),
+    [
+        (oscillator, "stifness", "simulate: .* did you mean 'stiffness'"),
+        (oscillator, [], "simulate: sensitivities must contain each parameter once"),
+        (changed, "speed", "simulate: the mechanism was changed after oscillator had built it"),
+        (lambda: oscillator.build(), "speed", "simulate: sensitivities need a model function"),
+    ],
+)
+def test_mistakes(model, names, sentence):
+    model = model if model is oscillator else model()
+    with pytest.raises(bd.BeamdaeError, match=sentence):
+        bd.simulate(model, ALPHA, t_end=0.1, sensitivities=names)
+
+
+def test_a_solution_without_derivatives():
+    run = bd.simulate(oscillator, ALPHA)
+    with pytest.raises(bd.BeamdaeError, match=r"simulate\(..., sensitivities="):
+        run.sensitivity("mass.x", "speed")
+    assert not np.any([x.startswith("d(") for x in run.table()])
+
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.2)
+def fall(mass=1.0, drag=0.3):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0)))
+    mech.add(bd.Damper("drag", mech.ground.at(0.0, 0.0), ball.point, drag))
+    mech.observe("ball", ball.point)
+    return mech
+"""
+
+
+def test_the_command_writes_derivatives(tmp_path):
+    (tmp_path / "fall.py").write_text(MODEL)
+
+    def run(*arguments):
+        command = ("run", str(tmp_path / "fall.py"), "--out", str(tmp_path), *arguments)
+        return CliRunner().invoke(app, [*command, "--no-picture", "--no-page", "--no-estimate"])
+
+    result = run("--sensitivities", "mass, drag", "--output-step", "0.1")
+    assert result.exit_code == 0, result.output
+    assert "d(ball.y)/d(mass)" in result.output
+    header = (tmp_path / "fall.csv").read_text().partition("\n")[0]
+    assert "d(ball.y_dot)/d(drag) [m/s per unit of drag]" in header.split(",")
+    for option, value in (("--continue", "x.json"), ("--accuracy", "1%")):
+        result = run("--sensitivities", "mass", option, value)
+        assert result.exit_code == 2
+        assert f"--sensitivities is not supported with {option}" in " ".join(result.output.split())
