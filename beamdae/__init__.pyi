@@ -83,6 +83,8 @@ from .integrators import Ida as Ida
 from .integrators import Integrator as Integrator
 from .integrators import Radau as Radau
 from .interrupts import Interrupted as Interrupted
+from .live.server import LiveView as LiveView
+from .live.server import view as view
 from .model_functions import Model as Model
 from .model_functions import model as model
 from .model_parameters import param as param

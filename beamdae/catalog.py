@@ -628,6 +628,8 @@ GROUPS = (
         "Pictures",
         (
             Public("draw", "beamdae.report.pictures.drawing"),
+            Public("view", "beamdae.live.server"),
+            Public("LiveView", "beamdae.live.server"),
             Public("plot", "beamdae.report.pictures.time_plots"),
             Public("Plot", "beamdae.results.displays"),
             Public("animate", "beamdae.report.pictures.run_animation"),

@@ -268,6 +268,8 @@ TESTED_ELSEWHERE = {
     "SweepResults",
     "animate",
     "draw",
+    "view",
+    "LiveView",
     "animate_mode",
     "boundary",
     "buckling",

@@ -24,6 +24,7 @@ _COMMAND_MODULES = {
     "sweep": "sweep",
     "check": "check",
     "draw": "draw",
+    "view": "view",
     "static": "static",
     "buckling": "buckling",
     "modes": "modes",

@@ -542,6 +542,10 @@ class Mechanism(HasOrigin):
         """Draw the mechanism with names, joints, supports and loads; see `beamdae.draw`."""
         return public("draw")(self)
 
+    def view(self, **settings: Any) -> Any:
+        """Show the mechanism on a page with sliders and runs; see `beamdae.view`."""
+        return public("view")(self, **settings)
+
     @property
     def laws(self) -> list[Law]:
         """All time laws of the parts, of gravity and of inputs."""

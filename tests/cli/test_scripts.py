@@ -82,7 +82,16 @@ def test_the_guide_lists_the_keys_of_documents(here):
     guide = Path(__file__).parents[2] / ".docs" / "guide" / "commands.md"
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", guide.read_text(encoding="utf-8"), re.MULTILINE)
     guide_keys = {command: set(re.findall(r"`([^`]+)`", keys)) for command, keys in rows}
-    others = {"buckling", "compare", "export", "fit", "optimize", "periodic", "response", "sweep"}
+    others = {
+        "buckling",
+        "compare",
+        "export",
+        "fit",
+        "optimize",
+        "periodic",
+        "response",
+        "sweep",
+    } | {"view"}
     assert set(guide_keys) == (KEYS.keys() | others) - {"new"}
     for command in ("check", "static", "draw"):
         document = parse(invoke(command, *KEYS[command][0], "--json").stdout)

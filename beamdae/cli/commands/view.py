@@ -1,0 +1,78 @@
+"""`beamdae view`: a page with sliders for the parameters of a model, served on this computer."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Annotated
+
+import typer
+
+from beamdae.cli import completion
+from beamdae.cli.options import (
+    EndTime,
+    ModelName,
+    ModelPath,
+    Settings,
+    load_configured_model,
+    parse_assignments,
+)
+from beamdae.cli.output import create_console, record_results
+from beamdae.errors import BeamdaeError
+
+
+def view_command(
+    path: ModelPath,
+    settings: Settings = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--range",
+            metavar="NAME=FIRST:LAST",
+            help="Ends of the slider of a parameter, for example radius=50cm:2m; repeatable.",
+            autocompletion=completion.complete_parameters,
+        ),
+    ] = None,
+    model_name: ModelName = None,
+    t_end: EndTime = None,
+    time_limit: Annotated[
+        float, typer.Option(help="Maximum wall time of a run in seconds.")
+    ] = 10.0,
+    port: Annotated[int, typer.Option(help="Port of the server; 0 chooses a free port.")] = 0,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", metavar="", help="Open the web browser.")
+    ] = True,
+) -> None:
+    """Show a model with sliders for its parameters; the drawing follows, and runs are animated.
+
+    The page is served on this computer only, at the printed address, until Ctrl-C. Exits with 130
+    after Ctrl-C, and with 2 and a message for a usage or model error.
+    """
+    from beamdae.cli.model_files.model_file import ModelFile
+
+    model = load_configured_model(ModelFile(path), model_name, settings)
+    from beamdae.live.server import LiveView, create_session
+
+    ends = {x: _parse_range(x, text) for x, text in parse_assignments(ranges, "--range").items()}
+    live = LiveView(create_session(model, ends, t_end, time_limit), port, is_embedded=False)
+    try:
+        if problem := live.session.draw({}).get("error"):
+            raise BeamdaeError(problem)
+        record_results(lambda: {"address": live.url})
+        create_console().print(
+            f"{model.name}: {live.url}\nCtrl-C ends the view.", soft_wrap=True, highlight=False
+        )
+        if browser:
+            live.open()
+        with warnings.catch_warnings():
+            # The page shows the warnings of runs.
+            warnings.simplefilter("ignore", UserWarning)
+            live.wait()
+    finally:
+        live.close()
+
+
+def _parse_range(name: str, text: str) -> tuple[str, str]:
+    first, colon, last = text.partition(":")
+    if not (colon and first.strip() and last.strip()) or ":" in last:
+        raise BeamdaeError(f"--range {name}={text}: the range must have the form FIRST:LAST.")
+    return first.strip(), last.strip()

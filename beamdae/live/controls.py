@@ -1,0 +1,78 @@
+"""Controls of the live view: the ranges of sliders, which follow from the defaults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from beamdae.errors import BeamdaeError, require_mapping, require_pair
+from beamdae.model_functions import Model
+from beamdae.model_parameters import ModelParameter
+
+# The slider of a number reaches from the default divided by this factor to the default times it.
+_RANGE_FACTOR = 4.0
+# A slider with positive ends is logarithmic from this ratio of its ends on.
+_MIN_LOGARITHMIC_RATIO = 8.0
+_FULL_TURN = {"rad": math.pi, "deg": 180.0, "°": 180.0}  # half a turn, in both directions
+
+
+def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> list[dict[str, Any]]:
+    """Return one control per parameter, as plain data for the page.
+
+    Parameters
+    ----------
+    model
+        The model.
+    ranges
+        Pairs (first, last) of slider ends by parameter, numbers or texts with units.
+
+    Returns
+    -------
+    list of dict
+        "name", "value", "unit", "description", "kind" ("number", "integer", "flag" or "text") and,
+        for numbers with a slider, its ends "low" and "high" and whether it is logarithmic ("log").
+
+    Raises
+    ------
+    BeamdaeError
+        If `ranges` has the wrong form, or names an unknown or another kind of parameter.
+    """
+    pairs = require_mapping("view", "ranges", ranges or {}, "a dict of pairs by parameter")
+    ends = {str(name): _require_range(model, str(name), x) for name, x in pairs.items()}
+    return [_create_control(x, ends.get(x.name)) for x in model.parameter_info.values()]
+
+
+def _create_control(x: ModelParameter, ends: tuple[Any, Any] | None) -> dict[str, Any]:
+    control = {"name": x.name, "unit": x.unit, "description": x.description}
+    if isinstance(x.default, bool):
+        return control | {"kind": "flag", "value": x.default}
+    if not isinstance(x.default, (int, float)) or not math.isfinite(x.default):
+        value = x.default if isinstance(x.default, str) else repr(x.default)
+        return control | {"kind": "text", "value": value}
+    kind = "integer" if isinstance(x.default, int) else "number"
+    low, high = _default_range(x) if ends is None else ends
+    is_log = kind == "number" and low > 0.0 and high >= _MIN_LOGARITHMIC_RATIO * low
+    slider = {"low": low, "high": high, "log": is_log} if low < high else {}
+    return control | {"kind": kind, "value": x.default, **slider}
+
+
+def _default_range(x: ModelParameter) -> tuple[Any, Any]:
+    """Return the ends of a slider; they are equal, and there is no slider, for a default of 0."""
+    if x.unit in _FULL_TURN:
+        return -_FULL_TURN[x.unit], _FULL_TURN[x.unit]
+    if isinstance(x.default, int):
+        return (1, int(_RANGE_FACTOR) * x.default) if x.default > 0 else (x.default, x.default)
+    low, high = sorted((x.default / _RANGE_FACTOR, x.default * _RANGE_FACTOR))
+    return (low, high) if math.isfinite(high - low) else (x.default, x.default)
+
+
+def _require_range(model: Model, name: str, value: Any) -> tuple[Any, Any]:
+    pair = require_pair("view", f"the range of {name}", value, "a pair (first, last)")
+    low, high = (model.complete({name: x})[name] for x in pair)
+    is_number = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in (low, high))
+    if not is_number or not low < high:
+        raise BeamdaeError(
+            f"view: the range of {name} must be two ascending numbers, got {low} and {high}."
+        )
+    return low, high

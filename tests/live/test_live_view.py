@@ -1,0 +1,278 @@
+"""Live view: answers to requests of its page, refusals of all other requests, and the command."""
+
+import http.client
+import json
+import re
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+from terminals import process
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.app import app
+from beamdae.live import session as live_session
+from beamdae.live.controls import create_controls
+
+
+@bd.model(t_end=0.2)
+def swing(length=0.5, mass=2.0, copies=1, tilt=0.0, color="red", is_fast=False, points=(1.0, 2.0)):
+    """Release a mass of `mass` [kg] on a rope of `length` [m] at `tilt` [rad]."""
+    if color == "broken":
+        raise ZeroDivisionError("division by zero")
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+@pytest.fixture
+def live():
+    live = bd.view(swing)
+    yield live
+    live.close()
+
+
+def send(live, action, body=None, method=None, token=None, **headers):
+    """Return the status and the content of the answer to a request."""
+    connection = http.client.HTTPConnection("127.0.0.1", live.port, timeout=30)
+    path = f"/{live.token if token is None else token}/{action}"
+    content = None if body is None else json.dumps(body)
+    headers = {name.replace("_", "-"): value for name, value in headers.items()}
+    if body is not None:
+        headers.setdefault("Content-Type", "application/json")
+    method = method or ("GET" if body is None else "POST")
+    try:
+        connection.request(method, path, content, headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode()
+    finally:
+        connection.close()
+
+
+def ask(live, action, **values):
+    status, text = send(live, action, {"values": values})
+    assert status == 200, text
+    return json.loads(text)
+
+
+def test_the_page_contains_controls_and_drawing(live):
+    status, page = send(live, "")
+    assert status == 200
+    assert "<title>swing</title>" in page
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page)[1])
+    assert [x["kind"] for x in data["controls"]] == [
+        *("number", "number", "integer", "number", "text", "flag", "text")
+    ]
+    assert data["controls"][0] == {
+        **{"name": "length", "value": 0.5, "unit": "m", "kind": "number"},
+        **{"low": 0.125, "high": 2.0, "log": True},
+        "description": swing.parameter_info["length"].description,
+    }
+    assert data["first"]["frames"]["symbols"]
+    assert live.url in live._repr_html_()
+
+
+def test_the_drawing_follows_the_parameters(live):
+    extents = [ask(live, "draw", length=x)["frames"]["extent"] for x in (0.5, 1.0, "800 mm")]
+    assert [high[0] for _, high in extents] == pytest.approx([0.5, 1.0, 0.8], rel=0.1)
+
+
+def test_a_run_is_animated_and_summarized(live):
+    answer = ask(live, "run", length=1.0)
+    assert answer["status"].startswith("reached the end; ")
+    assert answer["ok"]
+    assert len(answer["frames"]["t"]["u16"]) > 100
+    rows = {row[0]: row for row in answer["table"]["rows"]}
+    assert float(rows["bob.y [m]"][1]) == pytest.approx(-0.19, abs=0.02)
+    short = send(live, "run", {"values": {}, "t_end": 0.1})[1]
+    assert json.loads(short)["status"].startswith("reached the end")
+
+
+ERRORS = {
+    "length": [("850 N", "measures another quantity; give the value in m."), ("x", "type float")],
+    "copies": [(1.5, "must be of type int"), (None, "must be of type int")],
+    "speed": [(1.0, "there is no parameter 'speed'; available parameters: length, mass")],
+    "mass": [(float("nan"), "mass must be finite"), (-1.0, "mass")],
+    "color": [("broken", "division by zero")],
+    "points": [("(1, ", "must be of type tuple")],
+}
+
+
+def test_mistakes_are_sentences(live):
+    for name, cases in ERRORS.items():
+        for value, sentence in cases:
+            for action in ("draw", "run"):
+                answer = ask(live, action, **{name: value})
+                assert list(answer) == ["error"], answer
+                assert sentence in answer["error"]
+                assert "\n" not in answer["error"]
+    end = json.loads(send(live, "run", {"values": {}, "t_end": -1.0})[1])
+    assert "t_end" in end["error"]
+
+
+def test_only_the_page_of_this_server_is_answered(live):
+    host = f"127.0.0.1:{live.port}"
+    body = {"values": {}}
+    for good in (
+        {"Origin": f"http://{host}"},
+        {"Host": f"localhost:{live.port}", "Origin": f"http://localhost:{live.port}"},
+        {"Sec_Fetch_Site": "same-origin"},
+    ):
+        assert send(live, "draw", body, **good)[0] == 200, good
+    for bad in (
+        {"Origin": "http://example.org"},
+        {"Origin": f"https://{host}"},
+        {"Origin": "null"},
+        {"Host": f"example.org:{live.port}"},
+        {"Host": "127.0.0.1"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"token": "x"},
+        {"token": ""},
+        {"token": live.token[:-1]},
+        {"token": live.token + "/.."},
+    ):
+        assert send(live, "draw", body, **bad)[0] == (404 if ".." in str(bad) else 403), bad
+        if "Sec_Fetch_Site" not in bad:
+            assert send(live, "", **bad)[0] == (404 if ".." in str(bad) else 403), bad
+    connection = http.client.HTTPConnection("127.0.0.1", live.port, timeout=30)
+    connection.request("GET", "/")
+    answer = connection.getresponse()
+    assert answer.status == 403
+    assert live.token not in str(answer.headers) + answer.read().decode()
+    connection.close()
+
+
+def test_wrong_requests_are_refused(live):
+    assert send(live, "other")[0] == send(live, "other", {"values": {}})[0] == 404
+    assert send(live, "draw", {"values": {}}, Content_Type="text/plain")[0] == 415
+    assert send(live, "draw", {"values": {"color": "x" * 200_000}})[0] == 413
+    for body in ([], {}, {"values": 3}, "text"):
+        assert send(live, "draw", body)[0] == 400
+    assert send(live, "", method="PUT")[0] == 501
+    assert send(live, "", method="DELETE")[0] == 501
+
+
+def test_a_later_request_ends_a_run(live, monkeypatch):
+    begun, may_end = threading.Event(), threading.Event()
+    simulate = live_session.simulate
+
+    def wait(*arguments, progress, **settings):
+        begun.set()
+        may_end.wait(30.0)
+        assert progress(0.1) == "superseded"
+        return simulate(*arguments, **settings)
+
+    monkeypatch.setattr(live_session, "simulate", wait)
+    answers = []
+    run = threading.Thread(target=lambda: answers.append(ask(live, "run")))
+    run.start()
+    begun.wait(30.0)
+    drawing = threading.Thread(target=lambda: answers.append(ask(live, "draw")))
+    drawing.start()
+    while live.session._latest < 2:
+        pass
+    may_end.set()
+    run.join()
+    drawing.join()
+    assert sorted(map(list, answers)) == [["frames"], ["superseded"]]
+
+
+def test_mechanisms_have_the_sliders_of_their_model_unless_changed():
+    built = swing(length=0.7)
+    live = built.view()
+    assert live.session.controls[0]["value"] == 0.7
+    live.close()
+    built.add(bd.PointMass("other", 1.0, at=(1.0, 1.0)))
+    changed = built.view()
+    assert changed.session.controls == []
+    assert len(ask(changed, "draw")["frames"]["symbols"]) > 1
+    changed.close()
+    alone = bd.Mechanism()
+    alone.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match="view: the mechanism has no end time; pass t_end="):
+        bd.view(alone)
+    with pytest.raises(bd.BeamdaeError, match="view: ranges are those of parameters"):
+        bd.view(alone, {"length": (1, 2)}, t_end=1.0)
+
+
+def test_ranges_of_sliders():
+    by_name = {x["name"]: x for x in create_controls(swing, {"length": ("50 cm", 3.0)})}
+    assert (by_name["length"]["low"], by_name["length"]["high"]) == (0.5, 3.0)
+    assert not by_name["length"]["log"]
+    assert (by_name["copies"]["low"], by_name["copies"]["high"]) == (1, 4)
+    assert by_name["tilt"]["high"] == pytest.approx(3.1415926535)
+    for ranges in (
+        {"length": (2.0, 1.0)},
+        {"length": 3.0},
+        {"color": ("a", "b")},
+        {"speed": (1, 2)},
+    ):
+        with pytest.raises(bd.BeamdaeError):
+            create_controls(swing, ranges)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"port": -1}, "view: port must be an integer from 0 to 65535, got -1"),
+        ({"port": True}, "view: port must be"),
+        ({"time_limit": 0.0}, "view: time_limit must be"),
+    ],
+)
+def test_mistakes_in_settings(settings, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.view(swing, **settings)
+
+
+def test_a_used_port_is_an_error(live):
+    with pytest.raises(bd.BeamdaeError, match=f"view: port {live.port} cannot be used"):
+        bd.view(swing, port=live.port)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--range", "radius=3"], "--range radius=3: the range must have the form FIRST:LAST."),
+        (["--range", "radius=1 N:2"], "the unit N measures another quantity"),
+        (["--set", "radius=1 N"], "the unit N measures another quantity"),
+        (["--port", "70000"], "view: port must be an integer from 0 to 65535, got 70000"),
+    ],
+)
+def test_mistakes_on_the_command_line(arguments, message):
+    result = CliRunner().invoke(app, ["view", "example:pendulum", "--no-browser", *arguments])
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_the_command_serves_until_interrupted():
+    command = process("view", "example:pendulum", "--no-browser", "--range", "radius=50cm:2m")
+    address = command.stdout.readline()
+    match = re.fullmatch(r"pendulum: http://127\.0\.0\.1:(\d+)/([\w-]+)/\n", address)
+    connection = http.client.HTTPConnection("127.0.0.1", int(match[1]), timeout=30)
+    connection.request("GET", f"/{match[2]}/")
+    answer = connection.getresponse()
+    assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+    assert b'"low":0.5' in answer.read()
+    connection.close()
+    command.send_signal(signal.SIGINT)
+    _, errors = command.communicate(timeout=30)
+    assert (command.returncode, errors) == (130, "interrupted\n")
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_python_ends_without_closing_a_view(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import beamdae as bd\nlive = bd.view(bd.load_model('example:pendulum'))\nprint(live.url)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.startswith("http://127.0.0.1:")

@@ -1,0 +1,107 @@
+"""Live view in a browser: sliders move the drawing, errors are sentences, runs are animated."""
+
+import pytest
+
+import beamdae as bd
+
+
+@bd.model(t_end=0.2)
+def swing(length=0.5, mass=2.0):
+    """Release a `mass` [kg] on a rope of `length` [m]."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+@pytest.fixture
+def live():
+    live = bd.view(swing)
+    yield live
+    live.close()
+
+
+@pytest.fixture
+def open_live(browser, live):
+    """Return a function that opens the live view in a window of this size and color scheme."""
+    contexts, messages, requests = [], [], []
+
+    def show(**settings):
+        context = browser.new_context(**settings)
+        contexts.append(context)
+        tab = context.new_page()
+        tab.on("console", lambda message: messages.append(message.text))
+        tab.on("pageerror", lambda problem: messages.append(str(problem)))
+        tab.on("request", lambda request: requests.append(request.url))
+        tab.goto(live.url)
+        wait_for_run(tab)
+        return tab
+
+    yield show
+    for context in contexts:
+        context.close()
+    # The browser reports requests to a closed server.
+    assert [x for x in messages if "ERR_CONNECTION_REFUSED" not in x] == []
+    assert all(url.startswith((live.url, "data:")) for url in requests)
+
+
+def wait_for_run(tab):
+    tab.locator("#state", has_text=" steps, ").wait_for()
+
+
+def stage(tab):
+    paths = tab.locator("#stage path.body:not(.initial)")
+    return paths.evaluate_all("paths => paths.map((path) => path.getAttribute('d'))")
+
+
+def test_a_slider_moves_the_drawing_and_its_release_runs_the_model(open_live):
+    tab = open_live(viewport={"width": 1366, "height": 768})
+    assert tab.locator("#title").text_content() == "swing"
+    assert tab.locator("#play").text_content() == "Pause"
+    tab.get_by_label("run after each change").uncheck()
+    tab.locator("#play").click()
+    field, slider = tab.locator("#parameter-length"), tab.get_by_role("slider", name="length")
+    slider.focus()
+    drawings = []
+    for _ in range(3):
+        tab.keyboard.press("PageUp")
+        tab.locator("#state", has_text=" steps, ").wait_for(state="hidden")
+        drawings.append(stage(tab))
+    assert drawings[0] != drawings[1] != drawings[2]
+    assert 0.5 < float(field.input_value()) < 2.0
+    assert tab.locator("#player").is_hidden()
+    assert "--set length=" in tab.locator("#command").text_content()
+    tab.get_by_label("run after each change").check()
+    tab.keyboard.press("Tab")
+    slider.focus()
+    tab.keyboard.press("PageUp")
+    wait_for_run(tab)
+    assert tab.locator("#player").is_visible()
+    assert tab.locator("#table tbody tr").count() == 4
+
+
+def test_mistakes_and_units_in_a_field(open_live):
+    tab = open_live(viewport={"width": 390, "height": 844}, color_scheme="dark")
+    field, state = tab.locator("#parameter-length"), tab.locator("#state")
+    before = stage(tab)
+    field.fill("3 N")
+    field.press("Enter")
+    tab.locator("#state", has_text="the unit N measures another quantity").wait_for()
+    assert "alarm" in state.get_attribute("class")
+    field.fill("800 mm")
+    field.press("Enter")
+    wait_for_run(tab)
+    assert "alarm" not in (state.get_attribute("class") or "")
+    assert stage(tab) != before
+    tab.locator("#reset").click()
+    assert field.input_value() == "0.5"
+    assert tab.locator("#command").is_hidden()
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_a_closed_server_is_a_sentence(open_live, live):
+    tab = open_live(viewport={"width": 1366, "height": 768})
+    live.close()
+    tab.locator("#run").click()
+    tab.locator("#state", has_text="The server does not answer").wait_for()
