@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 from beamdae.cli.app import app
 
 ROOT = Path(__file__).parents[1]
-TUTORIAL = ROOT / "models" / "tutorials" / "four_bar.md"
-GAUGES = ROOT / "models" / "tutorials" / "gauges.md"
-GRIPPER = ROOT / "models" / "tutorials" / "gripper.md"
+TUTORIALS = ROOT / "models" / "tutorials"
+TUTORIAL = TUTORIALS / "four_bar.md"
+GAUGES = TUTORIALS / "gauges.md"
+GRIPPER = TUTORIALS / "gripper.md"
 PAGES = [
     page for part in ("howto", "theory") for page in sorted((ROOT / ".docs" / part).glob("*.md"))
 ]
@@ -119,6 +120,73 @@ def test_design_of_the_gripper_matches_its_text(tmp_path, monkeypatch):
 
 
 @slow
+def test_compliant_stage_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(TUTORIALS / "stage.md")
+    # 24 EI / L^3, 3 E h d / L^2 and 3 d^2 / (5 L); the stress without shear and geometric effects.
+    assert names["stiffness"] == pytest.approx(3543.75, rel=5e-4)
+    assert names["stress"] == pytest.approx(35.44e6, rel=0.01)
+    assert names["sink"] == pytest.approx(1.35e-6, rel=1e-3)
+    assert names["modes"].frequencies[0] == pytest.approx(13.379, rel=1e-3)
+    assert_allclose(names["slow"], np.sort_complex(names["poles"]), rtol=0.01)
+    assert names["difference"] < 0.5e-6
+    assert [names["largest_pole"](every) < 1.0 for every in names["sampled"]] == [True, True, False]
+    settling = [names["settling_time"](run) for run in names["sampled"].values()]
+    assert min(settling) > 0.030
+    assert all(value < limit for value, limit in names["requirements"].values())
+    assert names["settling_time"](names["smooth"]) == pytest.approx(0.0135, abs=5e-4)
+
+
+@slow
+def test_drop_test_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(TUTORIALS / "drop_test.md")
+    assert -names["elastic"]["bottom.y"].min() == pytest.approx(names["deepest"], rel=0.015)
+    assert names["loss"] == pytest.approx(0.42 * 1.03, rel=0.01)
+    table = names["table"]
+    assert_allclose(table["peak [g]"], table["rigid [g]"], rtol=0.015)
+    assert table["compression [mm]"].max() < 28.0
+    assert names["permissible"] == pytest.approx(0.51, abs=0.01)
+    deflection = names["free"]["board.transverse"].min()
+    assert names["estimate"].min() == pytest.approx(0.95 * deflection, rel=0.02)
+    assert names["safe"] == 6e-3
+    impulses, forces = np.transpose(names["contacts"])
+    assert np.ptp(impulses) < 0.01 * impulses[0]
+    assert forces[-1] == pytest.approx(3.0 * forces[0], rel=0.1)
+
+
+@slow
+def test_rotating_blade_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(TUTORIALS / "blade.md")
+    assert_allclose(names["modes"].frequencies, names["slender"], rtol=6e-3)
+    assert_allclose(names["frequencies"], names["ritz_frequencies"], rtol=6e-3)
+    resonance = names["diagram"].resonances().iloc[0]
+    assert (resonance["mode"], resonance["multiple"]) == (1, 4)
+    assert resonance["speed [rad/s]"] == pytest.approx(26.27, abs=0.01)
+    assert_allclose(names["tip_amplitudes"], names["expected"], rtol=0.02)
+    assert names["peaks"][0] == pytest.approx(names["peaks"][1], rel=0.01)
+    assert names["cycles_of_the_standard"] == {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}
+    assert names["damage"] == pytest.approx(1.0 / 2e5, rel=0.1)
+
+
+@slow
+def test_snapping_arch_matches_its_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(TUTORIALS / "snapping_arch.md")
+    assert names["thickness"] == pytest.approx(1.027e-3, abs=1e-6)
+    largest, drops = names["largest"], names["drops"]
+    assert largest(drops, names["loads"]) == pytest.approx(30.0, rel=2e-4)
+    limit = names["limit_load"](names["thickness"], names["measured"])
+    assert limit == pytest.approx(names["expected"], rel=1e-3)
+    assert sorted(names["mode_1"]) == pytest.approx([27.56, 32.69], abs=0.02)
+    assert names["mode_2"] == pytest.approx([28.97, 28.97], abs=0.02)
+    assert names["bound"] < names["high"] < 1.02 * names["bound"]
+    crown = names["snap"]["crown.y"].iloc[-1]
+    assert crown == pytest.approx(4e-3 - names["other_side"], rel=1e-3)
+
+
+@slow
 @pytest.mark.parametrize("page", [page_param(page) for page in PAGES if code_blocks(page)])
 def test_page_runs_as_printed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -175,6 +243,6 @@ def test_example_for_torch_with_a_stub(monkeypatch):
 
 def test_pages_with_cells_have_a_notebook_header():
     """Without the header, cells would be displayed but not executed."""
-    for page in [TUTORIAL, GAUGES, *PAGES]:
+    for page in [*TUTORIALS.glob("*.md"), *PAGES]:
         text = page.read_text()
         assert ("{code-cell}" in text) == text.startswith("---\njupytext:"), page.name
