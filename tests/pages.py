@@ -140,6 +140,58 @@ def odd_page():
     return page
 
 
+SPEEDS, HEIGHTS = (1.0, 2.0, 4.0), (0.1, 0.2, 0.3)
+
+
+def sweep_page(without=()):
+    """Return a sweep over three speeds and three heights; `without` lists cases without curves.
+
+    The motion of the four corners is stored: a bar whose length is its speed.
+    """
+    cases = []
+    for k, (i, j) in enumerate(np.ndindex(3, 3)):
+        frames = bar_frames() | {"extent": [[0.0, 0.0], [2.0 * SPEEDS[i], 2.0 * SPEEDS[i]]]}
+        for body in frames["bodies"]:
+            for axis in ("x", "y"):
+                body[axis] = (SPEEDS[i] * np.array(body[axis])).tolist()
+        values = {"speed": SPEEDS[i], "height": HEIGHTS[j], "tip.y max [m]": 10.0 * i + j}
+        cases.append(
+            build_case(
+                k,
+                f"speed={SPEEDS[i]:g}, height={HEIGHTS[j]:g}",
+                None,
+                0.1,
+                at=[i, j],
+                family=f"height={HEIGHTS[j]:g}",
+                series=f"height={HEIGHTS[j]:g}",
+                values=values | {"residuals": 1000 + k},
+                curves=None if k in without else build_curves(k),
+                frames=frames if i != 1 and j != 1 else None,
+                file=f"trajectories/{k}.csv",
+            )
+        )
+    number = {"kind": "number", "section": "results"}
+    return {
+        "title": "sweep",
+        "groups": [{"id": "bar"}],
+        "columns": [
+            {"key": "label", "label": "case", "unit": "", "kind": "text"},
+            {"key": "speed", "label": "speed", "unit": "rad/s", **number},
+            {"key": "height", "label": "height", "unit": "m", **number},
+            {"key": "tip.y max [m]", "label": "tip.y max", "unit": "m", **number},
+            {"key": "residuals", "label": "residuals", "unit": "", **number, "section": "solver"},
+        ],
+        "axes": {"x": "speed", "y": "tip.y max [m]"},
+        "sliders": [
+            {"label": "speed", "unit": "rad/s", "values": list(SPEEDS), "isNumeric": True},
+            {"label": "height", "unit": "m", "values": list(HEIGHTS), "isNumeric": True},
+        ],
+        "map": [0, 1],
+        "sequential": True,
+        "cases": cases,
+    }
+
+
 def visible_labels(tab):
     """Return the labels of the visible rows of the case table."""
     return tab.locator("#table tbody tr:visible td.label").all_inner_texts()

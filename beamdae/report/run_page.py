@@ -11,7 +11,7 @@ from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.report.terminal.responsive_table import ResponsiveTable
-from beamdae.results.columns import observed_columns
+from beamdae.results.columns import is_derivative, observed_columns
 from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 
@@ -84,28 +84,42 @@ def _build_tables(
     if solution.equations.events:
         facts["events"] = format_event_times(solution.event_records)
     observed = {name: columns[name] for name in observed_columns(columns)}
-    return [
-        {"title": "Run", "rows": list(facts.items())},
-        {"title": "Certificate", "rows": list((certificate or {}).items())},
-        _export_table("Observed", terminal.range_table(observed, errors)),
-        _export_table("Validity of the beams", terminal.validity_table(solution.validity)),
-        {"title": "Provenance", "rows": _list_provenance(solution)},
+    validity = terminal.validity_table(solution.validity)
+    tables = [
+        export_table("Observed", terminal.range_table(observed)),
+        {"title": "Parameters", "rows": _list_parameters(solution)},
+        {"title": "Certificate", "rows": list((certificate or {}).items()), "section": "errors"},
+        export_table("Validity of the beams", validity, "errors"),
+        {"title": "Run", "rows": list(facts.items()), "section": "solver"},
+        {"title": "Provenance", "rows": _list_provenance(solution), "section": "solver"},
     ]
+    if errors is not None:
+        estimated = {name: x for name, x in observed.items() if not is_derivative(name)}
+        budget = export_table("Errors of the columns", terminal.range_table(estimated, errors))
+        extremes = slice(1, 4)
+        for row in (budget["head"], *budget["rows"]):
+            del row[extremes]
+        tables.insert(2, budget | {"section": "errors"})
+    return tables
 
 
-def _export_table(title: str, table: ResponsiveTable) -> dict[str, Any]:
-    head, *rows = table.texts
-    return {"title": title, "head": head, "rows": rows}
+def export_table(title: str, table: ResponsiveTable, section: str = "results") -> dict[str, Any]:
+    """Return a table of the terminal as a table of facts of the page."""
+    head, *rows = (list(row) for row in table.texts)
+    return {"title": title, "head": head, "rows": rows, "section": section}
+
+
+def _list_parameters(solution: Solution) -> list[list[str]]:
+    parameters = solution.metadata()["model"].get("parameters", {})
+    return [
+        [str(name), terminal.format_number(x, _PARAMETER_DIGITS)] for name, x in parameters.items()
+    ]
 
 
 def _list_provenance(solution: Solution) -> list[list[str]]:
     metadata = solution.metadata()
     model = metadata["model"]
-    parameters = model.get("parameters", {})
     settings = {"model": model.get("name", "")}
-    settings |= {
-        str(name): terminal.format_number(x, _PARAMETER_DIGITS) for name, x in parameters.items()
-    }
     settings["started"] = str(metadata["start"]["asked"] or "as drawn")
     settings["equations"] = metadata["equations"]["identity"][:_HASH_DIGITS]
     settings["written"] = datetime.now().astimezone().isoformat(" ", "seconds")

@@ -28,6 +28,7 @@ from beamdae.studies.tasks import Limits, Task, describe_exception
 _DEFAULT_OUTPUT_ROWS = 400
 _DEFAULT_TIME_LIMIT = 120.0  # seconds
 _REFERENCE_TIME_LIMIT_FACTOR = 10.0  # relative to the time limit of a case
+_REFERENCE_FRAMES = 120  # of the animation recorded with a reference
 _MAX_REPETITIONS = 1000
 
 
@@ -174,7 +175,7 @@ class Study:
             output_step,
             limits,
             1 if reference else self.repetitions,
-            animated=reference,
+            frames=_REFERENCE_FRAMES if reference else 0,
             mechanism_fingerprint=case.mechanism_fingerprint(digests),
         )
 

@@ -28,7 +28,20 @@ from beamdae.studies.run_values import (
 from beamdae.studies.tasks import shared_table
 from beamdae.studies.unique_names import number_duplicates
 
-_MAX_CURVES = 200  # cases with curves; pages with more take long to open
+MAX_CURVES = 200  # cases with curves; pages with more take long to open
+_NO_ERRORS = "These cases have no errors: no other case has the same parameters."
+# Columns about the solver, which the page shows on request.
+_SOLVER_COLUMNS = {
+    "steps",
+    "rejected steps",
+    "residual calls",
+    "Jacobian calls",
+    "max position drift",
+    "max velocity drift",
+    "energy imbalance [-]",
+    "reached [s]",
+    "peak memory [GB]",
+}
 # Prefix of the keys of extra columns, whose names may also occur in the case table.
 _EXTRA_COLUMN_PREFIX = "extra: "
 # Columns of the case table on the page: key, label, unit, kind.
@@ -54,7 +67,9 @@ _TABLE_COLUMNS = (
 
 
 def create_study_page(
-    results: StudyResults, extra_columns: pd.DataFrame | None = None
+    results: StudyResults,
+    extra_columns: pd.DataFrame | None = None,
+    with_curves: set[int] | None = None,
 ) -> dict[str, Any]:
     """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
@@ -65,8 +80,12 @@ def create_study_page(
     extra_columns
         Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
         and the default responses).
+    with_curves
+        Rows of the cases whose curves the page contains. Defaults to the first 200.
     """
     table = results.table
+    if with_curves is None:
+        with_curves = set(range(MAX_CURVES))
     present = [c for c in _TABLE_COLUMNS if c[0] in table]
     if extra_columns is None:
         parameters = list(table)[1 : list(table).index("group")]
@@ -82,10 +101,16 @@ def create_study_page(
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failures} failed",
         "made": versions(),
-        "notes": _create_notes(results),
+        "notes": _create_notes(results, with_curves),
         "groups": _create_groups(results, group_without_reference),
         "columns": [
-            {"key": key, "label": label, "unit": unit, "kind": kind}
+            {
+                "key": key,
+                "label": label,
+                "unit": unit,
+                "kind": kind,
+                "section": "solver" if key in _SOLVER_COLUMNS else "results",
+            }
             for key, label, unit, kind in columns
         ],
         "cases": _create_cases(
@@ -94,6 +119,7 @@ def create_study_page(
             [key for key, *_ in columns],
             group_without_reference,
             is_labeled_by_tag=extra_columns is not None,
+            with_curves=with_curves,
         ),
     }
 
@@ -109,7 +135,7 @@ def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, st
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
-def _create_notes(results: StudyResults) -> list[str]:
+def _create_notes(results: StudyResults, with_curves: set[int]) -> list[str]:
     notes = []
     if results.references:
         notes.append(
@@ -118,10 +144,10 @@ def _create_notes(results: StudyResults) -> list[str]:
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )
-    if len(results.table) > _MAX_CURVES:
+    if len(results.table) > len(with_curves):
         notes.append(
-            f"Curves are shown for the first {_MAX_CURVES} cases; the curves of all "
-            "cases are in trajectories/."
+            f"The page contains the curves of {len(with_curves)} of {len(results.table)} cases; "
+            "the rows of all cases are in trajectories/."
         )
     if results.interrupted:
         notes.append("The study was interrupted; run the study again to resume.")
@@ -143,7 +169,7 @@ def _create_groups(results: StudyResults, group_without_reference: str) -> list[
             {
                 "id": group_without_reference,
                 "label": results.study.name,
-                "reference": {"accepted": True, "sentence": "No errors are computed."},
+                "reference": {"accepted": True, "sentence": _NO_ERRORS} if groups else None,
             }
         )
     return groups
@@ -173,8 +199,10 @@ def _create_cases(
     keys: list[str],
     group_without_reference: str,
     is_labeled_by_tag: bool,
+    with_curves: set[int],
 ) -> list[dict[str, Any]]:
-    study, ranks, max_rows = results.study, _rank_cases(results.study), _max_rows_per_case(results)
+    study, ranks = results.study, _rank_cases(results.study)
+    max_rows = _max_rows_per_case(results, with_curves)
     cases = []
     for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
         group = str(row["group"])
@@ -196,7 +224,10 @@ def _create_cases(
                 "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(results, case, row, max_rows) if k < _MAX_CURVES else None,
+                "curves": _create_curves(results, case, row, max_rows)
+                if k in with_curves
+                else None,
+                "file": row["trajectory"],
             }
         )
     return cases
@@ -252,7 +283,8 @@ def _column_arrays(table: pd.DataFrame) -> dict[str, np.ndarray]:
     return {str(name): table[name].to_numpy() for name in table}
 
 
-def _max_rows_per_case(results: StudyResults) -> int:
-    tables = [shared_table(results.outcome(case)) for case in results.study.cases[:_MAX_CURVES]]
+def _max_rows_per_case(results: StudyResults, with_curves: set[int]) -> int:
+    cases = [case for k, case in enumerate(results.study.cases) if k in with_curves]
+    tables = [shared_table(results.outcome(case)) for case in cases]
     # Each column may be accompanied by its difference from the reference, hence the factor 2.
     return compute_row_limit(sum(2 * len(table.columns) for table in tables if table is not None))

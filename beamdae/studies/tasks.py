@@ -18,7 +18,6 @@ import pandas as pd
 from beamdae.errors import format_exception, require_positive, set_fields, short_repr
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
-from beamdae.results.solution import Solution
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_table
 
@@ -74,14 +73,16 @@ class Task:
     repetitions
         Number of runs; an unsuccessful run is the last. The last run is recorded, with the median
         and the extremes of all wall times.
-    animated
-        True if the outcome includes the shapes of the bodies over time.
+    frames
+        Number of frames of the animation that the outcome includes; 0 for no animation.
     mechanism_fingerprint
         `Case.mechanism_fingerprint`, or "" if it is unknown.
     name
         Readable name of the trajectory file without suffix, unique in the study; "" to use `key`.
     outputs
         Functions of the solution by name; their values are recorded.
+    is_measured
+        True if the outputs are functions of the model, which is not run.
     """
 
     key: str
@@ -90,10 +91,11 @@ class Task:
     output_step: float
     limits: Limits = Limits()
     repetitions: int = 1
-    animated: bool = False
+    frames: int = 0
     mechanism_fingerprint: str = ""
     name: str = ""
-    outputs: Mapping[str, Callable[[Solution], Any]] = field(default_factory=dict)
+    outputs: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+    is_measured: bool = False
 
     def serialize(self, models: SerializedModels) -> bytes:
         """Serialize the task for another process, including the code of the model.

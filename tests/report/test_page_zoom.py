@@ -123,6 +123,7 @@ def test_dragging_with_shift_zooms_into_a_box(show):
 def test_a_drag_that_ends_on_a_point_selects_nothing(show):
     tab = show(study_page())
     before = tab.locator("tr.selected").count()
+    find_point(tab, 2).scroll_into_view_if_needed()
     box = find_point(tab, 2).bounding_box()
     start = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
     drag(tab, start, [start[0] + 60.0, start[1] + 20.0])

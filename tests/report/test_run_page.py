@@ -27,10 +27,15 @@ def test_the_page_contains_facts_tables_and_curves(run):
     assert page["notes"] == ["Beware.", *run.warnings]
     tables = {table["title"]: table for table in page["tables"]}
     # Without beams there is no table on their validity.
-    assert list(tables) == ["Run", "Observed", "Provenance"]
-    assert tables["Observed"]["head"] == ["observed", "min", "max", "end", "error"]
-    assert tables["Observed"]["rows"][0][0] == "tip.x [m]"
-    assert tables["Observed"]["rows"][0][-1] == "1e-06"
+    assert {title: table["section"] for title, table in tables.items()} == {
+        "Observed": "results",
+        "Errors of the columns": "errors",
+        "Run": "solver",
+        "Provenance": "solver",
+    }
+    assert tables["Observed"]["head"] == ["observed", "min", "max", "end"]
+    assert tables["Errors of the columns"]["head"] == ["observed", "error"]
+    assert tables["Errors of the columns"]["rows"][0] == ["tip.x [m]", "1e-06"]
     (case,) = page["cases"]
     curves = case["curves"]
     assert_allclose(curves["t"], run.t)
@@ -69,14 +74,18 @@ def test_the_page_of_a_run_in_a_browser(run, show):
     assert tab.inner_text("h1") == "arm"
     for hidden in ("#precision", "#cases", "#choice", "#selection button"):
         assert not tab.locator(hidden).first.is_visible()
-    assert tab.locator("#facts h2").all_inner_texts() == ["Run"]
-    assert tab.locator("#more-facts h2").all_inner_texts() == ["Observed", "Provenance"]
+    # Motion and curves come first, the solver last.
+    visible = [x.inner_text() for x in tab.locator("h2").all() if x.is_visible()]
+    assert visible == ["Motion", "Over time", "Solver"]
+    tables = tab.locator(".facts h3").all_inner_texts()
+    assert tables == ["Observed", "Run", "Provenance"]
     panels = tab.locator(".panel h3").all_inner_texts()
     assert panels == ["Observed", "Energy [J]", "Drift of the joints"]
     # All energies share a panel.
     assert selected_options(tab.get_by_label("Energy [J]: quantity")) == ["all in J"]
     energies = tab.locator("[data-panel=energy] .switch").all_inner_texts()
-    assert energies[:3] == ["kinetic", "strain", "gravity"]
+    # The work of loads and other energies that stay zero are listed as constant.
+    assert energies == ["kinetic", "gravity"]
     assert tab.locator("[data-chart=energy] path.curve").count() == len(energies)
     assert "arm" in tab.locator("#stage title").all_text_contents()
 

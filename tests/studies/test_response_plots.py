@@ -11,6 +11,7 @@ import beamdae as bd
 from beamdae.report.page.page_file import write_page
 from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.study_page import create_study_page
+from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.response_plots import ParameterScale
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
@@ -113,3 +114,41 @@ def test_page_plots_responses_over_a_parameter(speed_radius_sweep):
         for k in range(len(families))
         if families[k] == families[0]
     )
+
+
+def test_the_page_has_sliders_a_map_and_the_motion_of_cases_that_span_the_parameters(
+    speed_radius_sweep,
+):
+    page = create_sweep_page(speed_radius_sweep)
+    sweep = speed_radius_sweep.sweep
+    assert [slider["label"] for slider in page["sliders"]] == ["speed", "radius"]
+    for slider in page["sliders"]:
+        assert slider["values"] == sorted({x[slider["label"]] for x in sweep.settings})
+    assert sorted(page["map"]) == [0, 1]
+    assert page["sequential"]
+    for case, setting in zip(page["cases"], sweep.settings, strict=True):
+        values = [x["values"][k] for x, k in zip(page["sliders"], case["at"], strict=True)]
+        assert values == [setting["speed"], setting["radius"]]
+        assert (case["frames"] is None) == (case["curves"] is None)
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [((2000,), (25,)), ((50, 40), (5, 5)), ((1000, 2), (12, 2)), ((10,) * 3, (2, 3, 4))],
+)
+def test_samples_span_the_parameters(counts, expected):
+    settings = [dict(enumerate(k)) for k in np.ndindex(counts)]
+    grid = ParameterGrid.of(settings, list(range(len(counts))))
+    positions = grid.positions[sorted(grid.sample(25))]
+    assert len(positions) <= 25
+    found = sorted(len(np.unique(x)) for x in positions.T)
+    assert found == sorted(expected)
+    assert_allclose(positions.min(axis=0), 0)
+    assert_allclose(positions.max(axis=0), np.array(counts) - 1)
+
+
+def test_combinations_without_a_grid_are_a_list():
+    settings = [{"a": 1, "b": 1}, {"a": 2, "b": 2}, {"a": 3, "b": 1}]
+    grid = ParameterGrid.of(settings, ["a", "b"])
+    assert [axis.name for axis in grid.axes] == ["case"]
+    assert grid.positions.tolist() == [[0], [1], [2]]

@@ -256,15 +256,16 @@ def test_finished_study_runs_no_task_again(swept, tmp_path):
 def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases(
     swept, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(study_page, "_MAX_CURVES", 4)
+    monkeypatch.setattr(study_page, "MAX_CURVES", 4)
     page = study_page.create_study_page(swept)
     assert [group["id"] for group in page["groups"]] == ["sweep"]
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     has_curves = [case["curves"] is not None for case in page["cases"]]
     assert has_curves == [True, False, True, True, False, False]
     assert page["notes"] == [
-        "Curves are shown for the first 4 cases; the curves of all cases are in trajectories/."
+        "The page contains the curves of 4 of 6 cases; the rows of all cases are in trajectories/."
     ]
+    assert page["groups"][0]["reference"] is None
     assert write_page(tmp_path / "report.html", page).stat().st_size > 10_000
     assert list_plots(swept) == {}
 

@@ -34,15 +34,21 @@ _SCRIPTS = (
     "cursor",
     "mechanism",
     "player",
+    "sliders",
+    "map",
     "fact_tables",
     "case_table",
     "selection",
+    "print",
     "main",  # must be last because it initializes the page
 )
 
+# Lines that begin with a comment, after indentation is removed.
+_COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILINE)
+
 # Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
-_TABLE_DEFAULTS: dict[str, Any] = {"title": "", "head": [], "rows": []}
+_TABLE_DEFAULTS: dict[str, Any] = {"title": "", "head": [], "rows": [], "section": "results"}
 _CASE_DEFAULTS: dict[str, Any] = {
     "label": "",
     "family": "",
@@ -55,6 +61,9 @@ _CASE_DEFAULTS: dict[str, Any] = {
     "below": False,
     "limited": False,
     "curves": None,
+    "frames": None,
+    "at": None,
+    "file": "",
 }
 _PAGE_DEFAULTS: dict[str, Any] = {
     "title": "",
@@ -64,6 +73,10 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "groups": [],
     "columns": [],
     "axes": {},
+    "sliders": [],
+    "map": None,
+    "sequential": False,
+    "time": {},
     "tables": [],
     "cases": [],
 }
@@ -89,22 +102,32 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "columns" of the case table: "key", "label", "unit" and "kind" ("text", "number",
           "status", "error" or "cost"). Columns of the kinds "error" and "cost" show the entries
           "error" and "cost" of each case. The label of a case (key "label") and its status always
-          come first.
+          come first. Columns with "section" equal to "solver" are hidden initially.
         - "axes": keys "x" and "y" of the columns that the scatter plot shows initially. The user
           can select error, cost and numeric columns. Defaults to error over cost if available.
-        - "tables" of facts: "title", "head" (column names) and "rows".
+        - "sliders", one per swept parameter: "label", "unit", "values" (ascending), and "isNumeric"
+          (the mechanism morphs between neighboring values). They select the motion, which is
+          interpolated between the cases that have "frames".
+        - "map": indices of the two sliders that are the axes of a map of a response, or None.
+        - "sequential": True if the families follow a parameter; their colors form a sequence.
+        - "time": "name" and "unit" of the quantity that takes the place of the time, for example
+          the load factor of an equilibrium path.
+        - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
+          (default), "errors" or "solver".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
           example the integrator; "series" (cases of the same series are connected by a line;
           default None); "rank", a number that orders the cases of a series and the table by label;
           "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
           the error is below the resolution of the reference); "limited" (True if a limit stopped
-          the run); and "curves", as returned by `beamdae.report.page.page_data.select_curves`.
+          the run); "at" (index of its value for each slider); "frames", its own animation, or None;
+          "file" (name of the file with its rows); and "curves", as returned by
+          `beamdae.report.page.page_data.select_curves`.
           Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.
 
-        A page with one case and without columns is the page of a run: it has no case table, and the
-        first table of facts is shown beside the animation.
+        A page with one case and without columns is the page of a run: it has no case table. The
+        order of every page is motion, curves, results, budget of error, solver.
 
     Returns
     -------
@@ -152,7 +175,9 @@ def fill_template(
 
 
 def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    return "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
+    """Return the content of files without indentation, empty lines and lines of comments."""
+    text = "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
+    return _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
 
 
 def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
@@ -170,7 +195,10 @@ def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
             )
     page["tables"] = [_TABLE_DEFAULTS | table for table in page["tables"]]
     page["groups"] = [group | {"frames": encode_frames(group["frames"])} for group in groups]
-    page["cases"] = [case | {"curves": encode_curves(case["curves"])} for case in cases]
+    page["cases"] = [
+        case | {"curves": encode_curves(case["curves"]), "frames": encode_frames(case["frames"])}
+        for case in cases
+    ]
     return _replace_nonfinite(page)
 
 

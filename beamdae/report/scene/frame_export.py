@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.scene.beam_colors import BeamColors, available_colors
-from beamdae.report.scene.run_scene import build_run_scene, frame_times
+from beamdae.report.scene.run_scene import DEFAULT_FRAMES, build_run_scene, frame_times
 from beamdae.report.scene.scene import MovingCurve, Scene, Symbol
 from beamdae.results.solution import Solution
 
@@ -21,9 +21,9 @@ _FRACTION_DIGITS = 5  # of angles and fractions
 _COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
-def export_run_frames(solution: Solution) -> dict[str, Any] | None:
+def export_run_frames(solution: Solution, frames: int = DEFAULT_FRAMES) -> dict[str, Any] | None:
     """Return the exported scene of a run, or None if nothing can be drawn; see `export_frames`."""
-    times = frame_times(solution)
+    times = frame_times(solution, frames)
     try:
         scene = build_run_scene("animate", solution, times)
     except BeamdaeError:

@@ -27,14 +27,14 @@ from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 
-_DEFAULT_FRAMES = 120
+DEFAULT_FRAMES = 120
 _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
 
-def frame_times(solution: Solution, frames: int = _DEFAULT_FRAMES) -> Array:
+def frame_times(solution: Solution, frames: int = DEFAULT_FRAMES) -> Array:
     """Return equally spaced times (frames,) [s] from the start to the end of a run."""
     start = solution.trajectory.intervals[0].t[0]
     return np.linspace(start, solution.trajectory.end, frames)

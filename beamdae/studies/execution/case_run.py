@@ -8,6 +8,7 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import cloudpickle
 
@@ -16,6 +17,7 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_
 from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.results.outcome import Status
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
 from beamdae.studies.run_values import (
@@ -35,6 +37,7 @@ from beamdae.studies.store.file_reads import (
 from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Limits, Outcome, Task, describe_exception
 
+_MEASURED = Status("ok", "measured without a run")
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
 
@@ -52,7 +55,7 @@ def run_task(serialized: bytes) -> Outcome:
             try:
                 task = cloudpickle.loads(serialized)
                 home = task.case.model.home
-                outcome = _run_case(task, reads)
+                outcome = _measure_case(task) if task.is_measured else _run_case(task, reads)
             except KeyboardInterrupt:
                 raise
             except BeamdaeError as problem:
@@ -69,6 +72,25 @@ def run_task(serialized: bytes) -> Outcome:
             with suppress(OSError):
                 os.chdir(folder)
     return outcome
+
+
+def _measure_case(task: Task) -> Outcome:
+    """Evaluate functions of the model of a task, without a run."""
+    begin = clock.perf_counter()
+    reset_peak_memory()
+    with limit_memory(task.limits.memory), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", BeamdaeWarning)
+        values = evaluate_outputs(task.outputs, task.case.configured())
+    values |= summarize_wall_times([clock.perf_counter() - begin])
+    values[PEAK_MEMORY_COLUMN] = peak_memory()
+    by_kind: dict[type[Warning], dict[str, None]] = {BeamdaeWarning: {}, KernelWarning: {}}
+    for warning in caught:
+        for kind, sentences in by_kind.items():
+            if issubclass(warning.category, kind):
+                sentences[str(warning.message)] = None
+    if by_kind[BeamdaeWarning]:
+        values["warnings"] = " ".join(by_kind[BeamdaeWarning])
+    return Outcome(_MEASURED, values, kernel_warnings=tuple(by_kind[KernelWarning]))
 
 
 def _run_case(task: Task, reads: FileReads) -> Outcome:
@@ -103,12 +125,18 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
                 status = Status("failed", str(problem))
         table = tabulate_trajectory(solution)
         text = format_trajectory(table)
-        frames = export_run_frames(solution) if task.animated else None
+        frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
     values[PEAK_MEMORY_COLUMN] = peak_memory()
     messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
     return Outcome(status, values, table, frames, text=text, kernel_warnings=messages)
+
+
+def _export_frames(solution: Solution, count: int) -> dict[str, Any]:
+    """Return the animation of a run; without frames if nothing can be drawn."""
+    lists: dict[str, Any] = {x: [] for x in ("t", "bodies", "poses", "symbols", "colors")}
+    return export_run_frames(solution, count) or lists | {"extent": [[0.0, 0.0]] * 2}
 
 
 @dataclass(frozen=True)

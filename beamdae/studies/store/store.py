@@ -202,7 +202,7 @@ def _is_usable(task: Task, content: dict[str, Any]) -> bool:
         return bool(content["limits"] == asdict(task.limits))
     if content["repetitions"] < task.repetitions:
         return False
-    return not task.animated or content["frames"] is not None
+    return not task.frames or content["frames"] is not None
 
 
 def _compute_checksum(content: Any) -> str:

@@ -31,15 +31,20 @@ from beamdae.studies.case import (
 from beamdae.studies.definition import Study
 from beamdae.studies.run_values import WALL_TIME_COLUMN
 from beamdae.studies.store.fingerprints import FingerprintError, digest
+from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.tasks import Task
 
 Output = Callable[[Solution], Any]
+# Function of a model whose defaults are the parameters of the case.
+Measure = Callable[[Model], Any]
 
 # Columns of every table of responses.
 STATUS = "status"
 REASON = "reason"
 TRAJECTORY = "trajectory"
 WARNINGS = "warnings"
+_MAX_ANIMATED_CASES = 25  # 5 x 5 for two parameters; a recorded motion takes 0.2 MB
+_FRAMES = 60  # of a recorded motion
 RESERVED_COLUMNS = (STATUS, REASON, WALL_TIME_COLUMN, TRAJECTORY, WARNINGS)
 
 
@@ -53,7 +58,9 @@ class ParameterStudy(Study):
     columns
         Observed columns in the table. Defaults to all observed columns.
     outputs
-        Functions of a `Solution`, by column name.
+        Functions of a `Solution`, or of the model if `is_measured` is true, by column name.
+    is_measured
+        True if the outputs are functions of the model, which is not run.
     settings
         Parameter values of each case as displayed: numbers, booleans and strings; other values,
         and values with a name, are displayed as strings.
@@ -67,6 +74,7 @@ class ParameterStudy(Study):
 
     references: tuple[Integrator, ...] | None = ()
     outputs: Mapping[str, Output] = field(default_factory=dict)
+    is_measured: bool = False
     settings: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
@@ -94,6 +102,16 @@ class ParameterStudy(Study):
         return {name: described[name].unit for name in self.parameters if name in described}
 
     @cached_property
+    def grid(self) -> ParameterGrid:
+        """Arrangement of the cases by the values of the varied parameters."""
+        return ParameterGrid.of(self.settings, self.varied)
+
+    @cached_property
+    def _animated_cases(self) -> set[int]:
+        """Cases whose motion is recorded, by their `id`."""
+        return {id(self.cases[row]) for row in self.grid.sample(_MAX_ANIMATED_CASES)}
+
+    @cached_property
     def _setting_by_case(self) -> dict[int, Mapping[str, Any]]:
         return {id(case): x for case, x in zip(self.cases, self.settings, strict=True)}
 
@@ -107,13 +125,20 @@ class ParameterStudy(Study):
         return ", ".join(values) or self.name
 
     def task(self, case: Case, reference: bool = False, digests: DigestCache | None = None) -> Task:
-        """Return the task of a case, including the outputs; see `Study.task`."""
+        """Return the task of a case, including outputs and animation; see `Study.task`.
+
+        The motion is recorded for at most 25 cases that span the parameters.
+        """
         digests = {} if digests is None else digests
         task = super().task(case, reference, digests)
+        if id(case) in self._animated_cases:
+            task = replace(task, frames=_FRAMES)
         if not self.outputs:
             return task
-        key = digest([task.key, cached_digest(digests, self.outputs, self._digest_outputs)])
-        return replace(task, key=key[:FINGERPRINT_LENGTH], outputs=self.outputs)
+        content = [task.key, cached_digest(digests, self.outputs, self._digest_outputs)]
+        key = digest([*content, "measured"] if self.is_measured else content)[:FINGERPRINT_LENGTH]
+        measured = {"is_measured": True, "frames": 0} if self.is_measured else {}
+        return replace(task, key=key, outputs=self.outputs, **measured)
 
     def _digest_outputs(self) -> str:
         try:

@@ -22,7 +22,8 @@ from beamdae.results.storage.files import require_file_path, write_escaped_table
 from beamdae.results.time_series import TimeSeries
 from beamdae.studies.case import format_parameter
 from beamdae.studies.execution.study_run import StudyResults
-from beamdae.studies.study_page import create_study_page, extra_column_key
+from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
+from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.parameter_study import (
     REASON,
     STATUS,
@@ -264,7 +265,10 @@ class SweepResults:
         return write_escaped_table(path, self.table)
 
     def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the table and the curves of the first 200 runs.
+        """Write an HTML page with motion, curves, map and table of the runs.
+
+        The page contains the curves of at most 200 runs and the motion of at most 25, which span
+        the parameters evenly; the motion is interpolated between them.
 
         Parameters
         ----------
@@ -343,8 +347,13 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
     family of runs.
     """
     columns = [*swept.parameters, *swept.response_columns]
-    content = create_study_page(swept.results, swept.table[columns])
+    grid = swept.sweep.grid
+    content = create_study_page(swept.results, swept.table[columns], grid.sample(MAX_CURVES))
     content["columns"][0] |= {"label": "case"}
+    units = {extra_column_key(parameter_column(x)): u for x, u in swept.sweep.units.items()}
+    for column in content["columns"]:
+        column["unit"] = units.get(column["key"], column["unit"])
+    _add_motion(content, swept, grid)
     if not swept.sweep.varied:
         return content
     x = choose_axis(swept.sweep, swept.table)
@@ -360,3 +369,32 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
         "y": next(iter(responses), None),
     }
     return content
+
+
+def _add_motion(content: dict[str, Any], swept: SweepResults, grid: ParameterGrid) -> None:
+    """Add the sliders of the varied parameters, the map and the recorded motions to a page."""
+    units = swept.sweep.units
+    content["sliders"] = [
+        {
+            "label": axis.name,
+            "unit": units.get(axis.name, ""),
+            "values": [x if axis.is_numeric else str(x) for x in axis.values],
+            "isNumeric": axis.is_numeric,
+        }
+        for axis in grid.axes
+    ]
+    if len(grid.axes) > 1:
+        content["map"] = _choose_map_axes(swept, grid)
+    content["sequential"] = all(axis.is_numeric for axis in grid.axes)
+    cases = zip(content["cases"], swept.sweep.cases, grid.positions.tolist(), strict=True)
+    for entry, case, position in cases:
+        frames = swept.results.outcome(case).frames
+        entry |= {"at": position, "frames": frames if frames and frames["t"] else None}
+
+
+def _choose_map_axes(swept: SweepResults, grid: ParameterGrid) -> list[int]:
+    """Return the horizontal and vertical axis of the map: those with the most values."""
+    names = [axis.name for axis in grid.axes]
+    x = names.index(choose_axis(swept.sweep, swept.table))
+    others = [k for k in range(len(names)) if k != x]
+    return [x, max(others, key=lambda k: len(grid.axes[k].values))]

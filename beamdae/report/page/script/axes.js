@@ -7,7 +7,7 @@ const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have even
 const MAX_POWER_TICKS = 8;
 
 // Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
-function createScale([low, high], [start, end], isLog) {
+function createScale([low, high], [start, end], isLog, givenTicks) {
   const forward = isLog ? Math.log10 : (value) => value;
   const [first, last] = [forward(low), forward(high)];
   const toPosition = (value) => start + ((end - start) * (forward(value) - first)) / (last - first);
@@ -17,8 +17,18 @@ function createScale([low, high], [start, end], isLog) {
   };
   const intervals = clamp(Math.abs(end - start) / TICK_SPACING, MIN_TICK_INTERVALS, MAX_TICK_INTERVALS);
   const hasPowers = isLog && Math.log10(high / low) > MIN_POWER_TICK_DECADES;
-  const ticks = hasPowers ? createPowerTicks(low, high) : createLinearTicks(low, high, intervals);
+  const ticks = givenTicks
+    ? spaceTicks(givenTicks, intervals)
+    : hasPowers
+      ? createPowerTicks(low, high)
+      : createLinearTicks(low, high, intervals);
   return { toPosition, toValue, start, end, ticks };
+}
+
+// Evenly spaced selection of named ticks that leaves room for their texts.
+function spaceTicks(ticks, intervals) {
+  const stride = Math.ceil(ticks.length / (3 * intervals));
+  return ticks.filter((_, k) => k % stride === 0);
 }
 
 function createPowerTicks(low, high) {

@@ -18,11 +18,17 @@ function listTableColumns() {
   ];
 }
 
+// Columns about the solver are shown on request.
+function shownColumns() {
+  return columns.filter(({ section }) => section !== "solver" || byId("solver-columns").checked);
+}
+
 function drawCaseTable() {
   byId("cases").hidden = !isStudyPage();
+  byId("solver-choice").hidden = !columns.some(({ section }) => section === "solver");
   const [head, body] = byId("table").children;
-  const headers = columns.map(createHeaderCell);
-  head.replaceChildren(html("tr", {}, html("th", { "aria-label": "selected" }), ...headers));
+  const headers = shownColumns().map(createHeaderCell);
+  head.replaceChildren(html("tr", {}, html("th", { class: "pick" }, "selected"), ...headers));
   body.replaceChildren();
   state.table = { cases: [], rows: new Map(), texts: new Map() };
   listCases();
@@ -33,12 +39,13 @@ function listCases() {
   const [head, body] = byId("table").children;
   const words = byId("filter").value.toLowerCase().split(/\s+/);
   const all = groupCases().sort(compareCases);
-  state.table.cases = all.filter((run) => words.every((word) => searchableText(run).includes(word)));
+  const isListed = (run) => words.every((word) => !word || searchableText(run).includes(word));
+  state.table.cases = all.filter(isListed);
   body.replaceChildren();
   showRows(ROWS_PER_STEP);
   byId("count").value = `${state.table.cases.length} of ${all.length} cases`;
   const direction = state.order?.isDescending ? "descending" : "ascending";
-  columns.forEach((column, k) => {
+  shownColumns().forEach((column, k) => {
     const isSorted = state.order?.column === column;
     head.rows[0].cells[k + 1].setAttribute("aria-sort", isSorted ? direction : "none");
   });
@@ -53,15 +60,13 @@ function showRows(count) {
   markSelection(body);
 }
 
-// Add rows before the end of the table is in view, and all rows before the page is printed.
+// Add rows before the end of the table is in view; all rows are added before the page is printed.
 function listenToTable() {
   const scroll = byId("table").closest(".scroll");
   scroll.addEventListener("scroll", () => {
     if (scroll.scrollTop + 2 * scroll.clientHeight > scroll.scrollHeight) showRows(ROWS_PER_STEP);
   });
-  const showAllRows = () => showRows(Infinity);
-  window.addEventListener("beforeprint", showAllRows);
-  window.matchMedia("print").addEventListener("change", showAllRows);
+  byId("solver-columns").addEventListener("change", drawCaseTable);
 }
 
 function searchableText(run) {
@@ -89,15 +94,15 @@ function createRow(run) {
     "aria-label": `select ${run.label}`,
     change: () => toggleCase(run.id),
   });
-  const cells = columns.map((column) => {
+  const cells = shownColumns().map((column) => {
     const alarm = column.kind === "status" && hasFailed(run) ? "alarm" : "";
     const icon = column.kind === "label" ? [createFamilyIcon(run.family)] : [];
     return html("td", { class: `${column.kind} ${alarm}` }, ...icon, formatCell(run, column));
   });
   return html(
     "tr",
-    { "data-case": run.id, click: (event) => event.target !== box && toggleCase(run.id) },
-    html("td", {}, box, " ", html("span", { class: "number badge" })),
+    { "data-case": run.id, click: (event) => !event.target.closest(".pick") && toggleCase(run.id) },
+    html("td", { class: "pick" }, html("label", {}, box, " ", html("span", { class: "number badge" }))),
     ...cells,
   );
 }

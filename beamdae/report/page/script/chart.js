@@ -13,7 +13,7 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  *
  * `spec` has
  *   id, label, name      id of the element, label for screen readers, name of exported files
- *   x, y                 axes: title, full range, log (true for a logarithmic axis)
+ *   x, y                 axes: title, full range, log (true for a logarithmic axis), optional ticks
  *   view                 visible ranges x and y; null shows the full range
  *   height               function of the width
  *   drawBackground, drawClipped, drawForeground
@@ -22,14 +22,17 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  *   legend               function that returns the entries {icon, text} of exported pictures
  *   rows                 function that returns the lines of the CSV file, header first
  *   afterDraw, afterViewChange    optional callbacks
+ *   showTime             optional function of (chart, time) that returns the marks of the time of the motion
  */
 function createChart(spec) {
   const plot = svg("svg", { class: "plot", role: "group", tabindex: "0", "aria-label": spec.label });
   // Cursor and zoom box: the browser composites this layer without drawing the curves again.
   const overlay = svg("svg", { class: "overlay", "aria-hidden": "true" });
-  const chart = { spec, plot, overlay, element: html("div", { class: "chart", "data-chart": spec.id }) };
-  chart.resetButton = createToolButton("Reset", "show all (0)", () => resetView(chart));
-  chart.element.append(createToolbar(chart), html("div", { class: "plot-layers" }, plot, overlay));
+  const timeLayer = svg("svg", { class: "overlay", "aria-hidden": "true" });
+  const element = html("div", { class: "chart", "data-chart": spec.id });
+  const chart = { spec, plot, overlay, timeLayer, element };
+  chart.resetButton = createToolButton("Reset", "Reset: show all (0)", () => resetView(chart));
+  chart.element.append(createToolbar(chart), html("div", { class: "plot-layers" }, plot, timeLayer, overlay));
   listenToGestures(chart);
   const redrawIfResized = () => chart.element.clientWidth !== chart.width && drawChart(chart);
   new ResizeObserver(redrawIfResized).observe(chart.element);
@@ -47,7 +50,7 @@ function createToolbar(chart) {
     "div",
     { class: "tools", role: "group", "aria-label": `${label}: view and files` },
     createToolButton("+", "zoom in (+)", zoom(1 / ZOOM_STEP)),
-    createToolButton("−", "zoom out (-)", zoom(ZOOM_STEP)),
+    createToolButton("−", "zoom out (−)", zoom(ZOOM_STEP)),
     chart.resetButton,
     createToolButton("SVG", `save ${name} as SVG`, () => saveSvg(chart)),
     createToolButton("PNG", `save ${name} as PNG`, () => savePng(chart)),
@@ -55,21 +58,22 @@ function createToolbar(chart) {
   );
 }
 
-function drawChart(chart) {
-  const { spec, plot, overlay, element } = chart;
+// `width` [px] defaults to that of the element; paper has its own, see print.js.
+function drawChart(chart, width = chart.element.clientWidth) {
+  const { spec, plot, overlay, timeLayer } = chart;
   // Drawing replaces all elements, so the focus is restored to the corresponding point.
   const focusedCase = plot.contains(document.activeElement) && document.activeElement.dataset.case;
-  chart.width = element.clientWidth;
+  chart.width = width;
   const box = { width: Math.max(chart.width || 640, MIN_CHART_WIDTH), top: 24 };
   Object.assign(box, { right: box.width - 14, height: spec.height(box.width) });
   box.bottom = box.height - 34;
-  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log);
+  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log, spec.y.ticks);
   const labelLength = Math.max(...y.ticks.map(({ text }) => text.length), 0);
   box.left = Math.max(14 + DIGIT_WIDTH * labelLength, MIN_LEFT_MARGIN);
-  const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log);
+  const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log, spec.x.ticks);
   Object.assign(chart, { box, x, y });
   const clipId = `clip-${spec.id}`;
-  for (const layer of [plot, overlay]) layer.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);
+  for (const layer of [plot, overlay, timeLayer]) layer.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);
   overlay.replaceChildren();
   plot.replaceChildren(
     svg("clipPath", { id: clipId }, createPlotArea(box)),
@@ -80,9 +84,14 @@ function drawChart(chart) {
   );
   chart.resetButton.disabled = !isZoomed(chart);
   spec.afterDraw?.(chart);
+  markTime(chart, motion.time);
   if (focusedCase) {
     [...plot.querySelectorAll("[data-case]")].find((point) => point.dataset.case === focusedCase)?.focus();
   }
+}
+
+function markTime(chart, time) {
+  chart.timeLayer.replaceChildren(...(motion.frames ? (chart.spec.showTime?.(chart, time) ?? []) : []));
 }
 
 function visibleRange({ spec }, axis) {

@@ -15,6 +15,7 @@ function addCursor(chart) {
     if (event.pointerType === "touch" && event.type === "pointermove" && isZoomed(chart)) return;
     time = clamp(chart.x.toValue(pointerPosition(chart, event)[0]), ...visibleTimes());
     drawCursor(chart, time, { x: event.clientX, y: event.clientY });
+    moveMotion(time);
   };
   plot.addEventListener("pointermove", followPointer);
   plot.addEventListener("pointerdown", followPointer);
@@ -28,8 +29,22 @@ function addCursor(chart) {
     const [first, last] = visibleTimes();
     time = clamp((time ?? first) + (direction * (last - first)) / KEY_STEPS, first, last);
     const { left, top, width } = plot.getBoundingClientRect();
+    moveMotion(time);
     drawCursor(chart, time, { x: left + (chart.x.toPosition(time) * width) / chart.box.width, y: top + 30 });
   });
+}
+
+// Show the mechanism at the time of the cursor, unless it is playing.
+function moveMotion(time) {
+  if (!motion.frames || motion.isPlaying) return;
+  showTime(clamp(time, motion.frames.t[0], motion.frames.t.at(-1)));
+}
+
+// Line at the time of the motion.
+function createTimeLine({ box, x }, time) {
+  const position = x.toPosition(time);
+  if (!isWithin(position, [box.left - 1, box.right + 1])) return [];
+  return [svg("line", { class: "time-line", x1: position, x2: position, y1: box.top, y2: box.bottom })];
 }
 
 function drawCursor({ spec, overlay, box, x, y }, time, tooltipPosition) {
@@ -54,7 +69,7 @@ function drawCursor({ spec, overlay, box, x, y }, time, tooltipPosition) {
   showTooltip(
     tooltipPosition.x,
     tooltipPosition.y,
-    html("strong", {}, `t = ${formatValue(time)} s`),
+    html("strong", {}, formatTime(time)),
     html("table", {}, ...rows),
   );
 }

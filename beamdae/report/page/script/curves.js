@@ -1,12 +1,16 @@
-// Curves of the selected cases over time, in four panels.
+// Curves of the selected cases over time, in four panels. Columns that do not move are listed last.
 
 const MAX_LOG_DECADES = 9; // decades below the largest value on logarithmic axes
 const MARKERS_PER_LINE = 6;
+// Columns whose range is smaller than this part of the largest value with the same unit are constant, and so are
+// those with a smaller magnitude: guided coordinates and unloaded directions leave rounding noise.
+const CONSTANT_RANGE = 1e-9;
+const NOISE_MAGNITUDE = 1e-14; // [SI units]
 const PANELS = [
-  { key: "observed", title: "Observed" },
-  { key: "error", title: "Error over time" },
-  { key: "energy", title: "Energy [J]", unit: "J" },
-  { key: "drift", title: "Drift of the joints" },
+  { key: "observed", title: "Observed", section: "panels" },
+  { key: "energy", title: "Energy [J]", section: "panels", unit: "J" },
+  { key: "error", title: "Error over time", section: "error-panels" },
+  { key: "drift", title: "Drift of the joints", section: "solver-panels" },
 ];
 const DIFFERENCE = "difference to the reference";
 
@@ -15,15 +19,37 @@ function drawPanels() {
     (panel) => panel.choices.length,
   );
   for (const { key } of PANELS) state.charts.delete(key);
+  for (const { section } of PANELS) byId(section).replaceChildren();
   if (!panels.length || !selectedCases().length) {
     const hint = groupCases().some((run) => run.curves)
       ? "Select cases in the plot or in the table to see their trajectories, errors, energies and drifts."
       : "No case of this model has curves.";
     byId("panels").replaceChildren(createPlaceholder(hint));
-    return;
+  } else {
+    for (const panel of panels) byId(panel.section).append(createPanel(panel));
+    panels.forEach(drawPanel);
   }
-  byId("panels").replaceChildren(...panels.map(createPanel));
-  panels.forEach(drawPanel);
+  hideEmptySections();
+}
+
+// A column moves if it does so in any of the cases.
+function findConstantNames(names, curves, unitOf) {
+  const extents = new Map();
+  const scales = new Map();
+  for (const name of names) {
+    const [low, high] = findExtent(removeMissing(curves.map((byName) => getValues(getOwn(byName, name)))));
+    const ranges = curves.map((byName) => findExtent([getValues(getOwn(byName, name)) ?? []]));
+    const range = Math.max(...ranges.map(([first, last]) => (last > first ? last - first : 0)));
+    const magnitude = Math.max(Math.abs(low), Math.abs(high));
+    extents.set(name, { range, magnitude });
+    scales.set(unitOf(name), Math.max(scales.get(unitOf(name)) ?? 0, magnitude));
+  }
+  return names.filter((name) => {
+    const { range, magnitude } = extents.get(name);
+    // Derivatives by parameters, such as an elastic modulus in Pa, may be small without being noise.
+    const noise = name.startsWith("d(") ? 0 : NOISE_MAGNITUDE;
+    return magnitude <= noise || range <= CONSTANT_RANGE * scales.get(unitOf(name));
+  });
 }
 
 // Choices of a panel: each single curve, and all curves with the same unit together.
@@ -32,23 +58,31 @@ function listChoices({ key, unit }) {
   const names = removeDuplicates(curves.flatMap((curvesByName) => Object.keys(curvesByName)));
   const isLog = (name) => curves.some((curvesByName) => getOwn(curvesByName, name)?.log);
   const unitOf = (name) => (isLog(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
-  const single = names.map((name) => ({
+  const canRest = key === "observed" || key === "energy";
+  const constant = canRest ? findConstantNames(names, curves, unitOf) : [];
+  const moving = names.filter((name) => !constant.includes(name));
+  const createChoice = (name) => ({
     label: name,
     names: [name],
     title: isLog(name) && name === "imbalance" ? "magnitude of the imbalance" : name,
-  }));
-  const combined = removeDuplicates(removeMissing(names.map(unitOf))).map((commonUnit) => ({
+  });
+  const combined = removeDuplicates(removeMissing(moving.map(unitOf))).map((commonUnit) => ({
     label: `all in ${commonUnit}`,
-    names: names.filter((name) => unitOf(name) === commonUnit),
+    names: moving.filter((name) => unitOf(name) === commonUnit),
     title: `[${commonUnit}]`,
   }));
-  return [...single, ...combined.filter((choice) => choice.names.length > 1)];
+  return [
+    ...moving.map(createChoice),
+    ...combined.filter((choice) => choice.names.length > 1),
+    ...constant.map((name) => ({ ...createChoice(name), isConstant: true })),
+  ];
 }
 
 function createPanel(panel) {
   const { key, title, choices } = panel;
   // All energies of a single run share a chart.
-  const initial = page.cases.length === 1 && key === "energy" ? choices.at(-1) : choices[0];
+  const together = choices.find(({ names }) => names.length > 1);
+  const initial = (page.cases.length === 1 && key === "energy" && together) || choices[0];
   panel.choice = choices.find(({ label }) => label === state.choices[key]) ?? initial;
   panel.holder = html("div");
   const controls = [html("h3", {}, title)];
@@ -59,9 +93,14 @@ function createPanel(panel) {
       state.views[key].y = null;
       drawPanel(panel);
     };
-    const options = choices.map((choice) =>
-      html("option", { selected: choice === panel.choice && "" }, choice.label),
-    );
+    const createOption = (choice) =>
+      html("option", { selected: choice === panel.choice && "" }, choice.label);
+    const moving = choices.filter(({ isConstant }) => !isConstant);
+    const constant = choices.filter(({ isConstant }) => isConstant);
+    const options = moving.map(createOption);
+    if (constant.length) {
+      options.push(html("optgroup", { label: "constant" }, ...constant.map(createOption)));
+    }
     controls.push(html("select", { "aria-label": `${title}: quantity`, change }, ...options));
   }
   if (groupCases().some((run) => Object.keys(run.curves?.difference?.[key] ?? {}).length)) {
@@ -150,16 +189,17 @@ function describeCurveChart({ key, title, choice }, allLines) {
     id: key,
     name: quantity,
     label: `${title}, ${choice.label}: press the arrow keys to read values`,
-    x: { title: "t [s]", range: [begin, end > begin ? end : begin + 1], log: false },
+    x: { title: timeTitle(), range: [begin, end > begin ? end : begin + 1], log: false },
     y: { title: quantity, range: padRange(yExtent, log), log },
     view: state.views[key],
     lines,
-    height: (width) => clamp(0.5 * width, 230, 320),
+    height: (width) => clamp(0.36 * width, 215, 320),
     drawBackground: () => [],
     drawClipped: (box, x, y) =>
       lines.map((line, k) => createCurve(line, x, y, spaceMarkers(box, k, lines.length))),
     drawForeground: (box, _, y) => (key === "error" ? createResolutionLine(box, y) : []),
     afterViewChange: () => shareTimeRange(key),
+    showTime: createTimeLine,
     legend: () => lines.map(({ style, label }) => ({ icon: createLineIcon(style), text: label })),
     rows: () => listCurveRows(lines),
   };
@@ -169,7 +209,11 @@ function listCurveRows(lines) {
   const rows = lines.flatMap(({ run, name, t, values }) =>
     t.map((time, k) => [run.label, name, time, values[k]]),
   );
-  return [["case", "quantity", "t [s]", "value"], ...rows.filter((row) => row[3] !== null)];
+  return [["case", "quantity", timeTitle(), "value"], ...rows.filter((row) => row[3] !== null)];
+}
+
+function timeTitle() {
+  return timeAxis.unit ? `${timeAxis.name} [${timeAxis.unit}]` : timeAxis.name;
 }
 
 // All panels show the same time range.

@@ -2,12 +2,18 @@
 
 const MISSING_CODE = 65535;
 
-// Frames are decoded immediately, curves when they are drawn for the first time, see `getValues`.
+// Frames of groups are decoded immediately, curves and frames of cases when they are drawn for the first time.
 function decodePage(data) {
   for (const { frames } of data.groups) {
     if (frames) decodeFrames(frames);
   }
   return data;
+}
+
+// Frames of a case, or null.
+function caseFrames(run) {
+  if (run.frames?.t.u16 !== undefined) decodeFrames(run.frames);
+  return run.frames ?? null;
 }
 
 function decodeFrames(frames) {

@@ -39,6 +39,11 @@ function toggleMember(set, value) {
   if (!set.delete(value)) set.add(value);
 }
 
+// Box that scrolls sideways; the keyboard reaches it, and screen readers announce it by its label.
+function createScrollBox(label, ...children) {
+  return html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, ...children);
+}
+
 function createPlaceholder(sentence) {
   return html("p", { class: "empty" }, sentence);
 }

@@ -1,13 +1,19 @@
-// Tables of facts about a run, such as its cost, accuracy and provenance.
+// Tables of facts about a run, such as its cost, accuracy and provenance, in the sections of the page.
 
-// On the page of a single run, the first table is shown beside the animation.
+const FACT_SECTIONS = { results: "result-facts", errors: "error-facts", solver: "solver-facts" };
+
 function drawFactTables() {
-  const besideMotion = isStudyPage() ? 0 : 1;
-  const tables = { facts: page.tables.slice(0, besideMotion), "more-facts": page.tables.slice(besideMotion) };
-  for (const [id, sectionTables] of Object.entries(tables)) {
-    byId(id).hidden = !sectionTables.length;
-    byId(id).replaceChildren(...sectionTables.map(createFactTable));
+  for (const [section, id] of Object.entries(FACT_SECTIONS)) {
+    byId(id).replaceChildren(...page.tables.filter((table) => table.section === section).map(createFactTable));
   }
+}
+
+// Sections without content are hidden. Charts, tables and texts count, controls do not.
+function hideEmptySections() {
+  const hasContent = (id) => byId(id).children.length > 0;
+  byId("errors").hidden = !["reference", "error-facts", "error-panels"].some(hasContent);
+  byId("solver").hidden = !["solver-facts", "solver-panels"].some(hasContent) && !byId("versions").textContent;
+  byId("results").hidden = !isStudyPage() && !hasContent("result-facts");
 }
 
 function createFactTable({ title, head, rows }) {
@@ -18,12 +24,11 @@ function createFactTable({ title, head, rows }) {
     const cells = values.map((value, k) => html("td", { class: columnClass(k + 1) }, formatValue(value)));
     return html("tr", {}, html("th", { scope: "row" }, name), ...cells);
   });
-  const headCells = head.map((name, k) => html("th", { scope: "col", class: columnClass(k) }, name));
-  const tableHead = head.length ? [html("thead", {}, html("tr", {}, ...headCells))] : [];
-  return html(
-    "div",
-    {},
-    html("h2", {}, title),
-    html("div", { class: "scroll" }, html("table", {}, ...tableHead, html("tbody", {}, ...bodyRows))),
+  const headCells = head.map((name, k) =>
+    name ? html("th", { scope: "col", class: columnClass(k) }, name) : html("td", {}),
   );
+  const tableHead = head.length ? [html("thead", {}, html("tr", {}, ...headCells))] : [];
+  const table = html("table", {}, ...tableHead, html("tbody", {}, ...bodyRows));
+  const heading = title ? [html("h3", {}, title)] : [];
+  return html("div", { class: "printed" }, ...heading, createScrollBox(`table: ${title || page.title}`, table));
 }

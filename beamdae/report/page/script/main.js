@@ -1,15 +1,19 @@
 // State and initialization of the page.
 
 const page = decodePage(JSON.parse(byId("data").textContent));
+Object.assign(timeAxis, page.time);
 const families = removeDuplicates(page.cases.map((run) => run.family));
 const columns = listTableColumns();
 const quantities = listQuantities();
 const state = {
   group: null,
   slots: [], // selected cases, see selection.js
+  sliderSlot: null, // slot of the case that was selected by the sliders
+  position: page.sliders.map(() => 0), // of the sliders, as indices of values
   table: null, // listed cases, and rows and searchable texts by id of the case
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
+  mapped: null, // key of the quantity of the map
   choices: {}, // label of the selected choice, by panel
   differences: {}, // by panel, true to show the difference from the reference
   charts: new Map(), // by id
@@ -20,48 +24,62 @@ const state = {
 function drawHeader() {
   byId("title").textContent = page.title;
   byId("subtitle").textContent = page.subtitle;
+  byId("remarks").hidden = !page.notes.length;
+  byId("remarks").open = !window.matchMedia("(max-width: 34rem)").matches;
+  byId("remarks").firstElementChild.textContent = page.notes.length === 1 ? "1 note" : `${page.notes.length} notes`;
   byId("notes").replaceChildren(...page.notes.map((note) => html("li", {}, note)));
   byId("versions").textContent = Object.entries(page.made)
     .map((entry) => entry.join(" "))
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
-  if (!isStudyPage()) byId("selected-title").textContent = "Over time";
-  byId("motion").hidden = !page.groups.some((group) => group.frames);
-  document.querySelector("main").classList.toggle("without-motion", byId("motion").hidden);
+  if (!isStudyPage()) byId("selected-title").textContent = `Over ${timeAxis.name === "t" ? "time" : timeAxis.name}`;
+  const isMoving = page.groups.some((group) => group.frames) || page.cases.some((run) => run.frames);
+  byId("motion").hidden = !isMoving;
+  document.querySelector("main").classList.toggle("without-motion", !isMoving);
+  if (page.sequential) document.head.append(createShadeStyles());
 }
 
 function drawReference() {
   const { reference } = state.group;
-  byId("choice").hidden = page.groups.length < 2 && !reference;
+  const isRejected = Boolean(reference) && !reference.accepted;
+  byId("choice").hidden = page.groups.length < 2 && !isRejected;
+  byId("rejection").textContent = isRejected ? "No errors are known: the reference was not accepted." : "";
   const elements = [];
   if (reference) {
-    if (!reference.accepted) elements.push(html("span", { class: "alarm" }, "Reference not accepted. "));
+    if (isRejected) elements.push(html("span", { class: "alarm" }, "Reference not accepted. "));
     elements.push(reference.sentence || (reference.methods ?? []).join(" and "));
   }
-  byId("reference").replaceChildren(...elements);
+  byId("reference").replaceChildren(...elements.length ? [html("p", {}, ...elements)] : []);
 }
 
 function showGroup(group) {
   state.group = group;
-  for (const key of ["scatter", ...PANELS.map((panel) => panel.key)]) {
+  for (const key of ["scatter", "map", ...PANELS.map((panel) => panel.key)]) {
     state.views[key] = { x: null, y: null };
     state.hidden.names[key] = new Set();
   }
   drawReference();
   drawScatter();
+  drawMap();
   listUnplottedCases();
   drawFactTables();
   drawCaseTable();
+  byId("shown").textContent = "";
   drawMotion(state.group.frames);
   selectInitialCases();
+  drawSliders();
   showSelection();
+  const [first] = selectedCases();
+  if (first) showCase(first.run);
 }
 
 function startPage() {
   drawHeader();
+  motion.follow = (time) => state.charts.forEach((chart) => markTime(chart, time));
   byId("group").addEventListener("change", (event) => showGroup(page.groups[event.target.selectedIndex]));
   byId("filter").addEventListener("input", listCases);
   listenToTable();
+  listenToPrinting();
   byId("clear").addEventListener("click", clearSelection);
   listenToPlayer();
   if (page.cases.length) showGroup(page.groups[0]);

@@ -1,6 +1,8 @@
 // Colors, dashes and markers that distinguish families, cases and lines.
 
 const COLOR_COUNT = 7; // classes color-0 to color-6 in charts.css
+const SHADE_COUNT = 24;
+const SEQUENCE = ["var(--scale-0)", "var(--scale-1)", "var(--scale-2)"]; // from small to large values
 const DASH_CLASSES = ["", "dash-1", "dash-2", "dash-3"];
 const MARKER_PATHS = [
   "M-5 0A5 5 0 1 0 5 0A5 5 0 1 0-5 0Z", // circle
@@ -22,8 +24,30 @@ function createMarker(family) {
   return svg("path", { class: "marker", d: MARKER_PATHS[families.indexOf(family) % MARKER_PATHS.length] });
 }
 
+// Families that follow a parameter have the colors of a sequence, others distinct colors.
 function familyColor(family) {
-  return `color-${families.indexOf(family) % COLOR_COUNT}`;
+  const k = families.indexOf(family);
+  if (!page.sequential) return `color-${k % COLOR_COUNT}`;
+  return `shade-${Math.round((k / Math.max(families.length - 1, 1)) * (SHADE_COUNT - 1))}`;
+}
+
+function createShadeStyles() {
+  const rules = Array.from({ length: SHADE_COUNT }, (_, k) => {
+    const color = interpolateColor(SEQUENCE, k / (SHADE_COUNT - 1));
+    return `.shade-${k} { --line-color: ${color}; }`;
+  });
+  return html("style", {}, rules.join("\n"));
+}
+
+function createSequentialLegend(present) {
+  const [first, last] = [present[0], present.at(-1)];
+  return html(
+    "span",
+    { class: "color-bar", role: "img", "aria-label": `colors from ${first} to ${last}` },
+    first,
+    html("span", { style: `background: linear-gradient(to right, ${SEQUENCE.join(", ")})` }),
+    last,
+  );
 }
 
 // The number of a line determines its dash pattern and its marker.

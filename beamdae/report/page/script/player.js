@@ -1,9 +1,10 @@
 // Player of the animation.
 
+const timeAxis = { name: "t", unit: "s" };
 const SPEEDS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]; // relative to real time
 const PREFERRED_DURATION = 6; // desired duration of one playback at the initial speed [s]
 const MAX_FRAME_DELAY = 100; // limits the time step after a pause of the browser, for example in a hidden tab [ms]
-const motion = { frames: null, draw: null, time: 0, isPlaying: false, lastClock: 0 };
+const motion = { frames: null, draw: null, time: 0, isPlaying: false, lastClock: 0, color: null, follow: null };
 
 function drawMotion(frames, color = null) {
   pause();
@@ -12,6 +13,7 @@ function drawMotion(frames, color = null) {
   byId("player").hidden = isStill;
   if (!frames) {
     byId("stage").replaceChildren(createPlaceholder("No animation of this model."));
+    byId("stage-legend").replaceChildren();
     return;
   }
   drawStage(color);
@@ -25,14 +27,28 @@ function drawMotion(frames, color = null) {
   showTime(frames.t[0]);
 }
 
+// Show other frames at the same time, for example of another case.
+function replaceFrames(frames) {
+  if (!motion.frames || !frames) {
+    drawMotion(frames);
+    return;
+  }
+  motion.frames = frames;
+  drawStage(frames.colors.find(({ title }) => title === motion.color?.title) ?? null);
+  byId("player").hidden = frames.t.length < 2;
+  byId("frame").max = frames.t.length - 1;
+  showTime(clamp(motion.time, frames.t[0], frames.t.at(-1)));
+}
+
 function drawStage(color) {
   const { frames } = motion;
+  motion.color = color;
   const select = (other) => {
     drawStage(other);
     showTime(motion.time);
   };
-  byId("stage").replaceChildren(
-    createStage(frames, color),
+  byId("stage").replaceChildren(createStage(frames, color));
+  byId("stage-legend").replaceChildren(
     html("div", { class: "controls" }, ...createColorSelect(frames.colors, color, select)),
     html("div", { class: "legend" }, ...createBodyLegend(frames)),
   );
@@ -45,8 +61,15 @@ function showTime(time) {
   motion.time = time;
   motion.draw(frame);
   byId("frame").value = frame;
-  byId("frame").setAttribute("aria-valuetext", `${formatValue(t[frame])} s`);
-  byId("time").value = `t = ${formatValue(t[frame], 3)} s`;
+  byId("frame").setAttribute("aria-valuetext", formatTime(t[frame]));
+  byId("time").value = formatTime(t[frame], 3);
+  motion.follow?.(time);
+}
+
+// Time, or the quantity that takes its place, such as the load factor of an equilibrium path.
+function formatTime(value, digits = 4) {
+  const { name, unit } = timeAxis;
+  return [name, "=", formatValue(value, digits), unit].filter(Boolean).join(" ");
 }
 
 function advance(clock) {

@@ -1,6 +1,7 @@
 // Scatter plot of the cases: error over wall time, or any two quantities.
 
 const DOWN_ARROW_PATH = "M0 8V22M-4 17L0 22L4 17";
+const MAX_FAMILY_SWITCHES = 8; // more families of a sequence have a color scale instead of switches
 const POINT_RADIUS = 11; // radius of the area that reacts to the pointer [px]
 const RESOLUTION_SPAN = 100; // draw the resolution if it exceeds the smallest error divided by this
 
@@ -52,6 +53,9 @@ function createAxisSelect(axis, selected) {
 // Legend that hides and shows families.
 function createFamilyLegend(cases, y) {
   const present = families.filter((family) => cases.some((run) => run.family === family));
+  if (page.sequential && present.length > MAX_FAMILY_SWITCHES) {
+    return [createSequentialLegend(present)];
+  }
   const hidden = state.hidden.families;
   const entries = present.map((family) => {
     const change = () => {
@@ -185,7 +189,7 @@ function createPoint(run, [x, y], showsErrors) {
     svg("circle", { class: "ring", r: POINT_RADIUS }),
     ...arrow,
     createMarker(run.family),
-    svg("text", { class: "number halo", x: 10, y: -8 }),
+    svg("text", { class: "number halo", x: 10, y: -8, "aria-hidden": "true" }),
   );
 }
 

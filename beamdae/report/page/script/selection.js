@@ -3,9 +3,13 @@
 const INITIAL_SELECTION = 4; // number of cases selected initially if no errors are known
 
 function toggleCase(id) {
+  state.sliderSlot = null;
   const slot = state.slots.findIndex((entry) => entry?.run.id === id);
   if (slot >= 0) state.slots[slot] = null;
-  else selectCase(page.cases.find((run) => run.id === id));
+  else {
+    selectCase(page.cases.find((run) => run.id === id));
+    showCase(page.cases.find((run) => run.id === id));
+  }
   state.hidden.cases.delete(id);
   showSelection();
 }
@@ -18,8 +22,8 @@ function selectCase(run) {
 
 // Candidates are the color of the family, followed by the colors not used by any family.
 function leastUsedColor(run) {
-  const colors = [familyColor(run.family)];
-  for (let k = families.length; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
+  const colors = page.sequential ? ["color-0"] : [familyColor(run.family)];
+  for (let k = page.sequential ? 1 : families.length; k < COLOR_COUNT; k += 1) colors.push(`color-${k}`);
   const countUses = (color) => selectedCases().filter((entry) => entry.color === color).length;
   return colors.sort((a, b) => countUses(a) - countUses(b))[0];
 }
@@ -30,6 +34,7 @@ function selectedCases() {
 
 function clearSelection() {
   state.slots = [];
+  state.sliderSlot = null;
   state.hidden.cases.clear();
   showSelection();
 }
@@ -41,16 +46,54 @@ function selectInitialCases() {
     .filter((run) => !hasFailed(run) && displayedError(run) > 0 && run.cost > 0)
     .sort((a, b) => displayedError(a) - displayedError(b) || a.cost - b.cost);
   state.slots = [];
+  state.sliderSlot = null;
   state.hidden.cases.clear();
-  const initial = byAccuracy.length ? byAccuracy.slice(0, 1) : candidates.slice(0, INITIAL_SELECTION);
+  const initial = byAccuracy.length ? byAccuracy.slice(0, 1) : spreadCases(candidates);
   initial.forEach(selectCase);
+}
+
+// The first cases, or cases spread over the parameters of a sweep.
+function spreadCases(candidates) {
+  const count = Math.min(INITIAL_SELECTION, candidates.length);
+  if (!page.sliders.length) return candidates.slice(0, count);
+  const last = candidates.length - 1;
+  return Array.from({ length: count }, (_, k) => candidates[Math.round((k * last) / Math.max(count - 1, 1))]);
 }
 
 function showSelection() {
   markSelection(document);
   byId("clear").disabled = !selectedCases().length;
   drawSelectionLegend();
+  explainMissingCurves();
   drawPanels();
+}
+
+// Below the selection: why curves of a selected case are missing, and the most similar case with curves.
+function explainMissingCurves() {
+  const hasCurves = groupCases().some((run) => run.curves);
+  const missing = hasCurves ? selectedCases().filter(({ run }) => !run.curves) : [];
+  byId("selection-notes").replaceChildren(...missing.map(({ run }) => createCurveNote(run)));
+}
+
+function createCurveNote(run) {
+  if (hasFailed(run)) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
+  const others = groupCases().filter((other) => other.curves);
+  const count = `${others.length} of ${groupCases().length} cases`;
+  const nearest = nearestCase(run, others);
+  const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);
+  const file = run.file ? ` The rows of this case are in ${run.file}.` : "";
+  const text = `${run.label} has no curves on this page, which stores those of ${count}.${file} Nearest: `;
+  return html("p", {}, text, button);
+}
+
+// Case with the most similar parameters, of those listed.
+function nearestCase(run, others) {
+  const gap = (other) =>
+    (run.at ?? []).reduce((sum, k, axis) => {
+      const count = Math.max(page.sliders[axis].values.length - 1, 1);
+      return sum + ((k - other.at[axis]) / count) ** 2;
+    }, 0);
+  return others.reduce((best, other) => (gap(other) < gap(best) ? other : best));
 }
 
 // Mark the points and rows of the selected cases with their numbers.
@@ -60,8 +103,11 @@ function markSelection(root) {
     const number = numbers.get(element.dataset.case);
     const isSelected = number !== undefined;
     element.classList.toggle("selected", isSelected);
-    element.querySelector(".number").textContent = number ?? "";
-    if (element.matches(".run")) element.setAttribute("aria-pressed", isSelected);
+    const label = element.querySelector(".number");
+    if (label) label.textContent = number ?? "";
+    // The frame of a selected cell lies above its neighbors.
+    if (isSelected && element.matches(".cell")) element.parentNode.append(element);
+    if (element.matches(".run, .cell")) element.setAttribute("aria-pressed", isSelected);
     else element.querySelector("input").checked = isSelected;
   }
 }

@@ -1,0 +1,93 @@
+"""Positions of the cases of a sweep in the space of its parameters, and samples of the cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class GridAxis:
+    """Axis of a grid of cases.
+
+    Attributes
+    ----------
+    name
+        Name of the parameter; "case" if the cases are a list without a grid.
+    values
+        Values in the order of the axis: numbers ascending, others in the order of the cases.
+    is_numeric
+        True if all values are numbers.
+    """
+
+    name: str
+    values: list[Any]
+    is_numeric: bool
+
+
+@dataclass(frozen=True)
+class ParameterGrid:
+    """Cases arranged by the values of the varied parameters.
+
+    Attributes
+    ----------
+    axes
+        One axis per varied parameter; one axis with all cases if the cases do not form a full
+        grid; none for a single case.
+    positions
+        Index of each case along each axis, (cases, axes).
+    """
+
+    axes: list[GridAxis]
+    positions: Array
+
+    @classmethod
+    def of(cls, settings: Sequence[Mapping[str, Any]], varied: Sequence[str]) -> ParameterGrid:
+        """Return the grid of the parameter values `settings` of the cases."""
+        axes = [_create_axis(name, [setting[name] for setting in settings]) for name in varied]
+        indices = [{repr(x): k for k, x in enumerate(axis.values)} for axis in axes]
+        positions = np.array(
+            [
+                [index[repr(setting[axis.name])] for axis, index in zip(axes, indices, strict=True)]
+                for setting in settings
+            ],
+            int,
+        ).reshape(len(settings), len(axes))
+        size = math.prod(len(axis.values) for axis in axes)
+        if size == len(settings) == len(np.unique(positions, axis=0)):
+            return cls(axes, positions)
+        numbers = list(range(1, len(settings) + 1))
+        return cls([GridAxis("case", numbers, True)], np.arange(len(settings))[:, None])
+
+    def sample(self, limit: int) -> set[int]:
+        """Return at most `limit` cases that span the grid evenly, as row numbers.
+
+        The sample is a grid as well and includes the ends of each axis if `limit` permits.
+        """
+        counts = [1] * len(self.axes)
+        # Add a node to each axis in turn while the limit permits.
+        unfinished = list(range(len(counts)))
+        while unfinished:
+            k = min(unfinished, key=lambda axis: counts[axis])
+            fits = math.prod(counts) // counts[k] * (counts[k] + 1) <= limit
+            if fits and counts[k] < len(self.axes[k].values):
+                counts[k] += 1
+            else:
+                unfinished.remove(k)
+        chosen = np.ones(len(self.positions), bool)
+        for k, (axis, count) in enumerate(zip(self.axes, counts, strict=True)):
+            nodes = np.linspace(0, len(axis.values) - 1, count).round().astype(int)
+            chosen &= np.isin(self.positions[:, k], nodes)
+        return set(np.flatnonzero(chosen).tolist())
+
+
+def _create_axis(name: str, values: Sequence[Any]) -> GridAxis:
+    distinct = list({repr(x): x for x in values}.values())
+    is_numeric = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in distinct)
+    return GridAxis(name, sorted(distinct) if is_numeric else distinct, is_numeric)

@@ -1,0 +1,76 @@
+"""Printed pages: no number is cut, and omitted columns are named."""
+
+import pytest
+from pages import study_page, sweep_page
+
+# Size of the printed area at margins of 12 mm [px].
+A4_LANDSCAPE, A4_PORTRAIT = 1032, 703
+
+CUT_CELLS = """() => {
+    const cut = [];
+    for (const table of document.querySelectorAll("table")) {
+        for (const cell of table.querySelectorAll("th, td")) {
+            const style = getComputedStyle(cell);
+            if (style.display === "none" || !cell.getBoundingClientRect().width) continue;
+            const range = document.createRange();
+            range.selectNodeContents(cell);
+            const right = range.getBoundingClientRect().right;
+            if (right > document.documentElement.clientWidth + 0.5) cut.push(cell.textContent);
+        }
+    }
+    return cut;
+}"""
+
+
+def wide_page(columns=14):
+    page = sweep_page()
+    names = [f"response {k} [m]" for k in range(columns)]
+    page["columns"] += [
+        {"key": x, "label": x.partition(" [")[0], "unit": "m", "kind": "number"} for x in names
+    ]
+    for k, case in enumerate(page["cases"]):
+        case["values"] |= dict.fromkeys(names, -1.92345e-11 * (k + 1))
+    page["tables"] = [
+        {
+            "title": "wide",
+            "head": ["column", *names],
+            "rows": [["tip", *(["-1.92e-11"] * columns)]],
+            "section": "errors",
+        }
+    ]
+    return page
+
+
+def print_on(tab, width):
+    tab.set_viewport_size({"width": width, "height": 700})
+    tab.emulate_media(media="print")
+    tab.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+
+
+@pytest.mark.parametrize("width", [A4_LANDSCAPE, A4_PORTRAIT])
+def test_regression_printed_tables_name_omitted_columns_and_cut_no_number(show, width):
+    """On A4, the table was cut at the edge: 1.92e-11 was printed as 1.92e-1."""
+    tab = show(wide_page())
+    print_on(tab, width)
+    assert tab.evaluate(CUT_CELLS) == []
+    heads = tab.locator("#table th .name").all()
+    printed = [x.inner_text() for x in heads if x.is_visible()]
+    omitted = tab.locator("#case-table .omitted span:visible").all_inner_texts()
+    assert printed[:4] == ["case", "status", "speed", "height"]
+    assert len(printed) + len(omitted) == len(heads)
+    assert omitted[-1] == "response 13 [m]"
+    assert (len(printed) > 8) == (width == A4_LANDSCAPE)
+    assert "column" in tab.locator("#error-facts th").first.inner_text()
+
+
+def test_tables_that_fit_are_printed_without_a_note(show):
+    tab = show(study_page())
+    print_on(tab, A4_LANDSCAPE)
+    assert not tab.locator(".omitted").first.is_visible()
+    assert tab.locator("#table th .name:visible").count() == 4
+
+
+def test_pages_print_to_a4_with_the_motion_on_the_first_sheet(show):
+    tab = show(sweep_page())
+    pdf = tab.pdf(prefer_css_page_size=True)
+    assert pdf.count(b"/Type /Page\n") < 6

@@ -1,0 +1,124 @@
+"""The page of a sweep in a browser: sliders, map, colors, and cases without curves."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pages import build_case, find_row, sweep_page, visible_labels
+
+
+def bar_length(tab):
+    """Return the drawn length of the bar, in pixels."""
+    path = tab.locator("#stage .body.beam:not(.initial)").get_attribute("d")
+    points = np.array(re.findall(r"-?[\d.]+", path), float).reshape(-1, 2)
+    return np.hypot(*(points[-1] - points[0]))
+
+
+def slide(tab, axis, position):
+    tab.locator(f"#slider-{axis}").evaluate(
+        """(slider, value) => {
+            slider.value = value;
+            slider.dispatchEvent(new Event("input"));
+            slider.dispatchEvent(new Event("change"));
+        }""",
+        str(position),
+    )
+
+
+def test_sliders_morph_the_mechanism_between_the_recorded_cases(show):
+    tab = show(sweep_page())
+    assert tab.inner_text("#shown") == "speed=1, height=0.1"
+    short = bar_length(tab)
+    slide(tab, 0, 2)
+    assert tab.locator("#sliders output").all_inner_texts() == ["4", "0.1"]
+    assert_allclose(bar_length(tab), 4.0 * short, rtol=0.01)
+    tab.click("#clear")
+    # Half-way between the recorded cases, whose bars have the lengths 1 and 4.
+    slide(tab, 0, 1)
+    slide(tab, 1, 1.5)
+    assert tab.locator("#sliders output").all_inner_texts() == ["2", "0.25"]
+    assert_allclose(bar_length(tab), 2.5 * short, rtol=0.01)
+    assert tab.inner_text("#shown").startswith("interpolated between speed=1, height=0.1 and ")
+    # The case next to the sliders is selected, in place of the one before.
+    labels = tab.locator("#selection .switch").all_inner_texts()
+    assert [label.split(maxsplit=1)[-1] for label in labels] == ["speed=2, height=0.2"]
+
+
+def test_the_time_persists_while_the_mechanism_morphs(show):
+    tab = show(sweep_page())
+    tab.locator("#frame").fill("10")
+    slide(tab, 0, 1.3)
+    assert tab.inner_text("#time") == "t = 0.25 s"
+
+
+def test_a_selected_case_moves_the_sliders(show):
+    tab = show(sweep_page())
+    tab.click("#clear")
+    find_row(tab, 8).locator("td.label").click()
+    assert tab.locator("#sliders output").all_inner_texts() == ["4", "0.3"]
+    assert tab.inner_text("#shown") == "speed=4, height=0.3"
+
+
+def test_the_map_colors_cells_and_selects_cases(show):
+    tab = show(sweep_page())
+    cells = tab.locator("#map .cell")
+    assert cells.count() == 9
+    fills = cells.evaluate_all("all => all.map((cell) => getComputedStyle(cell).fill)")
+    assert len(set(fills)) == 9
+    assert tab.locator("#map .color-bar").get_attribute("aria-label") == "tip.y max [m], 0 to 22"
+    tab.click("#clear")
+    cell = tab.locator("#map .cell[data-case='case 5']")
+    cell.click()
+    assert cell.get_attribute("aria-pressed") == "true"
+    assert find_row(tab, 5).locator("input").is_checked()
+    cell.hover()
+    assert "speed=2, height=0.3\ntip.y max [m]: 12" in tab.inner_text("#tooltip")
+    tab.get_by_label("response of the map").select_option("speed [rad/s]")
+    assert tab.locator("#map .color-bar").get_attribute("aria-label") == "speed [rad/s], 1 to 4"
+
+
+def test_a_case_without_curves_says_why_and_names_the_nearest(show):
+    tab = show(sweep_page(without={4}))
+    tab.click("#clear")
+    find_row(tab, 4).locator("td.label").click()
+    note = tab.inner_text("#selection-notes")
+    assert "speed=2, height=0.2 has no curves on this page, which stores those of 8 of 9" in note
+    assert "trajectories/4.csv" in note
+    tab.locator("#selection-notes button").click()
+    assert tab.locator("[data-panel=observed] path.curve").count() == 1
+
+
+def test_many_families_have_a_color_scale_instead_of_switches(show):
+    page = sweep_page()
+    for k, case in enumerate(page["cases"]):
+        case["family"] = case["series"] = f"height={k}"
+    tab = show(page)
+    assert tab.locator("#families .switch").count() == 0
+    assert tab.locator("#families .color-bar").inner_text().split() == ["height=0", "height=8"]
+
+
+def test_columns_of_the_solver_are_shown_on_request(show):
+    tab = show(sweep_page())
+    heads = tab.locator("#table th .name")
+    assert "residuals" not in heads.all_inner_texts()
+    tab.get_by_label("solver columns").check()
+    assert "residuals" in heads.all_inner_texts()
+
+
+@pytest.mark.parametrize("count", [2000])
+def test_two_thousand_cases_open_fast(show, count):
+    page = sweep_page()
+    page["sliders"], page["map"] = [], None
+    page["cases"] = [
+        build_case(k, f"speed={k}", None, 0.1, curves=None, values={"speed": k, "tip.y max [m]": k})
+        for k in range(count)
+    ]
+    tab = show(page)
+    # Processor time of scripts and layout, which other processes do not change much.
+    session = tab.context.new_cdp_session(tab)
+    session.send("Performance.enable")
+    tab.reload()
+    metrics = {x["name"]: x["value"] for x in session.send("Performance.getMetrics")["metrics"]}
+    assert metrics["TaskDuration"] < 3.0
+    assert len(visible_labels(tab)) == 100
