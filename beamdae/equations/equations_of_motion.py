@@ -294,22 +294,6 @@ class ControllerTerm(NamedTuple):
     rows: slice
     reads: tuple[Observable, ...]
 
-    def measure(self, p: Array, time: Array, state: State) -> Array:
-        """Return the values that the law reads at `time` = (t, branch)."""
-        return np.concatenate(
-            [
-                o.function(
-                    time[None],
-                    (o.operator @ state.q)[None],
-                    (o.operator @ state.v)[None],
-                    p[o.data],
-                    np.zeros((1, 0)),
-                )[0]
-                for o in self.reads
-            ]
-            or [np.zeros(0)]
-        )
-
 
 class PartCoordinates(NamedTuple):
     """Coordinates of one part of a mechanism or one body of a constrained system.

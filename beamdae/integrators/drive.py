@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, EventTerm
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
@@ -38,7 +38,7 @@ from beamdae.integrators.method import (
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
-from beamdae.integrators.sampling import next_sample_time, sample
+from beamdae.integrators.sampling import Sampler
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
@@ -234,6 +234,7 @@ class _RunInProgress:
         self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
         self.methods = MethodCache(method_on, self.method, self._configuration)
+        self._sampler = Sampler(equations)
         self._detector = EventDetector(equations) if equations.events else None
         self._onset_detector, self._table_detector = onset_detector, table_detector
         stops = self._detector is not None and self._detector.may_stop
@@ -295,7 +296,7 @@ class _RunInProgress:
 
     def _integrate_intervals(self) -> Status:
         is_due = self._detector is not None and self._detector.has_due_event(self._segments[0])
-        if self._controllers:
+        if self._sampler.controllers:
             try:
                 self._sample_start()
             except BeamdaeError as problem:
@@ -316,6 +317,10 @@ class _RunInProgress:
                 state = self._sampled_state(start, branch, self._history.last_state)
             except BeamdaeError as problem:
                 return self._failure(problem)
+            if (resumed := self._resume_after_sample(start, state)) is not None:
+                self._history.append_jump(resumed)
+                status = self._integrate_to(self._interval_ends[0], is_resumed=True)
+                continue
             try:
                 state = self._restart_state(start, branch, state)
             except BeamdaeError as problem:
@@ -323,10 +328,20 @@ class _RunInProgress:
             self._begin_segment(start, branch, state)
             status = self._integrate_to(self._interval_ends[0])
 
+    def _resume_after_sample(self, start: float, state: State) -> State | None:
+        """Return the state after a sample at `start` [s] if the method goes on without a restart.
+
+        `state` contains the new held values.
+        """
+        if not self._sampler.controllers or start in self._equations.breakpoints:
+            return None
+        resume = getattr(self.method, "resume", None)
+        return None if resume is None else resume(start, self._interval_ends[0], state.q)
+
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""
         time, starter = np.array([start, branch]), self._plan.starter
-        if self._controllers and start not in self._equations.breakpoints:
+        if self._sampler.controllers and start not in self._equations.breakpoints:
             # Only held values have changed.
             v = starter.with_state_rates(time, state.q, state.v)
             return State(state.q, v, *starter.acceleration(time, state.q, v))
@@ -347,7 +362,7 @@ class _RunInProgress:
 
     def _stop_at_next_sample(self, t: float) -> None:
         """End the interval that begins at `t` [s] at the next sample of a controller."""
-        following = next_sample_time(self._controllers, t)
+        following = self._sampler.next_time(t)
         if following < self._interval_ends[0] - SAME_TIME * abs(following):
             self._interval_ends = (following, *self._interval_ends)
 
@@ -359,19 +374,15 @@ class _RunInProgress:
         BeamdaeError
             If a law fails.
         """
-        if not self._controllers:
-            return state
         # Measured before the jump of laws.
-        time = np.array([t, branch])
-        q = sample(self._controllers, self._equations.p, time, state)
+        q = self._sampler.sample(np.array([t, branch]), state)
         return state if q is None else state._replace(q=q)
 
-    @property
-    def _controllers(self) -> tuple[ControllerTerm, ...]:
-        return self._equations.controllers
+    def _integrate_to(self, end: float, is_resumed: bool = False) -> Status:
+        """Take steps until `end` [s], a limit, a terminal event or a failure; return the status.
 
-    def _integrate_to(self, end: float) -> Status:
-        """Take steps until `end` [s], a limit, a terminal event or a failure; return the status."""
+        If `is_resumed` is True, the method continues the interval; see `Method.resume`.
+        """
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch
         if outside := self._reason_outside_table():
@@ -380,7 +391,8 @@ class _RunInProgress:
         unchecked, steps_checked = history.count, self.steps
         checks_steps = self._onset_detector is not None or self._table_detector is not None
         try:
-            method.begin(history.end, end, branch, history.last_state)
+            if not is_resumed:
+                method.begin(history.end, end, branch, history.last_state)
             while history.end < end:
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)

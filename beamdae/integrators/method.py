@@ -60,6 +60,18 @@ class Method(Protocol):
         """
 
 
+class ResumableMethod(Method, Protocol):
+    """Method that continues beyond the samples of controllers without a restart."""
+
+    def resume(self, start: float, end: float, q: Array) -> State | None:
+        """Continue an interval from its end `start` to `end` [s] after held inputs have jumped.
+
+        Positions and velocities are continuous: `q` differs from the coordinates of the last step
+        only in held inputs. Return the state after the jump; None if the method must begin a new
+        interval, for example because it has been truncated or because the step changes.
+        """
+
+
 class StepMethod(Method, Protocol):
     """Method that returns one step per call."""
 

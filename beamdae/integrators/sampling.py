@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
+import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import ControllerTerm, State
+from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
 
 Array = np.ndarray
 
@@ -14,38 +16,68 @@ Array = np.ndarray
 _SAME_SAMPLE = 1e-6
 
 
-def next_sample_time(controllers: Sequence[ControllerTerm], t: float) -> float:
-    """Return the time of the first sample after `t` [s]; infinity without controllers."""
-    times = (
-        (np.floor(t / every + _SAME_SAMPLE) + 1.0) * every
-        for every in (term.controller.every for term in controllers)
-    )
-    return float(min(times, default=np.inf))
+class Sampler:
+    """Samples of all controllers of a run.
 
-
-def sample(
-    controllers: Sequence[ControllerTerm], p: Array, time: Array, state: State
-) -> Array | None:
-    """Return the coordinates after the samples at `time` = (t, branch); None if none is due.
-
-    All controllers read the state before the samples.
-
-    Raises
-    ------
-    BeamdaeError
-        If a law fails or does not return finite numbers.
+    Attributes
+    ----------
+    controllers
+        The controllers; empty if there is nothing to sample.
     """
-    due = [term for term in controllers if _is_due(term, time[0])]
-    if not due:
-        return None
-    q = state.q.copy()
-    for term in due:
-        index, reads = round(time[0] / term.controller.every), term.measure(p, time, state)
-        values = state.q[term.rows]
-        q[term.rows] = term.controller.next_values(float(time[0]), index, reads, values)
-    return q
+
+    def __init__(self, equations: EquationsOfMotion) -> None:
+        self.controllers = equations.controllers
+        self._readers = [_create_reader(term, equations.p) for term in self.controllers]
+
+    def next_time(self, t: float) -> float:
+        """Return the time of the first sample after `t` [s]; infinity without controllers."""
+        times = (
+            (np.floor(t / every + _SAME_SAMPLE) + 1.0) * every
+            for every in (term.controller.every for term in self.controllers)
+        )
+        return float(min(times, default=np.inf))
+
+    def sample(self, time: Array, state: State) -> Array | None:
+        """Return the coordinates after the samples at `time` = (t, branch); None if none is due.
+
+        All controllers read the state before the samples.
+
+        Raises
+        ------
+        BeamdaeError
+            If a law fails or does not return finite numbers.
+        """
+        t, q = float(time[0]), None
+        for term, read in zip(self.controllers, self._readers, strict=True):
+            controller = term.controller
+            index = round(t / controller.every)
+            if abs(t / controller.every - index) > _SAME_SAMPLE:
+                continue
+            q = state.q.copy() if q is None else q
+            values = controller.next_values(t, index, read(time, state), state.q[term.rows])
+            q[term.rows] = values
+        return q
 
 
-def _is_due(term: ControllerTerm, t: float) -> bool:
-    samples = t / term.controller.every
-    return bool(abs(samples - np.round(samples)) <= _SAME_SAMPLE)
+def _create_reader(term: ControllerTerm, p: Array) -> Callable[[Array, State], Array]:
+    """Return a function of (t, branch) and the state that evaluates the reads of a controller.
+
+    A call takes microseconds: one product selects the local coordinates of all reads.
+    """
+    if not term.reads:
+        return lambda time, state: np.zeros(0)
+    operator = sp.csr_array(sp.vstack([o.operator for o in term.reads]))
+    ends = np.cumsum([0, *(o.operator.shape[0] for o in term.reads)]).tolist()
+    functions = [
+        (o.function.evaluator(), slice(*rows), p[o.data])
+        for o, rows in zip(term.reads, pairwise(ends), strict=True)
+    ]
+
+    def read(time: Array, state: State) -> Array:
+        q, v = (operator @ np.array(state[:2]).T).T
+        values = [
+            evaluate(time, q[rows], v[rows], data)[0].copy() for evaluate, rows, data in functions
+        ]
+        return values[0] if len(values) == 1 else np.concatenate(values)
+
+    return read

@@ -43,6 +43,8 @@ class OutOfMemoryError(MemoryError):
 class StepHistory:
     """Rows (t, q, v, a, lam) of one segment, stored in blocks: the start, then accepted steps.
 
+    Samples of controllers do not begin a segment if the method continues; see `append_jump`.
+
     A step may include rows for its inner stages; their number is the same in every step.
     """
 
@@ -93,6 +95,10 @@ class StepHistory:
         self._rows_per_step = rows_per_step
         self._write(rows)
         return True
+
+    def append_jump(self, state: State) -> None:
+        """Append the state after a jump at the last time, as a step of length zero."""
+        self._write(np.tile(np.concatenate(((self.end,), *state)), (self._rows_per_step, 1)))
 
     def _write(self, rows: Array) -> None:
         # Checked here because the rows are still in the processor cache.

@@ -366,3 +366,29 @@ def test_regression_rounding_of_velocities_does_not_collapse_the_step(rtol):
     # Order 5: from 1e-8 to 3e-9, the number of steps grows by 1.3.
     assert solution.statistics.steps < 600
     assert solution.statistics.newton_failures < 10
+
+
+def test_regression_motion_near_rounding_does_not_reduce_the_step():
+    """Velocities in the error test are rounding errors of positions divided by the step.
+
+    The stage moves by 0.3 um, 1e-5 of its size. Steps were 6 times as many, with 478 rejected, or
+    the run failed.
+    """
+    step = 3e-7
+    steel = bd.Material.of("steel")
+    leaf = bd.Section.rectangle(steel, width=0.02, height=0.3e-3, damping=1e-4)
+    mech = bd.Mechanism()
+    platform = mech.add(bd.RigidBody.plate("platform", (0.0, 0.05), 0.08, 0.02, mass=0.5))
+    for name, x in (("left", -0.03), ("right", 0.03)):
+        line = bd.Line((x, 0.0), (x, 0.04))
+        beam = mech.add(bd.Beam(name, line, leaf, elements=1, formulation="exact"))
+        mech.add(bd.Weld(f"{name} clamp", mech.ground.at(x, 0.0), beam.start))
+        mech.add(bd.Weld(f"{name} screw", beam.end, platform.at(x, 0.04)))
+    middle = platform.at(0.0, 0.05)
+    x, v = (mech.sensor(name, middle, name) for name in ("x", "x_dot"))
+    mech.add(bd.Force("coil", middle, (25e3 * (step - x) - 200.0 * v, 0.0)))
+    tight = bd.simulate(mech, bd.Radau(1e-9), 0.05, output_step=5e-3)
+    loose = bd.simulate(mech, bd.Radau(1e-6), 0.05, output_step=5e-3)
+    assert tight.statistics.steps < 800
+    assert tight.statistics.rejected_steps < 50
+    assert_allclose(tight["x"], loose["x"], atol=1e-5 * step)

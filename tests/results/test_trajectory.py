@@ -1,5 +1,7 @@
 """Dense output between the steps of a run."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -185,3 +187,37 @@ def test_intervals_end_on_the_breakpoints_inside_the_run():
         (0.5, 2.0),
     )
     assert plan_run(equations, np.array([0.5, 3.0])).intervals == ((0.5, 3.0),)
+
+
+@pytest.mark.parametrize("nodes_per_step", [1, 3])
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
+    """At a sample of a controller, a step of length zero leads to the state after the jump."""
+    fractions = C if nodes_per_step == 3 else [1.0]
+    degree = min(steps, 3) if nodes_per_step == 1 else 3
+    pieces = [[polynomial(degree, 4 * k + j) for j in range(4)] for k in range(3)]
+    nodes, rows, starts = [], [], np.arange(3.0)
+    for k, start in enumerate(starts):
+        ends = np.linspace(0.0, 1.0, steps + 1)
+        inner = [a + c * (b - a) for a, b in pairwise(ends) for c in fractions]
+        t = start + np.concatenate([np.zeros(nodes_per_step if k else 1), inner])
+        nodes.append(t)
+        rows.append(np.stack([f(t) for f in pieces[k]]))
+    q, v, a, lam = np.concatenate(rows, axis=1)[..., None]
+    interval = Interval(np.concatenate(nodes), State(q, v, a, lam), 0.5, nodes_per_step)
+    assert interval.step_count == 3 * steps
+    for k, start in enumerate(starts):
+        t = start + np.linspace(0.01, 1.0, 33)
+        state = interval.at(t)
+        for x, f in zip(state[1:], pieces[k][1:], strict=True):
+            assert_allclose(x[:, 0], f(t), atol=1e-10)
+        assert_allclose(interval.derivative_at(t).v[:, 0], pieces[k][1].deriv()(t), atol=1e-9)
+    # A state at the time of a jump is that before the jump.
+    assert interval.at(np.array([1.0])).a[0, 0] == pytest.approx(pieces[0][2](1.0))
+    works = interval.integrate_to_steps(interval.rows.a)
+    integrals = [f[2].integ() for f in pieces]
+    total = sum(f(k + 1.0) - f(float(k)) for k, f in enumerate(integrals))
+    assert works[-1, 0] == pytest.approx(total)
+    half = interval.integrate_to(np.array([1.5]), interval.rows.a, works)[0, 0]
+    first, second = integrals[:2]
+    assert half == pytest.approx(first(1.0) - first(0.0) + second(1.5) - second(1.0))

@@ -45,7 +45,7 @@ FIRST_STEP = 10
 STEP_NOT_CHANGED = -6
 
 # Relative difference below which two steps are equal.
-_SAME_STEP = 1e-9
+SAME_STEP = 1e-9
 
 # The step grows by a factor from _MIN_GROWTH to _MAX_GROWTH if this many steps allow it: new
 # factors cost more than a few steps, and the estimate vanishes briefly when the jerk of a vibration
@@ -71,6 +71,8 @@ def take_fixed_steps(run: AlphaWorkspace) -> int:
 
     Return DONE, FULL, or the code of a failure or of a request for new pivots.
     """
+    if run.has_jumped == 1:
+        return apply_input_jump(run)
     while run.step_count < run.total_steps:
         if run.filled == run.most:
             return FULL
@@ -90,13 +92,19 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
     Return DONE, FULL, a request (FIRST_STEP or NEW_PIVOTS), the code of a failure at the smallest
     step, or STEP_NOT_CHANGED.
     """
+    if run.has_jumped == 1:
+        code = apply_input_jump(run)
+        _copy_motion(run.accepted_motion, run.current)
+        return code
     while run.t < run.end:
         if run.filled == run.most:
             return FULL
         remaining = run.end - run.t
         h = clip_step(run.next_step, remaining)
+        if h < run.next_step:
+            run.unclipped_step = max(run.unclipped_step, run.next_step)
         last = h == remaining
-        if abs(h - run.accepted_motion.h) <= _SAME_STEP * h:
+        if abs(h - run.accepted_motion.h) <= SAME_STEP * h:
             h = run.accepted_motion.h
         if h != run.current.h:
             run.next_step = h
@@ -192,7 +200,7 @@ def _reject_step(run: AlphaWorkspace, h: float) -> None:
     shrinkage = _FAILURE_FACTOR
     if math.isfinite(run.error):
         shrinkage = max(min(_step_factor(run.error), _WEAKEST_SHRINKAGE), _STRONGEST_SHRINKAGE)
-    run.next_step = h * shrinkage
+    run.next_step, run.unclipped_step = h * shrinkage, 0.0
     run.steps_checked, run.max_error = 0, 0.0
 
 
@@ -249,6 +257,46 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     combine(current.lam, (1.0 / c[2],), (x[n:end],))
     run.t = t
     run.step_ratio = 1.0
+    return DONE
+
+
+def apply_input_jump(run: AlphaWorkspace) -> int:
+    """Change accelerations and multipliers after a jump of held inputs; return the code.
+
+    Positions and velocities are continuous. The changes solve the equations of a step of length
+    zero: these are the equations of motion with M + c_v/c_a C + K/c_a in place of M, which reduces
+    the accelerations of modes too fast for the step, as at the start of an interval
+    (`family.AlphaStart`). The algorithmic acceleration changes by the same amount.
+    """
+    current, at, x, c = run.current, run.prediction, run.x, run.prediction.coefficients
+    n, end = current.q.size, current.q.size + current.lam.size
+    change = run.change[:n]
+    combine(at.q, (1.0,), (current.q,))
+    combine(at.before, (1.0,), (current.q,))
+    combine(at.a, (1.0,), (current.ddq,))
+    fill(x[:n], 0.0)
+    combine(x[n:end], (c[2],), (current.lam,))
+    fill(x[end:], 0.0)
+    if run.states.size > 0:
+        # The rows of first-order states are c_f (x' - f).
+        combine(at.v, (1.0,), (current.v,))
+        evaluate_step_residual(run.form, run.t, run.branch, at, x, run.change)
+        for k in run.states:
+            current.v[k] -= change[k] / c[2]
+    combine(at.v, (1.0,), (current.v,))
+    code = _solve_step(run, run.t)
+    if code != DONE:
+        return code
+    combine(change, (c[1],), (x[:n],))
+    for k in run.states:
+        change[k] = 0.0
+    combine(current.ddq, (1.0, 1.0), (current.ddq, change))
+    combine(current.a, (1.0, 1.0), (current.a, change))
+    combine(run.ddq_n, (1.0, 1.0), (run.ddq_n, change))
+    # The differences from which the predictor extrapolates do not change.
+    combine(run.lam_n, (1.0, -1.0, 1.0 / c[2]), (run.lam_n, current.lam, x[n:end]))
+    combine(current.lam, (1.0 / c[2],), (x[n:end],))
+    run.has_jumped = 0
     return DONE
 
 

@@ -14,6 +14,7 @@ from beamdae.integrators.alpha.family import AlphaStart
 from beamdae.integrators.alpha.jerk import AdaptiveAlphaWorkspace, JerkEquations
 from beamdae.integrators.alpha.step_loop import (
     FIRST_STEP,
+    SAME_STEP,
     STEP_NOT_CHANGED,
     set_step,
     take_adaptive_steps,
@@ -27,7 +28,7 @@ from beamdae.integrators.method import (
     allocate_rows,
     count_equal_steps,
 )
-from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -114,6 +115,7 @@ class AlphaStepper:
                 tolerance=tolerance,
                 max_step=max_step,
                 min_step=min_step,
+                states=np.asarray(form.equations.states, np.int64),
             )
 
         def matrices(run: AlphaWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -185,6 +187,24 @@ class AlphaStepper:
             getattr(run.current, name)[:] = getattr(motion, name)
         set_step(run, h)
 
+    def resume(self, start: float, end: float, q: Array) -> State | None:
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`."""
+        run, current = self._run, self._run.current
+        if run.t != start or not self._can_resume(end):
+            return None
+        current.q[:] = q
+        run.has_jumped = 1
+        code = self._step_loop()
+        run.has_jumped = 0
+        if code != DONE:
+            return None
+        run.start_time, run.end = start, end
+        return State(*(x.copy() for x in (current.q, current.v, current.ddq, current.lam)))
+
+    def _can_resume(self, end: float) -> bool:
+        """Return True if the present motion can be continued to `end` [s]; prepare the steps."""
+        raise NotImplementedError
+
     def _describe_failure(self, code: int) -> str:
         advice = (
             "check laws and start values"
@@ -211,6 +231,14 @@ class FixedAlphaStepper(AlphaStepper):
         run.step_count, run.total_steps = 0, count_equal_steps(end - start, self._step)
         run.accepted_motion.h = 0.0
         self._set_initial_motion((end - start) / run.total_steps)
+
+    def _can_resume(self, end: float) -> bool:
+        run = self._run
+        count = count_equal_steps(end - run.t, self._step)
+        if abs((end - run.t) / count - run.current.h) > SAME_STEP * run.current.h:
+            return False
+        run.step_count, run.total_steps = 0, count
+        return True
 
 
 class AdaptiveAlphaStepper(AlphaStepper):
@@ -266,7 +294,12 @@ class AdaptiveAlphaStepper(AlphaStepper):
         # A law may vanish at both ends of an interval, such as a pulse.
         run.next_step = min(self._first_step, run.max_step, _FIRST_STEP_SHARE * (end - start))
         run.steps_checked, run.max_error = 0, 0.0
-        run.accepted_motion.h = run.current.h = 0.0
+        run.unclipped_step = run.accepted_motion.h = run.current.h = 0.0
+
+    def _can_resume(self, end: float) -> bool:
+        run = self._run
+        run.next_step = max(run.next_step, run.unclipped_step)
+        return True
 
     def _further_matrices(self, run: Any) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.jerk.linear, self._jerk.matrix)]

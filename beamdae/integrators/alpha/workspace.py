@@ -63,12 +63,19 @@ class AlphaWorkspace:
         Newton tolerance of scaled positions in the current step, and last rate of convergence.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
+    has_jumped
+        1 if held inputs have jumped since the last step; see `step_loop.apply_input_jump`.
+    states
+        Indices of the first-order states.
     step_count, total_steps
         Number of completed steps, and total number of equal steps in the interval.
     tolerance
         Adaptive steps: local error tolerance.
     next_step, max_step, min_step
         Adaptive steps: next step to try and its bounds [s].
+    unclipped_step
+        Adaptive steps: largest step since the last rejection that only the end of the interval has
+        shortened [s].
     steps_checked, max_error, error
         Adaptive steps: number of accepted steps since growth was last considered, largest error of
         these steps, and error of the last attempted step. Errors are relative to the tolerance.
@@ -102,6 +109,8 @@ class AlphaWorkspace:
     tolerance: float
     max_step: float
     min_step: float
+    states: Array
+    has_jumped: int = 0
     filled: int = 0
     step_ratio: float = 0.0
     most: int = 0
@@ -114,6 +123,7 @@ class AlphaWorkspace:
     step_count: int = 0
     total_steps: int = 0
     next_step: float = 0.0
+    unclipped_step: float = 0.0
     steps_checked: int = 0
     max_error: float = 0.0
     error: float = 0.0

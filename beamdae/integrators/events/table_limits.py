@@ -110,7 +110,7 @@ def _find_peak(
     (knots,), heights = term.table.axes, term.table.values
     place = np.searchsorted(knots, values)
     # A peak lies between two other rows.
-    for k in np.flatnonzero(np.abs(np.diff(place)) > 1):
+    for k in np.flatnonzero((np.abs(np.diff(place)) > 1) & (np.diff(t) > 0.0)):
         start, end = float(t[k]), float(t[k + 1])
         ascends = place[k + 1] > place[k]
         rows = np.arange(min(place[k : k + 2]), max(place[k : k + 2]))[:: 1 if ascends else -1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from beamdae.integrators.error_control import (
 from beamdae.integrators.ida.callbacks import NO_ADVANCE
 from beamdae.integrators.ida.compiled_solver import CompiledIda
 from beamdae.integrators.ida.kinematic_scaling import KinematicRowScaling
+from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.method import (
     PROBE_SHARE,
     RESIDUAL_NOT_FINITE,
@@ -133,6 +135,23 @@ class IdaStepper:
         # IDA's estimate ignores accelerations, and fails if they are huge for an instant.
         first = min(self._scales.first_step(self._tolerance, state), self._longest, end - start)
         self._start(first, state)
+
+    def resume(self, start: float, end: float, q: Array) -> State | None:
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
+
+        Multistep formulas do not hold across the jump: IDA begins again with order 1.
+        """
+        if self._t != start:
+            return None
+        y, yp, _ = self._ida.last_point
+        state = self._input_jump.apply(start, self._branch, q, y, yp)
+        if state is not None:
+            self.begin(start, end, self._branch, state)
+        return state
+
+    @cached_property
+    def _input_jump(self) -> InputJump:
+        return InputJump(self._form)
 
     def _start(self, first_step: float, state: State) -> None:
         self._first_step = first_step

@@ -14,7 +14,7 @@ from beamdae.integrators.radau.stages import (
     solve_stages,
 )
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace
-from beamdae.native.loop_functions import combine, max_norm
+from beamdae.native.loop_functions import combine, max_norm, minimum
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, FULL, NEW_PIVOTS
 
 # The local error of the embedded third-order method is of order 4.
@@ -29,6 +29,9 @@ _MIN_ERROR = 1e-2
 # iteration converges faster than _KEEP_RATE.
 _KEPT_GROWTH = 1.2
 _KEEP_RATE = 0.05
+# Relative difference below which two steps are equal: steps between the samples of a controller
+# differ by rounding.
+_STEP_ROUNDING = 1e-9
 # Factor that reduces the step, and limits the next ones, after a failure of Newton's iteration.
 _FAILURE_FACTOR = 0.5
 # Growth factor of this limit per step while the iteration converges faster than _SLOW_RATE.
@@ -64,6 +67,9 @@ def take_radau_steps(run: RadauWorkspace) -> int:
                 size.is_retry = 1
             continue
         estimate_error(run, h)
+        # Rounding errors of positions divided by a short step are errors of velocities.
+        velocities = run.test_weights[run.form.n :]
+        minimum(velocities, run.tested_velocity_weights, h, run.velocity_rounding_weights)
         error = max_norm(run.error[: run.test_weights.size], run.test_weights)
         if error < 1.0:
             _accept_step(run, h, error)
@@ -79,7 +85,8 @@ def take_radau_steps(run: RadauWorkspace) -> int:
 
 
 def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
-    return h == run.factors_step and run.rate <= _KEEP_RATE
+    same = abs(h - run.factors_step) <= _STEP_ROUNDING * h
+    return same and run.rate <= _KEEP_RATE
 
 
 def _step_factor(run: RadauWorkspace, error: float) -> float:

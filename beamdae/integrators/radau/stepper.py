@@ -28,6 +28,7 @@ from beamdae.integrators.error_control import (
     reduce_tolerance,
     resolve_error_control,
 )
+from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.method import MATRIX_SINGULAR, RESIDUAL_NOT_FINITE, StepError
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
@@ -242,6 +243,26 @@ class RadauStepper:
         size.next_step = min(first, size.longest)
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
+    def resume(self, start: float, end: float, q: Array) -> State | None:
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
+
+        The step size and the factors are kept, but the last polynomial does not predict stages.
+        """
+        run, size = self._run, self._run.step_size
+        if run.t != start:
+            return None
+        state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
+        if state is None:
+            return None
+        run.end = end
+        run.y[:], run.yp[:] = self._form.pack(state)
+        size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
+        return state
+
+    @cached_property
+    def _input_jump(self) -> InputJump:
+        return InputJump(self._form)
+
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
 
@@ -305,6 +326,7 @@ def make_workspace(
         product=np.zeros(reduced_size),
         constraint_errors=np.zeros(reduced_size),
         test_weights=tolerance.test_weights,
+        tested_velocity_weights=tolerance.test_weights[n:].copy(),
         iteration_weights=np.concatenate([positions, velocities]),
         velocity_weights=velocities,
         velocity_rounding_weights=tolerance.rounding_weights,

@@ -89,7 +89,9 @@ class RadauWorkspace:
     vector, product, constraint_errors
         Work arrays of the reduced equations.
     test_weights
-        Weights of the components of (q, v) in the error test.
+        Weights of the components of (q, v) in the error test of the current step.
+    tested_velocity_weights
+        Weights of v in the error test of long steps, 0 for untested velocities.
     iteration_weights
         Weights of (q, v) for Newton's iteration in the current step.
     velocity_weights, velocity_rounding_weights
@@ -145,6 +147,7 @@ class RadauWorkspace:
     product: Array
     constraint_errors: Array
     test_weights: Array
+    tested_velocity_weights: Array
     iteration_weights: Array
     velocity_weights: Array
     velocity_rounding_weights: Array

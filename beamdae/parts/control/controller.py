@@ -78,7 +78,7 @@ class Controller(Part):
     """Sampled controller: a Python function that sets inputs, which are held between samples.
 
     At t = 0, `every`, 2 `every`, ..., the law receives the measured values and returns the values
-    of the driven inputs. Integrators end a step at each sample and restart from a consistent state.
+    of the driven inputs. Integrators end a step at each sample and continue with the new values.
     The held values and the discrete state of the law are coordinates of the mechanism: they are
     part of results, saved runs and restarts, and the law is a pure function of its argument.
 
@@ -284,7 +284,9 @@ def _as_finite_numbers(name: str, values: Any) -> Array | None:
     if not isinstance(values, (list, tuple, np.ndarray)):
         return None
     try:
-        return np.array([require_finite(name, "value", x) for x in values], float)
+        # Numbers of lists are checked three times as fast as those of arrays.
+        numbers = values.tolist() if isinstance(values, np.ndarray) else values
+        return np.array([require_finite(name, "value", x) for x in numbers], float)
     except Exception:
         # The methods of a user's list may fail, too.
         return None

@@ -1,0 +1,164 @@
+"""Accelerations and multipliers after a jump of the inputs that sampled controllers hold.
+
+Positions and velocities are continuous; only the rates of first-order states, the accelerations and
+the multipliers change. The functions are plain Python over arrays; `native.loops` compiles them if
+possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
+    FirstOrderForm,
+    evaluate_residual,
+)
+from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.native.loop_functions import combine, factorize, fill, max_norm, solve
+from beamdae.native.return_codes import DONE, NOT_CONVERGED
+from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
+
+Array = np.ndarray
+
+# Friction in joints depends on the reactions, so that the equations are not linear.
+_MAX_FRICTION_ITERATIONS = 50
+_FRICTION_TOLERANCE = 1e-10
+
+
+@dataclass(slots=True)
+class InputJumpWorkspace:
+    """Work arrays of an input jump.
+
+    Attributes
+    ----------
+    form
+        Residual of the first-order form.
+    saddle, linear, nonzeros
+        Evaluation of [[M, G^T + dF/dlam], [G, 0]], its linear solver, and its non-zeros.
+    y, yp
+        State y and its derivative y'.
+    residual, motion, change, weights
+        Residual, inputs (q, v, a, lam) of `saddle`, changes of (a, lam), and ones.
+    states
+        Indices of the first-order states.
+    has_impulses
+        1 if y' contains the multipliers, 0 if y does.
+    max_iterations
+        1 if the equations are linear in a and lam.
+    t, branch
+        Time of the jump, and a time inside the interval [s].
+    """
+
+    form: FirstOrderBuffers
+    saddle: Sum
+    linear: Any
+    nonzeros: Array
+    y: Array
+    yp: Array
+    residual: Array
+    motion: Array
+    change: Array
+    weights: Array
+    states: Array
+    has_impulses: int
+    max_iterations: int
+    t: float = 0.0
+    branch: float = 0.0
+
+
+def solve_jump(run: InputJumpWorkspace) -> int:
+    """Make the rates of states, the accelerations and the multipliers consistent.
+
+    Return DONE, NOT_CONVERGED, SINGULAR or NEW_PIVOTS.
+    """
+    n, y, yp, residual, change = run.form.n, run.y, run.yp, run.residual, run.change
+    m = change.size - n
+    lam = (yp if run.has_impulses == 1 else y)[2 * n : 2 * n + m]
+    evaluate_residual(run.form, run.t, run.branch, y, yp, residual)
+    # The rows of first-order states are x' - f.
+    for k in run.states:
+        y[n + k] -= residual[n + k]
+        yp[k] = y[n + k]
+    for _ in range(run.max_iterations):
+        evaluate_residual(run.form, run.t, run.branch, y, yp, residual)
+        combine(change[:n], (-1.0,), (residual[n : 2 * n],))
+        fill(change[n:], 0.0)
+        for k in run.states:
+            change[k] = 0.0
+        combine(run.motion[: 2 * n], (1.0,), (y[: 2 * n],))
+        combine(run.motion[2 * n : 3 * n], (1.0,), (yp[n : 2 * n],))
+        combine(run.motion[3 * n :], (1.0,), (lam,))
+        set_time(run.saddle, run.t, run.branch)
+        set_matrix_factors(run.saddle, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+        evaluate_sum(run.saddle, run.motion, run.nonzeros)
+        code = factorize(run.linear, run.nonzeros)
+        if code != DONE:
+            return code
+        solve(run.linear, change)
+        combine(yp[n : 2 * n], (1.0, 1.0), (yp[n : 2 * n], change[:n]))
+        combine(lam, (1.0, 1.0), (lam, change[n:]))
+        size = max(max_norm(yp[n : 2 * n], run.weights[:n]), max_norm(lam, run.weights[n:]))
+        if run.max_iterations == 1 or max_norm(change, run.weights) <= _FRICTION_TOLERANCE * size:
+            return DONE
+    return NOT_CONVERGED
+
+
+class InputJump:
+    """Consistent states after jumps of held inputs, for methods on a first-order form."""
+
+    def __init__(self, form: FirstOrderForm) -> None:
+        equations, sums = form.equations, plan_state_sums(form.equations.structure)
+        matrix = FactorizedMatrix.from_pattern(sums.saddle_pattern)
+        has_friction = any(term.rows is not None for term in equations.forces)
+        n, m = equations.n, equations.m
+
+        def make_workspace(native: bool) -> InputJumpWorkspace:
+            return InputJumpWorkspace(
+                form=form.buffers(native),
+                saddle=sums.saddle.sum(native, equations.p),
+                linear=matrix.make_solver(native, "auto"),
+                nonzeros=matrix.nonzeros,
+                y=np.zeros(form.size),
+                yp=np.zeros(form.size),
+                residual=np.zeros(form.size),
+                motion=np.zeros(3 * n + m),
+                change=np.zeros(n + m),
+                weights=np.ones(n + m),
+                states=np.asarray(equations.states, np.int64),
+                has_impulses=int(form.formulation.impulses),
+                max_iterations=_MAX_FRICTION_ITERATIONS if has_friction else 1,
+            )
+
+        def matrices(run: InputJumpWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+            return [(run.linear, matrix)]
+
+        is_native = form.is_native and sums.saddle.is_native
+        self._form = form
+        self._loop = StepLoop(solve_jump, make_workspace, matrices, is_native)
+
+    def apply(self, t: float, branch: float, q: Array, y: Array, yp: Array) -> State | None:
+        """Return the state after a jump, given (y, y') before it; None if there is none.
+
+        Parameters
+        ----------
+        t, branch
+            Time of the jump, and a time inside the interval [s].
+        q
+            Coordinates, which differ from those in `y` only in held inputs.
+        y, yp
+            State and its derivative before the jump.
+        """
+        run = self._loop.work
+        run.t, run.branch = t, branch
+        run.y[:], run.yp[:] = y, yp
+        run.y[: len(q)] = q
+        code = self._loop()
+        if code != DONE or not np.isfinite(run.yp).all():
+            return None
+        return State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))

@@ -1,0 +1,109 @@
+"""Sampled inputs: methods continue across the jumps, with consistent accelerations."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import beamdae as bd
+from beamdae.integrators import step_history, step_thinning
+from beamdae.integrators.alpha.stepper import AlphaStepper
+from beamdae.integrators.ida.stepper import IdaStepper
+from beamdae.integrators.radau.stepper import RadauStepper
+
+EVERY = 0.02
+METHODS = {
+    "Ida": bd.Ida(1e-7),
+    "Radau": bd.Radau(1e-7),
+    "fixed steps": bd.GeneralizedAlpha(5e-4),
+    "stabilized": bd.GeneralizedAlpha(5e-4, formulation="stabilized-index2"),
+    "adaptive steps": bd.GeneralizedAlpha(rtol=1e-6),
+}
+
+
+def crank(friction=0.0, law=None, every=EVERY, delay=0):
+    """Return a bar that a sampled motor swings up, with a filtered angle."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bar = mech.add(bd.RigidBody("bar", mass=2.0, inertia=0.3, center=(0.5, 0.0)))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    if friction:
+        mech.add(bd.Friction("bearing", pin, friction, 0.1, radius=0.05))
+    torque = mech.input("torque", unit="N m")
+    mech.add(bd.Moment("motor", bar.at(0.0, 0.0), torque))
+    angle, rate = (mech.sensor(x, bar.at(0.0, 0.0), x) for x in ("angle", "angle_dot"))
+    slow = bd.low_pass(mech, "slow", angle + 0.01 * torque, 0.05)
+    law = law or (lambda sample: 30.0 * (0.5 - sample.reads[0]) - 4.0 * sample.reads[1])
+    mech.add(bd.Controller("servo", every, [angle, rate, slow], [torque], law, delay=delay))
+    mech.observe("center", bar.at(0.5, 0.0))
+    mech.observe("pin", pin.reaction)
+    return mech
+
+
+def forbid_resuming(monkeypatch):
+    """Let methods restart from a consistent state at each sample."""
+    for kind in (AlphaStepper, IdaStepper, RadauStepper):
+        monkeypatch.setattr(kind, "resume", lambda *_: None)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2], ids=["smooth", "friction"])
+@pytest.mark.parametrize("method", METHODS)
+def test_methods_continue_across_samples(method, friction, monkeypatch):
+    run = bd.simulate(crank(friction), METHODS[method], 0.33)
+    forbid_resuming(monkeypatch)
+    restarted = bd.simulate(crank(friction), METHODS[method], 0.33)
+    (interval,) = run.trajectory.intervals
+    assert len(restarted.trajectory.intervals) == 17
+    assert len(interval.t) - 1 - run.trajectory.steps == 16
+    # In the index-3 form, multipliers approach their values over several steps after each jump.
+    is_index3 = method in ("fixed steps", "adaptive steps")
+    for name in ("q", "v") if is_index3 else ("q", "v", "lam"):
+        values = getattr(restarted, name)
+        assert_allclose(getattr(run, name), values, atol=2e-5 * np.max(np.abs(values)))
+    assert run.quality.energy_imbalance < 1e-5
+    # The equations of motion hold on both sides of each jump.
+    assert run.quality.max_residual < (1e-4 if method == "fixed steps" else 1e-5)
+    assert run.warnings == ()
+
+
+@pytest.mark.parametrize("form", ["index3", "stabilized-index2"])
+def test_generalized_alpha_remains_of_second_order(form):
+    def law(sample):
+        return 5.0 * np.sin(40.0 * sample.t)
+
+    exact = bd.simulate(crank(law=law), bd.Radau(1e-9), 0.1, output_step=0.05)
+    errors = []
+    for steps in (8, 32):
+        method = bd.GeneralizedAlpha(EVERY / steps, newton_tolerance=1e-10, formulation=form)
+        run = bd.simulate(crank(law=law), method, 0.1, output_step=0.05)
+        differences = (np.abs(getattr(run, x) - getattr(exact, x))[1:] for x in ("q", "v", "lam"))
+        errors.append([np.max(x) for x in differences])
+    assert (np.log2(np.divide(*errors)) > 3.6).all()
+
+
+def test_steps_that_do_not_divide_the_sampling_interval_restart():
+    def two_rates(every):
+        mech = crank(every=every)
+        push = mech.input("side force", unit="N")
+        mech.add(bd.Force("push", mech.parts["bar"].at(1.0, 0.0), (push, 0.0)))
+        mech.add(bd.Controller("second", 0.0333, [], [push], lambda sample: sample.index % 2))
+        return mech
+
+    run = bd.simulate(two_rates(0.02), bd.GeneralizedAlpha(5e-4), 0.1, output_step=0.05)
+    exact = bd.simulate(two_rates(0.02), bd.Radau(1e-8), 0.1, output_step=0.05)
+    assert len(run.trajectory.intervals) > 1
+    assert_allclose(run.q, exact.q, atol=5e-4)
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("method", ["Radau", "fixed steps"])
+def test_long_runs_with_samples_are_thinned_and_saved(method, monkeypatch, tmp_path):
+    whole = bd.simulate(crank(), METHODS[method], 0.3, output_step=0.01)
+    times = np.linspace(0.0, 0.3, 99)
+    loaded = bd.load(whole.save(tmp_path / "run.npz"), crank())
+    assert_array_equal(loaded.at_times(times).a, whole.at_times(times).a)
+    monkeypatch.setattr(step_thinning, "MAX_STORED_BYTES", 3e3)
+    monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 40)
+    run = bd.simulate(crank(), METHODS[method], 0.3, output_step=0.01)
+    assert run.trajectory.intervals[0].record is not None
+    assert run.trajectory.steps == whole.trajectory.steps
+    assert_array_equal(run.table(), whole.table())
+    assert run.quality == whole.quality
