@@ -93,6 +93,13 @@ _SOLVE_SHIFTED = 5
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.
 ASYMMETRY_TOLERANCE = 1e-13
+# Differences of opposite entries up to this fraction of the largest entry are rounding errors, in
+# terms that the load factor scales.
+_LOAD_ROUNDING = 1e-10
+# Loads whose asymmetry in soft motions is below this fraction of their stiffness have a potential:
+# forces normal to sections instead of the axis do work on shear strains.
+_MIN_LOAD_ASYMMETRY = 1e-5
+_SOFT_MOTION_COUNT = 6
 
 
 @dataclass(slots=True)
@@ -402,6 +409,8 @@ class BorderedSystem:
         self.pattern = union
         size = union.shape[0]
         self._tangent_targets = np.arange(union.nnz) + column_indices(union)
+        self._tangent_sources = np.zeros(union.nnz + 2 * size + 1, int)
+        self._tangent_sources[self._tangent_targets] = np.arange(union.nnz)
         self._plans = [self._plan(sums) for sums in self._sums]
         indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
         self._row_targets = (indptr[1:] - 1).astype(np.uint32)
@@ -411,6 +420,7 @@ class BorderedSystem:
         entries = (np.ones(len(indices)), indices, indptr)
         self._bordered = sp.csc_array(entries, shape=(size + 1, size + 1))
         self._evaluated_x = np.full(size, np.nan)
+        self._follows: bool | None = None
         # Tests compare symmetric elimination with pivots chosen by size.
         self._eliminates = True
         self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
@@ -505,6 +515,8 @@ class BorderedSystem:
         The result is None if it is not certain: if an eigenvalue is zero up to rounding errors, or
         the stiffness is not symmetric.
         """
+        if self.has_follower_loads(x, mu):
+            return None
         if self.is_native:
             signs = self._run(x, mu, _COUNT_SIGNS).saddle
         else:
@@ -512,10 +524,78 @@ class BorderedSystem:
             signs = run.saddle
             count_signs_by_scipy(signs, run.nonzeros)
         is_symmetric = signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size
+        is_symmetric = is_symmetric or self.has_negligible_asymmetry(x, mu)
         is_certain = signs.below == signs.above >= 0 and signs.size > NEGLIGIBLE_STIFFNESS
         if not (is_symmetric and is_certain):
             return None
         return signs.above - (len(x) - self._n)
+
+    def has_follower_loads(self, x: Array, mu: float) -> bool:
+        """Return True if the scaled loads have no potential in slow motions.
+
+        Next to the axial stiffness of a thin beam, the asymmetry of a follower load is lost in
+        rounding. Therefore, the terms that the load factor scales are compared with each other, in
+        the span of a few motions with little stiffness. The result is that of the first point at
+        which these terms are asymmetric.
+        """
+        run, n = self._run(x, mu, _EVALUATE_TANGENT), self._n
+        saddle = run.saddle
+        loads = mu * run.loaded.nonzeros + (1.0 - mu) * run.unloaded.nonzeros
+        terms = saddle.weights * loads[saddle.entries]
+        size = float(np.max(np.abs(terms), initial=0.0))
+        if size == 0.0:
+            return False
+        if self._follows is None:
+            differences = saddle.skew_signs * terms[saddle.skew_sources]
+            skew = np.bincount(saddle.skew_rows, differences)
+            if np.max(np.abs(skew), initial=0.0) <= _LOAD_ROUNDING * size:
+                return False
+            rows, columns = (
+                indices[self._tangent_sources[saddle.entries]]
+                for indices in (self.pattern.indices, column_indices(self.pattern))
+            )
+            stiffness = sp.csc_array((terms, (rows, columns)), shape=(n, n))
+            soft = self._soft_motions(x, mu)
+            if not soft.shape[1]:
+                return False
+            reduced = soft.T @ (stiffness @ soft)
+            asymmetry = float(np.max(np.abs(reduced - reduced.T)))
+            self._follows = asymmetry > _MIN_LOAD_ASYMMETRY * float(np.max(np.abs(reduced)))
+        return self._follows
+
+    def has_negligible_asymmetry(self, x: Array, mu: float) -> bool:
+        """Return True if only scaled loads that have a potential make the stiffness asymmetric.
+
+        `has_follower_loads` decides which loads have a potential.
+        """
+        if self.has_follower_loads(x, mu) or self._follows is None:
+            return False
+        saddle = self._loop.work.saddle
+        entries = saddle.weights * self._loop.work.common.nonzeros[saddle.entries]
+        skew = np.bincount(saddle.skew_rows, saddle.skew_signs * entries[saddle.skew_sources])
+        size = float(np.max(np.abs(entries), initial=0.0))
+        return float(np.max(np.abs(skew), initial=0.0)) <= ASYMMETRY_TOLERANCE * size
+
+    def _soft_motions(self, x: Array, mu: float) -> Array:
+        """Return orthonormal motions S^-1 q, (n, k), with little stiffness, by inverse iteration.
+
+        They are not computed accurately. The result has no columns if the stiffness is singular.
+        """
+        n, size = self._n, len(x)
+        count = min(_SOFT_MOTION_COUNT, 2 * n - size)
+        forces = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, count + 1.0)))
+        load_control, column = (np.zeros(size), 1.0), np.zeros(size)
+        for _ in range(2):
+            motions = np.zeros((n, count))
+            for k in range(count):
+                right = np.concatenate([forces[:, k] / self._scales, np.zeros(size + 1 - n)])
+                try:
+                    solution = self.solve(x, mu, load_control, column, right)
+                except SingularMatrixError:
+                    return motions[:, :0]
+                motions[:, k] = solution[:n] / self._scales
+            forces = np.linalg.qr(motions)[0]
+        return forces
 
     def nearest_modes(
         self, x: Array, mu: float, count: int, tolerance: float

@@ -39,6 +39,11 @@ _CORNER_STEP_RATIO = 1e-3
 # not tiny. Up to the second multiple, which allows for rounding, one step covers the distance.
 _SPLIT_RATIO = 1.2
 _ROUNDING_RATIO = 1.001
+# A step that happens to end at a critical point, up to rounding, is multiplied by this factor: next
+# to the point, rounding determines the motion along the critical mode. Its smallest eigenvalue is
+# then below the fraction of that at the other end.
+_AVOIDANCE_FACTOR = 0.75
+_CRITICAL_END_RATIO = 0.05
 # Distance, relative to the largest step, within which two branch points are considered equal.
 _SAME_POINT_RATIO = 1e-2
 _CLOSED_PATH = (
@@ -221,6 +226,7 @@ def _take_step(
     if not settings.by_arc_length and size < reach < _SPLIT_RATIO * size:
         size = reach if reach < _ROUNDING_RATIO * size else 0.5 * reach
     min_size = min(MIN_STEP_RATIO * settings.max_step, size)
+    may_avoid = True
     while True:
         is_last = size == reach and not settings.by_arc_length
         value = target if is_last else first_value + sign * size
@@ -237,6 +243,10 @@ def _take_step(
             truncated = None
             if settings.by_arc_length:
                 truncated = segment.truncate(target_control, target)
+            if may_avoid and not is_last and truncated is None and _ends_at_critical_point(segment):
+                may_avoid = False
+                size *= _AVOIDANCE_FACTOR
+                continue
             segment = truncated or segment
             critical = segment.locate_critical_points()
             break
@@ -250,6 +260,18 @@ def _take_step(
     # A step that is shortened to meet a target does not shorten the next step.
     path.step = max(size * (_GROWTH_FACTOR if grows else 1.0), path.step * arrived)
     return segment.directions[1], arrived
+
+
+def _ends_at_critical_point(segment: PathSegment) -> bool:
+    """Return True if an eigenvalue at the end is zero up to rounding, but none at the begin."""
+    if segment.end.is_count_certain or not segment.end.has_potential:
+        return False
+    smallest, before = (
+        float(np.min(np.abs(point.stability.eigenvalues), initial=np.inf))
+        for point in (segment.end, segment.begin)
+    )
+    is_free = before <= segment.begin.stability.zero_tolerance
+    return not is_free and smallest < _CRITICAL_END_RATIO * before
 
 
 def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last: float) -> float:

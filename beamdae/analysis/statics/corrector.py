@@ -74,6 +74,11 @@ class EquilibriumPoint:
         """Count negative eigenvalues now, because the factors of this point will be needed."""
         _ = self._certain_count
 
+    @property
+    def is_count_certain(self) -> bool:
+        """True if forces have a potential and no eigenvalue is zero up to rounding of pivots."""
+        return self._certain_count is not None
+
     @cached_property
     def eigenvalue_ratio(self) -> float:
         """Ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""

@@ -144,6 +144,10 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
     size = max(float(np.max(np.abs(each.data), initial=0.0)) for each in (stiffness, terms))
     unknown = Stability(np.zeros(0), np.zeros((n, 0)), -1)
     try:
+        if len(x) < 2 * n and system.bordered.has_follower_loads(x, mu):
+            return _assess_motion(system, x, mu)
+        if system.bordered.has_negligible_asymmetry(x, mu):
+            stiffness = 0.5 * (stiffness + stiffness.T)
         if n <= _MAX_DENSE_COORDINATES:
             dense = _dense_stability(stiffness.toarray(), gradients.toarray(), scale, size)
             if dense is None:
