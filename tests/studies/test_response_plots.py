@@ -152,3 +152,13 @@ def test_combinations_without_a_grid_are_a_list():
     grid = ParameterGrid.of(settings, ["a", "b"])
     assert [axis.name for axis in grid.axes] == ["case"]
     assert grid.positions.tolist() == [[0], [1], [2]]
+
+
+def test_axes_of_parameters_have_units():
+    results = bd.sweep(
+        bd.load_model("example:governor"),
+        {"torque": [0.5, 0.6], "ratio": [5.0, 6.0]},
+        measure={"parts": lambda model: float(len(model.parameters))},
+    )
+    assert results.plot("parts", x="torque").figure.axes[0].get_xlabel() == "torque [N m]"
+    assert results.plot("parts", x="ratio").figure.axes[0].get_xlabel() == "ratio"

@@ -53,6 +53,16 @@ if TYPE_CHECKING:
 _VALUE_FORMS = "VALUE,VALUE,... or START:STOP:COUNT or START:STOP:COUNT:log"
 # Values of a range are rounded to this many digits, so that 0.3 is not 0.30000000000000004.
 _SIGNIFICANT_DIGITS = 12
+_MAX_MEASURES = 100
+_RUN_OPTIONS = (
+    "--integrator",
+    "--rtol",
+    "--step",
+    "--of",
+    "--time-limit",
+    "--t-end",
+    "--output-step",
+)
 
 
 def sweep_command(
@@ -72,6 +82,14 @@ def sweep_command(
             help="Observed column to evaluate, for example tip.y; repeatable.",
         ),
     ] = None,
+    modes: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Compute N natural frequencies instead of runs."),
+    ] = None,
+    buckling: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Compute N buckling load factors instead of runs."),
+    ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
     integrator: IntegratorName = "auto",
@@ -90,16 +108,24 @@ def sweep_command(
     """Run a model over all combinations of parameter values; write a table, plots and a page.
 
     The table contains the final value, minimum, maximum and root mean square of the observed
-    columns of each run; the row of a failed run contains the reason. A file with a sweep
+    columns of each run; the row of a failed run contains the reason. With --modes or --buckling, it
+    contains natural frequencies or load factors, and there are no runs. A file with a sweep
     (@bd.sweep) needs no --over. Finished runs are stored in the results folder: run the same
     command again to resume. The exit codes are the same as for compare.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
-    if over:
+    measure = _create_measure(modes, buckling)
+    if measure:
+        if not over:
+            raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
+        _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step)
+        sweep = _sweep_from_options(ModelFile(path).model(model_name), over, settings, measure)
+    elif over:
         file = ModelFile(path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
-        sweep = _sweep_from_options(file.model(model_name), over, settings, of, method)
+        model = file.model(model_name)
+        sweep = _sweep_from_options(model, over, settings, None, of, method)
     else:
         _require_no_sweep_options(settings, integrator, rtol, step)
         sweep = _sweep_of_file(ModelFile(path), model_name)
@@ -117,8 +143,9 @@ def _sweep_from_options(
     model: Model,
     over: list[str],
     settings: list[str] | None,
-    of: list[str] | None,
-    integrator: Any,
+    measure: dict[str, Any] | None,
+    of: list[str] | None = None,
+    integrator: Any = None,
 ) -> Sweep:
     from beamdae.studies.sweeps.sweep import create_sweep
 
@@ -136,7 +163,36 @@ def _sweep_from_options(
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
     folder = results_folder_name("_".join([model.name, "sweep", *ranges]), constants)
-    return create_sweep(model, values, folder, of or (), integrator)
+    return create_sweep(model, values, folder, of or (), integrator, measure=measure)
+
+
+def _create_measure(modes: int | None, buckling: int | None) -> dict[str, Any]:
+    """Return the measures of --modes and --buckling; empty without these options."""
+    counts = {"modes": modes, "buckling": buckling}
+    numbers = {
+        x: require_count("sweep", f"--{x}", n, most=_MAX_MEASURES)
+        for x, n in counts.items()
+        if n is not None
+    }
+    if not numbers:
+        return {}
+    from beamdae.studies.sweeps import model_measures
+
+    return {
+        **(model_measures.natural_frequencies(numbers["modes"]) if "modes" in numbers else {}),
+        **(model_measures.buckling_factors(numbers["buckling"]) if "buckling" in numbers else {}),
+    }
+
+
+def _require_no_run_options(integrator: str, *others: Any) -> None:
+    """Raise an error for options of runs, given in the order of `_RUN_OPTIONS`."""
+    values = (None if integrator == "auto" else integrator, *others)
+    for option, value in zip(_RUN_OPTIONS, values, strict=True):
+        if value is not None:
+            raise BeamdaeError(
+                f"sweep: {option} is an option of runs, but with --modes or --buckling the model "
+                f"is not run; omit {option}."
+            )
 
 
 def parse_values(model: Model, name: str, text: str) -> list[Any]:
@@ -273,7 +329,8 @@ def _print_results(swept: SweepResults) -> None:
     console = create_console()
     console.print(swept.sweep.name, style="bold")
     n_success = int((table["status"] == "ok").sum())
-    console.print(f"{len(table)} cases, {n_success} reached the end time", style="dim")
+    done = "measured" if swept.sweep.is_measured else "reached the end time"
+    console.print(f"{len(table)} cases, {n_success} {done}", style="dim")
     if len(table) <= MAX_SCREEN_ROWS:
         console.print(
             text_tables.sweep_table(

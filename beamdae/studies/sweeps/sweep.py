@@ -40,6 +40,7 @@ from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.sweeps.parameter_study import (
     TRAJECTORY,
+    Measure,
     Output,
     ParameterStudy,
     expand_values,
@@ -158,8 +159,22 @@ def create_sweep(
     time_limit: float | None = None,
     t_end: float | None = None,
     output_step: float | None = None,
+    measure: Any = None,
 ) -> Sweep:
     """Return a sweep without running it; see `sweep` for parameters and errors."""
+    if measure is not None:
+        _require_measure(
+            measure,
+            {
+                "of": of,
+                "outputs": outputs,
+                "integrator": integrator,
+                "time_limit": time_limit,
+                "t_end": t_end,
+                "output_step": output_step,
+            },
+        )
+        outputs = measure
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
     combinations = expand_values(name, model, over)
     cases = [
@@ -172,10 +187,26 @@ def create_sweep(
         columns=require_column_names(name, (of,) if isinstance(of, str) else of),
         limits=Limits(time=time_limit),
         outputs={} if outputs is None else outputs,
+        is_measured=measure is not None,
         settings=tuple({x: entry.label for x, entry in each.items()} for each in combinations),
         t_end=t_end,
         output_step=output_step,
     )
+
+
+def _require_measure(measure: Any, run_options: Mapping[str, Any]) -> None:
+    """Raise an error for an empty `measure`, and if options of runs are set."""
+    if not measure:
+        raise BeamdaeError(
+            f"sweep: measure must be a dict of functions of a model by name, got "
+            f"{short_repr(measure)}."
+        )
+    for name, value in run_options.items():
+        if value is not None and value != ():
+            raise BeamdaeError(
+                f"sweep: {name} is an option of runs, but with measure the model is not run; omit "
+                f"{name} or measure."
+            )
 
 
 # Values by parameter, or a list of combinations.
@@ -193,6 +224,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    measure: Mapping[str, Measure] | None = None,
 ) -> Callable[[Callable[[], Over]], Sweep]: ...
 
 
@@ -207,6 +239,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
@@ -225,6 +258,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
@@ -234,10 +268,11 @@ def sweep(
     """Run a model over values of its parameters; without `over`, return a decorator.
 
     The table has one row per run, with the final value, maximum, minimum and root mean square over
-    time of the observed columns, and the values of functions of the solution. The row of a failed
-    run contains the reason. With `over`, the sweep runs immediately. Without `over`, `sweep`
-    decorates a function without arguments that returns the values; call the decorated sweep, or run
-    it with `beamdae sweep FILE.py`.
+    time of the observed columns, and the values of functions of the solution. With `measure`, it
+    has the values of functions of the model instead, such as natural frequencies, buckling loads,
+    and amplitudes of periodic motions. The row of a failed run contains the reason. With `over`,
+    the sweep runs immediately. Without `over`, `sweep` decorates a function without arguments that
+    returns the values; call the decorated sweep, or run it with `beamdae sweep FILE.py`.
 
     Parameters
     ----------
@@ -261,6 +296,10 @@ def sweep(
         time / 400. Maxima and root mean squares are computed from the rows.
     time_limit
         Maximum wall time of a run [s]. Defaults to no limit.
+    measure
+        Functions of a model that replace the runs, by column name. The defaults of the model are
+        the parameters of the case: `{"first [Hz]": lambda model: bd.modes(model).frequencies[0]}`.
+        They return a number, a bool, a string or None. Arguments that concern runs must be omitted.
     folder
         Folder for the table and the results of all runs. Runs that are already stored there are not
         repeated, so an interrupted sweep resumes. By default, nothing is stored.
@@ -315,7 +354,7 @@ def sweep(
         2.0           -2.0
     >>> path = results.plot("bob.y").save("bob.png")
     """
-    study_model = _require_model(model, t_end)
+    study_model = _require_model(model, t_end, measure)
     if time_limit is not None:
         require_positive("sweep", "time_limit", time_limit)
     options: dict[str, Any] = {
@@ -325,6 +364,7 @@ def sweep(
         "t_end": t_end,
         "output_step": output_step,
         "time_limit": time_limit,
+        "measure": measure,
     }
     if over is not None:
         definition = create_sweep(study_model, over, f"{study_model.name}_sweep", **options)
@@ -346,7 +386,7 @@ def sweep(
     return decorate
 
 
-def _require_model(model: Any, t_end: float | None) -> Model:
+def _require_model(model: Any, t_end: float | None, measure: Any) -> Model:
     if isinstance(model, Model):
         return model
     if not inspect.isfunction(model):
@@ -354,6 +394,8 @@ def _require_model(model: Any, t_end: float | None) -> Model:
             "sweep: model must be a function that returns a mechanism (see bd.model), "
             f"got {short_repr(model)}."
         )
+    if t_end is None and measure is not None:
+        t_end = 1.0  # not used
     if t_end is None:
         raise BeamdaeError(f"sweep: {model.__name__} has no default end time; pass t_end=.")
     try:

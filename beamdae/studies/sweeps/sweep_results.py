@@ -296,7 +296,8 @@ class SweepResults:
     def _summary(self) -> str:
         completed = int((self.table[STATUS] == "ok").sum())
         varied = ", ".join(self.sweep.varied) or "nothing"
-        cases = f"{len(self.table)} cases, {completed} reached the end time"
+        done = "measured" if self.sweep.is_measured else "reached the end time"
+        cases = f"{len(self.table)} cases, {completed} {done}"
         return f"{self.sweep.name} over {varied}: {cases}"
 
 
@@ -313,17 +314,18 @@ def list_warnings(swept: SweepResults) -> Iterator[str]:
     warnings, if any.
     """
     failed = swept.table[STATUS] != "ok"
+    measured, things = swept.sweep.is_measured, "cases" if swept.sweep.is_measured else "runs"
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
     for selection, column, problem in (
-        (failed, REASON, "did not reach the end time"),
-        (with_warnings, WARNINGS, "ended with warnings"),
+        (failed, REASON, "failed" if measured else "did not reach the end time"),
+        (with_warnings, WARNINGS, "have warnings" if measured else "ended with warnings"),
     ):
         rows = swept.table[selection]
         if len(rows):
             tag = swept.sweep.tag(swept.sweep.cases[int(rows.index[0])])
             reason = str(rows[column].iloc[0]).removesuffix(".")
             yield (
-                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} runs {problem}, "
+                f"{swept.sweep.name}: {len(rows)} of {len(swept.table)} {things} {problem}, "
                 f"for example {tag}: {reason}; see the table for all."
             )
 

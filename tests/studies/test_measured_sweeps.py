@@ -1,0 +1,175 @@
+"""Sweeps over functions of a model without runs: frequencies, buckling loads, periodic motions."""
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import beamdae as bd
+from beamdae.cli.app import app
+from beamdae.studies.sweeps.model_measures import buckling_factors, natural_frequencies
+
+
+@bd.model(t_end=1.0)
+def oscillator(mass=2.0, stiffness=50.0, damping=3.0, frequency=1.0, length=1.0):
+    """Shake a `mass` [kg] on a spring of `stiffness` [N/m] and `damping` [N s/m]."""
+    if mass > 100.0:
+        raise ValueError("too heavy")
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", mass, at=(1.0, 0.0)))
+    wall = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", wall, block.point, (1.0, 0.0)))
+    mech.add(bd.Spring("spring", wall, block.point, stiffness, free_length=length))
+    mech.add(bd.Damper("damper", wall, block.point, damping))
+    push = bd.sine(amplitude=4.0, frequency=frequency)
+    mech.add(bd.Force("push", block.point, (push, 0.0)))
+    mech.observe("block", block.point)
+    return mech
+
+
+def amplitude(mass, frequency, stiffness=50.0, damping=3.0):
+    rate = 2.0 * math.pi * frequency
+    return 4.0 / math.hypot(stiffness - mass * rate**2, damping * rate)
+
+
+def test_measures_are_columns_and_failures_have_reasons():
+    measure = {
+        **natural_frequencies(2),
+        "kind": lambda model: "heavy" if model.parameters["mass"] > 2.0 else "light",
+    }
+    with pytest.warns(bd.BeamdaeWarning, match="1 of 3 cases failed"):
+        results = bd.sweep(oscillator, {"mass": [2.0, "3000 g", 200.0]}, measure=measure)
+    table = results.table
+    assert list(table["status"]) == ["ok", "ok", "failed"]
+    for row in (0, 1):
+        model = oscillator(mass=table["mass"][row])
+        assert table["frequency 1 [Hz]"][row] == bd.modes(model).frequencies[0]
+    assert table["frequency 2 [Hz]"].isna().all()
+    assert list(table["kind"])[:2] == ["light", "heavy"]
+    assert "too heavy" in table["reason"][2]
+    assert results.sweep.units == {"mass": "kg"}
+    assert "3 cases, 2 measured" in results._repr_html_()
+
+
+def test_stored_measures_are_not_computed_again(tmp_path):
+    tables = [
+        bd.sweep(
+            oscillator,
+            {"mass": masses},
+            measure={"clock": lambda model: time.perf_counter()},
+            folder=tmp_path,
+        ).table
+        for masses in ([1.0, 2.0], [1.0, 2.0, 3.0])
+    ]
+    assert list(tables[0]["clock"]) == list(tables[1]["clock"])[:2]
+    assert tables[1]["clock"].is_monotonic_increasing
+
+
+def test_runs_and_pages_of_measured_cases(tmp_path):
+    results = bd.sweep(oscillator, {"mass": [1.0, 2.0]}, measure={"n": lambda model: 7.0})
+    assert results.runs == []
+    assert results.page(tmp_path / "page.html").stat().st_size > 1000
+    with pytest.raises(bd.BeamdaeError, match="has no rows"):
+        results.run(mass=1.0)
+
+
+def test_warnings_of_analyses_are_in_the_table():
+    with pytest.warns(bd.BeamdaeWarning, match="1 of 1 cases have warnings"):
+        table = bd.sweep(oscillator, {"length": [0.9]}, measure=natural_frequencies(1)).table
+    assert "accelerates" in table["warnings"][0]
+
+
+def test_buckling_factors_are_those_of_buckling():
+    arch = bd.load_model("example:shallow_arch")
+    table = bd.sweep(arch, {"elements": [2]}, measure=buckling_factors(2)).table
+    factors = bd.buckling(arch(elements=2), 2).factors
+    assert list(table.filter(like="buckling").iloc[0]) == list(factors)
+
+
+MISTAKES = {
+    "empty": ({"measure": {}}, "sweep: measure must be a dict of functions of a model by name"),
+    "number": ({"measure": {"x": 3}}, "outputs must be a dict of functions"),
+    "of": ({"measure": {"x": len}, "of": "block.x"}, "sweep: of is an option of runs"),
+    "t_end": ({"measure": {"x": len}, "t_end": 1.0}, "sweep: t_end is an option of runs"),
+    "outputs": (
+        {"measure": {"x": len}, "outputs": {"y": len}},
+        "sweep: outputs is an option of runs, but with measure the model is not run; omit",
+    ),
+}
+
+
+def test_mistakes():
+    for settings, message in MISTAKES.values():
+        with pytest.raises(bd.BeamdaeError, match=message):
+            bd.sweep(oscillator, {"mass": [1.0]}, **settings)
+
+
+@pytest.mark.slow(reason="periodic motions of several models")
+def test_amplitudes_and_peaks_of_periodic_motions_are_measures():
+    def motion(model):
+        run = bd.periodic(model, 1.0 / model.parameters["frequency"])
+        return float(run.amplitudes()["half range"]["block.x [m]"])
+
+    def peak(model):
+        return bd.frequency_response(model, "frequency", (0.65, 0.95)).peaks("block.x [m]")[0][1]
+
+    measure = {"motion [m]": motion, "peak [m]": peak}
+    row = bd.sweep(oscillator, {"mass": [2.0]}, measure=measure).table.iloc[0]
+    largest = max(amplitude(2.0, x) for x in np.linspace(0.65, 0.95, 1001))
+    assert row["motion [m]"] == pytest.approx(amplitude(2.0, 1.0), rel=1e-3)
+    assert row["peak [m]"] == pytest.approx(largest, rel=2e-3)
+
+
+SWEEP_FILE = '''
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def drop(height=2.0):
+    """Drop a mass from a `height` [m]."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.add(bd.PointMass("bob", 1.0, at=(0.0, height)))
+    return mech
+
+
+@bd.sweep(drop, measure={"parts": lambda model: len(model().parts)})
+def heights():
+    return {"height": [1.0, 2.0]}
+'''
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("drops.py").write_text(SWEEP_FILE, encoding="utf-8")
+
+
+def measure(*options):
+    return CliRunner().invoke(app, ["sweep", "drops.py", *options, "--no-page", "--no-picture"])
+
+
+@pytest.mark.slow(reason="starts worker processes")
+def test_the_command_measures(here):
+    result = measure("--jobs", "1")
+    assert result.exit_code == 0, result.output
+    assert "2 cases, 2 measured" in result.output
+    assert Path("results/heights/sweep.csv").read_text().startswith("height,status,parts,")
+    result = measure("--over", "height=50cm,1", "--modes", "1", "--jobs", "1")
+    assert result.exit_code == 0, result.output
+    assert "frequency 1" in result.output
+
+
+def test_mistakes_on_the_command_line(here):
+    over = ["--over", "height=50cm,1"]
+    for options, message in (
+        (["--modes", "1"], "sweep: --modes and --buckling require --over NAME=VALUES."),
+        ([*over, "--modes", "0"], "sweep: --modes must be"),
+        ([*over, "--modes", "1", "--t-end", "2"], "sweep: --t-end is an option of runs"),
+        ([*over, "--buckling", "1", "--of", "x"], "sweep: --of is an option of runs"),
+    ):
+        result = measure(*options)
+        assert result.exit_code == 2
+        assert message in result.stderr
