@@ -45,11 +45,12 @@ _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
 
 
 class Origin(NamedTuple):
-    """Name, parameters and end time [s] of the model that built a mechanism."""
+    """Name, parameters and end time [s] of the model that built a mechanism, and known units."""
 
     name: str
     parameters: dict[str, Any]
     t_end: float
+    units: dict[str, str]
 
 
 # Model and parameters of the mechanisms that model functions built, as long as these exist.
@@ -232,7 +233,9 @@ class Model:
         return self._origin(self.parameters)
 
     def _origin(self, parameters: Mapping[str, Any]) -> Origin:
-        return Origin(self.name, ReadOnlyDict(copy_containers(dict(parameters))), self.t_end)
+        units = {x.name: x.unit for x in self.parameter_info.values() if x.unit not in ("", "-")}
+        values = ReadOnlyDict(copy_containers(dict(parameters)))
+        return Origin(self.name, values, self.t_end, ReadOnlyDict(units))
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a complete run; see `beamdae.check`."""

@@ -267,6 +267,8 @@ def unpack_model(caller: str, model: Any, t_end: float | None) -> tuple[Any, flo
     if origin is not None:
         t_end = origin.t_end if t_end is None else t_end
         description = {"name": origin.name, "parameters": origin.parameters}
+        if origin.units:
+            description["units"] = origin.units
     if isinstance(model, Model):
         model = model()
     if t_end is None:

@@ -143,3 +143,9 @@ def test_sweeps_convert_units():
     results = bd.sweep(swing, {"length": ["500 mm", 0.6]}, t_end=0.1)
     assert list(results.table["length"]) == [0.5, 0.6]
     assert results.sweep.units == {"length": "m"}
+
+
+def test_runs_record_the_units_of_their_parameters():
+    model = bd.simulate(swing(length=0.5), t_end=0.1).metadata()["model"]
+    assert model["parameters"]["length"] == 0.5
+    assert model["units"] == {"length": "m", "mass": "kg", "tilt": "rad", "speed": "rad/s"}

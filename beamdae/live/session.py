@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time as clock
 from collections.abc import Mapping
 from typing import Any
 
@@ -117,12 +118,18 @@ class LiveSession:
         return {"frames": encode_frames(export_frames(scene, times))}
 
     def _run(self, mechanism: Mechanism, number: int, t_end: Any) -> dict[str, Any]:
+        # The first step follows compilation, which takes seconds once on a machine.
+        begin = 0.0
+
         def stop(t: float) -> str | None:
+            nonlocal begin
+            begin = begin or clock.perf_counter()
+            if clock.perf_counter() - begin > self._time_limit:
+                return f"reached the time limit of {self._time_limit:g} s"
             return _SUPERSEDED if number != self._latest else None
 
         end = self._t_end if t_end is None else t_end
-        method = Auto(rtol=RTOL, time_limit=self._time_limit)
-        solution = simulate(mechanism, method, end, progress=stop)
+        solution = simulate(mechanism, Auto(rtol=RTOL), end, progress=stop)
         if number != self._latest:
             return {_SUPERSEDED: True}
         return {"frames": encode_frames(export_run_frames(solution)), **_summarize(solution)}

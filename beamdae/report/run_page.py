@@ -110,9 +110,11 @@ def export_table(title: str, table: ResponsiveTable, section: str = "results") -
 
 
 def _list_parameters(solution: Solution) -> list[list[str]]:
-    parameters = solution.metadata()["model"].get("parameters", {})
+    model = solution.metadata()["model"]
+    units = model.get("units", {})
     return [
-        [str(name), terminal.format_number(x, _PARAMETER_DIGITS)] for name, x in parameters.items()
+        [str(name), f"{terminal.format_number(x, _PARAMETER_DIGITS)} {units.get(name, '')}".strip()]
+        for name, x in model.get("parameters", {}).items()
     ]
 
 

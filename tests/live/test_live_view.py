@@ -276,3 +276,12 @@ def test_python_ends_without_closing_a_view(tmp_path):
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith("http://127.0.0.1:")
+
+
+def test_a_run_ends_at_its_time_limit():
+    live = bd.view(swing, t_end=1e3, time_limit=1e-6)
+    answer = ask(live, "run")
+    live.close()
+    assert "reached the time limit of 1e-06 s" in answer["status"]
+    assert not answer["ok"]
+    assert answer["frames"]
