@@ -9,14 +9,17 @@ from itertools import takewhile
 from pathlib import Path
 
 from docutils import nodes
-from sphinx.addnodes import pending_xref
+from sphinx.addnodes import index, pending_xref
+from sphinx.transforms import SphinxTransform
 
 import beamdae as bd
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 model_gallery = importlib.import_module("model_gallery")
+gallery_cards = importlib.import_module("gallery_cards")
 generated_pages = importlib.import_module("generated_pages")
+search_words = importlib.import_module("search_words")
 # Model files are imported by name, in notebooks as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
@@ -47,6 +50,7 @@ _mathjax = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).paren
 html_static_path = ["_static", str(_mathjax / "static")]
 mathjax_path = "mathjax/tex-chtml.js"
 html_css_files = ["site.css"]
+html_js_files = [("gallery.js", {"defer": "defer"})]
 html_show_sphinx = False
 
 # A name in single backticks links to its page where it has one.
@@ -116,11 +120,28 @@ def write_pages(app, config):
     """
     generated_pages.write_reference(HERE / "api")
     generated_pages.write_map(HERE / "develop" / "map.md")
+    generated_pages.write_words(HERE / "words.md", search_words.WORDS)
+    generated_pages.write_motion(HERE / "index.md", HERE / "first_screen.gif")
     model_gallery.write_scripts(HERE / "scripts")
     tutorials = HERE / "tutorials"
     shutil.rmtree(tutorials, ignore_errors=True)
     if (notebooks := HERE.parent / "models" / "tutorials").is_dir():
         shutil.copytree(notebooks, tutorials, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+
+
+class AddSearchWords(SphinxTransform):
+    """Enter the words of a page in the index; the search lists main entries first."""
+
+    default_priority = 500  # before the domains collect the entries
+
+    def apply(self):
+        """Insert one node with all entries, which refer to the title of the page."""
+        words = search_words.WORDS.get(self.env.docname, ())
+        section = self.document.next_node(nodes.section)
+        if words and section is not None:
+            anchor = section["ids"][0]
+            entries = [("single", word, anchor, "main", None) for word in words]
+            self.document.insert(0, index(entries=entries))
 
 
 def resolve_public_name(app, env, node, contnode):
@@ -145,6 +166,12 @@ def link_code(app, doctree):
         link["refdoc"] = app.env.docname
         code.replace_self(link)
         link.append(code)
+
+
+def describe_pictures(app, doctree):
+    """Give pictures of notebooks a text; by default, it would be the name of the file."""
+    for picture in doctree.findall(nodes.image):
+        picture.setdefault("alt", "Picture: result of the code above")
 
 
 # Stands for a colon while napoleon reads a docstring; from the private use area of Unicode.
@@ -180,9 +207,12 @@ def escape_markup(app, what, name, value, options, lines):
 
 def setup(app):
     """Connect the steps before pages are read and the look-up of names."""
+    app.add_transform(AddSearchWords)
     app.connect("config-inited", write_pages)
-    app.connect("builder-inited", model_gallery.shrink_thumbnails, priority=900)
+    app.connect("source-read", gallery_cards.write_cards)
+    app.connect("build-finished", gallery_cards.save_thumbnails)
     app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
     app.connect("autodoc-process-docstring", escape_markup)
     app.connect("doctree-read", link_code)
+    app.connect("doctree-read", describe_pictures)
     app.connect("missing-reference", resolve_public_name)

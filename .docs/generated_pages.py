@@ -5,8 +5,11 @@ import re
 from itertools import groupby
 from pathlib import Path
 
+import gallery_cards
+
 from beamdae import catalog
 
+COLOR_BAR_HEIGHT = 66  # below the drawing of an animation [px]
 PACKAGE = Path(catalog.__file__).parent
 
 NAMES = """```{{eval-rst}}
@@ -75,3 +78,31 @@ def _paragraphs(text):
 def _cell(docstring):
     """Return the summary of a docstring as the cell of a table."""
     return " ".join(docstring.split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def write_words(path, words):
+    """Write the page that lists the words of each page."""
+    rows = [f"| {', '.join(entries)} | [](/{page}.md) |" for page, entries in words.items()]
+    path.write_text("\n".join([WORDS_HEADER, *rows, ""]), "utf-8")
+
+
+WORDS_HEADER = """# Words
+
+This page lists words that you may search for, and the pages that answer them. The search of this
+site finds the same pages.
+
+| you look for | page |
+|---|---|"""
+
+
+def write_motion(page, path):
+    """Run the Python code printed on a page, and animate its run in a file."""
+    _, _, text = page.read_text("utf-8").partition("```python\n")
+    code = text.partition("```")[0].rstrip()
+    *lines, last = code.splitlines()
+    variables = {}
+    exec("\n".join(lines), variables)
+    # The last line of the page writes the same animation, with another name.
+    assert last.startswith("run.animate("), last
+    variables["run"].animate(path, color="stress", frames=75)
+    gallery_cards.save_cropped(path, path, (460, 400), bottom=COLOR_BAR_HEIGHT)

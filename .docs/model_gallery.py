@@ -2,10 +2,8 @@
 
 import ast
 import logging
-from itertools import islice
 from pathlib import Path
 
-from PIL import Image, ImageOps, ImageSequence
 from sphinx_gallery.scrapers import figure_rst
 
 import beamdae as bd
@@ -14,9 +12,9 @@ MODELS = Path(__file__).parents[1] / "models"
 HEADER = """Gallery
 =======
 
-The gallery shows the models in ``models/``, which are installed with the package. ``beamdae
-examples`` lists them, ``beamdae run example:NAME`` runs a model, and ``beamdae new my_model.py
---like NAME`` copies a model.
+The gallery shows the models in ``models/``, which are installed with the package, and pages with
+further examples. ``beamdae examples`` lists the models, ``beamdae run example:NAME`` runs one, and
+``beamdae new my_model.py --like NAME`` copies one. Choose a topic to show only its entries.
 """
 SCRIPT = '''"""
 {title}
@@ -47,14 +45,10 @@ solution
 # Some of its columns:
 
 solution.plot()
-
-# sphinx_gallery_thumbnail_number = 2
 '''
 # Suppresses a message about the writer of each file.
 logging.getLogger("matplotlib.animation").setLevel(logging.WARNING)
 ANIMATION_DURATION = 3.0  # of every model [s]
-THUMBNAIL_SIZE = (320, 224)  # [px], for screens with two pixels per point
-THUMBNAIL_COLORS = 16
 
 
 def write_scripts(folder):
@@ -77,18 +71,6 @@ def write_scripts(folder):
             speed=t_end / ANIMATION_DURATION,
         )
         (folder / path.name).write_text(script)
-
-
-def shrink_thumbnails(app):
-    """Scale animated thumbnails to their size on the page, and keep every second frame."""
-    for path in Path(app.srcdir, "gallery", "images", "thumb").glob("*.gif"):
-        with Image.open(path) as animation:
-            duration = 2 * animation.info["duration"]
-            frames = [
-                ImageOps.contain(frame.convert("RGB"), THUMBNAIL_SIZE).quantize(THUMBNAIL_COLORS)
-                for frame in islice(ImageSequence.Iterator(animation), 0, None, 2)
-            ]
-        frames[0].save(path, save_all=True, append_images=frames[1:], duration=duration, loop=0)
 
 
 def save_picture(block, variables, gallery):
