@@ -16,7 +16,12 @@ import scipy.sparse as sp
 
 from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
-from beamdae.beams.kinematics import Kinematics, MaterialPoint, create_custom_kinematics
+from beamdae.beams.kinematics import (
+    Kinematics,
+    LocalAxis,
+    MaterialPoint,
+    create_custom_kinematics,
+)
 from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh, intern_mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
 from beamdae.beams.strains import fiber_strain, fiber_stress, identity, section_forces
@@ -383,6 +388,11 @@ class Beam(Part):
     def axis_nodes(self) -> Array:
         """Indices of the coordinates (x, y, psi) of element nodes; empty with a floating frame."""
         return self.kinematics.axis_nodes
+
+    @property
+    def local_axis(self) -> LocalAxis | None:
+        """Axis of the beam in its floating frame if the strains are exact, else None."""
+        return self.kinematics.local_axis
 
     def rigid_motions(self, q: SX) -> SX:
         """Return the rates of the coordinates in rigid motions, see `Kinematics.rigid_motions`."""

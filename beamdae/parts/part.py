@@ -132,6 +132,11 @@ class Part:
         return np.zeros((0, 0, 3), int)
 
     @property
+    def local_axis(self) -> Any:
+        """Axis of a beam in a floating frame with exact strains, a `LocalAxis`; None by default."""
+        return None
+
+    @property
     def initial_position(self) -> Array:
         """Values of the n coordinates in the reference configuration, shape (n,)."""
         return np.zeros(0)

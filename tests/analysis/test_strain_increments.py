@@ -17,12 +17,13 @@ def bending_stiffness(height):
     return STEEL.E * WIDTH * height**3 / 12.0
 
 
-def cantilever(height, elements, *, moment=0.0, force=0.0, gravity=0.0):
+def cantilever(height, elements, *, moment=0.0, force=0.0, gravity=0.0, **kind):
     """Return a strip of 1 m with an end moment [EI/L], a tip force [EI/L^2] and its weight."""
     mech = bd.Mechanism(gravity=(0.0, -gravity))
     section = bd.Section.rectangle(STEEL, width=WIDTH, height=height)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
+    kind = kind or {"formulation": "exact"}
+    beam = mech.add(bd.Beam("strip", line, section, elements, **kind))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     if moment:
         mech.add(bd.Moment("moment", beam.end, moment * bending_stiffness(height)))
@@ -62,6 +63,29 @@ def test_displacements_add_the_linear_increments_of_strains():
     assert_allclose(increments.difference(q, displaced), change, atol=1e-13)
 
 
+@pytest.mark.parametrize("frame", ["tangent", "chord"])
+def test_displacements_in_a_floating_frame_add_the_linear_increments_of_strains(frame):
+    mech, random = bd.Mechanism(), np.random.default_rng(3)
+    section = bd.Section.rectangle(STEEL, width=WIDTH, height=0.01)
+    arc = bd.Arc(radius=0.5, length=0.4, angle=0.3)
+    mech.add(bd.Beam("arc", arc, section, 3, strain="exact", frame=frame))
+    e = bd.equations_of_motion(mech)
+    increments = StrainIncrements.of(e)
+    (axis,) = increments.groups
+
+    def strains(q):
+        w, phi = axis._nodal(q)
+        return (1.0 + axis._derivative(w)) * np.exp(-1j * axis._at_points(phi))
+
+    q = increments.displace(e.q0, 0.1 * random.standard_normal(e.n))
+    change, h = 0.1 * random.standard_normal(e.n), 1e-5
+    displaced = increments.displace(q, change)
+    linear = (strains(q + h * change) - strains(q - h * change)) / (2.0 * h)
+    assert_allclose(strains(displaced), strains(q) + linear, rtol=0.0, atol=1e-9)
+    assert np.max(np.abs(strains(q + change) - strains(displaced))) > 0.1
+    assert_allclose(increments.difference(q, displaced), change, atol=1e-13)
+
+
 def test_displacements_are_linear_to_first_order():
     e, random = two_beams(), np.random.default_rng(2)
     increments, change = StrainIncrements.of(e), random.standard_normal(e.n)
@@ -88,6 +112,16 @@ def test_own_weight_takes_as_many_steps_on_every_mesh():
     paths = [bd.equilibrium(cantilever(1e-4, n, gravity=9.81)) for n in (8, 16)]
     assert all(path.status.success for path in paths)
     assert len(paths[0].q) == len(paths[1].q) <= 20
+
+
+@pytest.mark.slow(reason="four paths of a thin strip, 1 s")
+def test_regression_steps_in_a_floating_frame_follow_the_path():
+    # With linear increments and steps limited by iterations, 93 and 109 points were needed.
+    for kind in ({"strain": "exact"}, {"strain": "green"}):
+        paths = [bd.equilibrium(cantilever(1e-4, n, gravity=9.81, **kind)) for n in (8, 32)]
+        assert all(path.status.success for path in paths)
+        limit = 20 if kind["strain"] == "exact" else 60
+        assert max(len(path.q) for path in paths) <= limit
 
 
 def test_thin_strip_bends_like_the_elastica():

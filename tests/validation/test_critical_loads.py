@@ -49,6 +49,9 @@ SLOW_PATHS = [
     # The path ended at a branch point.
     ("arch, 240 degrees, hinged, hinged, fluid pressure", 1e5, 8, "exact"),
     ("ring, quarter, fluid pressure", 1e5, 8, "exact"),
+    # With linear increments in the floating frame, points were missed or 5e-4 off.
+    ("arch, 180 degrees, hinged, load at the crown", 1e5, 8, "floating frame, exact strain"),
+    ("arch, 215 degrees, hinged, load at the crown", 1e5, 8, "floating frame, exact strain"),
     ("ring, quarter, dead pressure", 1e5, 8, "exact"),
     ("ring, quarter, central pressure", 1e4, 8, "floating frame, exact strain"),
 ]

@@ -21,9 +21,14 @@ Array = np.ndarray
 # A failed step is multiplied by this factor, down to this fraction of the largest step.
 _CUT_FACTOR = 0.25
 MIN_STEP_RATIO = 1e-6
-# The step grows by this factor if the corrector takes at most this many Newton iterations.
+# The step grows by this factor if the corrector takes at most the first number of Newton
+# iterations; or at most the second one, if it moves the point by less than this fraction of the
+# step. The iterations of thin beams in a floating frame depend on their axial stiffness more than
+# on the curvature of the path.
 _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
+_MAX_STIFF_ITERATIONS_TO_GROW = 8
+_MAX_CORRECTION_TO_GROW = 0.1
 # If the corrector moves a point by more than this fraction of the step, the point lies on another
 # path. The allowance for rounding is in natural sizes.
 MAX_CORRECTION_RATIO = 0.5
@@ -44,6 +49,7 @@ _ROUNDING_RATIO = 1.001
 # then below the fraction of that at the other end.
 _AVOIDANCE_FACTOR = 0.75
 _CRITICAL_END_RATIO = 0.05
+_CRITICAL_TANGENT_RATIO = 3.0
 # Distance, relative to the largest step, within which two branch points are considered equal.
 _SAME_POINT_RATIO = 1e-2
 _CLOSED_PATH = (
@@ -232,7 +238,7 @@ def _take_step(
         value = target if is_last else first_value + sign * size
         try:
             step = direction.scale(sign * size)
-            end = _correct_prediction(corrector, control, value, begin, step, norm)
+            end, correction = _correct_prediction(corrector, control, value, begin, step, norm)
             after = corrector.try_path_tangent(end, control)
             cosine = norm.cosine(direction, after or direction) if settings.by_arc_length else 1.0
             if cosine < _MIN_COSINE and size > _CORNER_STEP_RATIO * settings.max_step:
@@ -255,7 +261,11 @@ def _take_step(
             if size < min_size:
                 raise CorrectorError(str(error)) from None
     path.append(segment, critical)
-    grows = end.iterations <= _MAX_ITERATIONS_TO_GROW and cosine > _MIN_COSINE_TO_GROW
+    grows = end.iterations <= _MAX_ITERATIONS_TO_GROW
+    grows |= (
+        correction < _MAX_CORRECTION_TO_GROW and end.iterations <= _MAX_STIFF_ITERATIONS_TO_GROW
+    )
+    grows &= cosine > _MIN_COSINE_TO_GROW
     arrived = truncated is not None or (not settings.by_arc_length and value == target)
     # A step that is shortened to meet a target does not shorten the next step.
     path.step = max(size * (_GROWTH_FACTOR if grows else 1.0), path.step * arrived)
@@ -263,9 +273,17 @@ def _take_step(
 
 
 def _ends_at_critical_point(segment: PathSegment) -> bool:
-    """Return True if an eigenvalue at the end is zero up to rounding, but none at the begin."""
-    if segment.end.is_count_certain or not segment.end.has_potential:
+    """Return True if an eigenvalue at the end is zero up to rounding, but none at the begin.
+
+    If forces have no potential, the tangent of the path tells, which rounding determines then.
+    """
+    if segment.end.is_count_certain:
         return False
+    if not segment.end.has_potential:
+        size = segment.corrector.displacement_measure.farthest
+        n = segment.end.system.equations.n
+        first, last = segment.directions
+        return last is None or size(last.x[:n]) > _CRITICAL_TANGENT_RATIO * size(first.x[:n])
     smallest, before = (
         float(np.min(np.abs(point.stability.eigenvalues), initial=np.inf))
         for point in (segment.end, segment.begin)
@@ -295,14 +313,19 @@ def _correct_prediction(
     begin: EquilibriumPoint,
     step: PathDirection,
     norm: StepNorm,
-) -> EquilibriumPoint:
-    """Return the equilibrium near begin + step at which the control equals `value`."""
+) -> tuple[EquilibriumPoint, float]:
+    """Return the equilibrium near begin + step at which the control equals `value`.
+
+    The second result is the motion from begin + step, relative to that from begin.
+    """
     x, mu = corrector.displace(begin.x, step.x), begin.mu + step.mu
     point = corrector.correct(control, value, x, mu)
     correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
     if correction > MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
         raise CorrectorError("the path turns too sharply for the step")
-    return point
+    return point, max(correction - _CORRECTION_ROUNDING, 0.0) / (
+        displacement + _CORRECTION_ROUNDING
+    )
 
 
 def _arc_direction(
