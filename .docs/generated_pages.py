@@ -82,7 +82,7 @@ def _cell(docstring):
 
 def write_words(path, words):
     """Write the page that lists the words of each page."""
-    rows = [f"| {', '.join(entries)} | [](/{page}.md) |" for page, entries in words.items()]
+    rows = [f"| {', '.join(entries)} | []({page}.md) |" for page, entries in words.items()]
     path.write_text("\n".join([WORDS_HEADER, *rows, ""]), "utf-8")
 
 

@@ -42,8 +42,8 @@ def test_example_runs_and_writes_its_table(tmp_path, monkeypatch):
 def test_links_of_readme_and_pages_lead_to_files():
     for page in (ROOT / "README.md", *ROOT.glob(".docs/guide/*.md"), *ROOT.glob(".docs/*.md")):
         for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", page.read_text()):
-            # The gallery is generated with the site.
-            if not target.removeprefix("../").startswith(("gallery/", "tutorials/")):
+            # These pages are generated with the site.
+            if not target.removeprefix("../").startswith(("gallery/", "tutorials/", "words.")):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
