@@ -32,6 +32,9 @@ class TableArgumentTerm:
         The table, and the index of its argument.
     observable, numbers
         Compiled argument, and the numbers to which it refers.
+    call, constants
+        Number of the call in the formulas of the model, and the arguments of the call that are
+        numbers; None for the others.
     """
 
     part: str
@@ -39,6 +42,8 @@ class TableArgumentTerm:
     axis: int
     observable: Observable
     numbers: Array
+    call: int
+    constants: tuple[float | None, ...]
 
     @property
     def is_limited(self) -> bool:
@@ -86,15 +91,20 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
             argument,
             axis,
             build_observable(argument.part, quantity, coordinate_map, numbers, {}, laws),
+            call,
         )
-        for argument in arguments
+        for call, argument in enumerate(arguments)
         for axis, quantity in _list_quantities(argument)
     ]
     p = numbers.all(mechanism.inputs)
     return tuple(
-        TableArgumentTerm(x.part, x.call.table, axis, observable, p)
-        for x, axis, observable in found
+        TableArgumentTerm(x.part, x.call.table, axis, observable, p, call, _list_constants(x))
+        for x, axis, observable, call in found
     )
+
+
+def _list_constants(argument: TableArgument) -> tuple[float | None, ...]:
+    return tuple(None if ca.symvar(x) else float(x) for x in argument.call.arguments)
 
 
 def _list_quantities(argument: TableArgument) -> Iterator[tuple[int, Quantity]]:
@@ -130,17 +140,36 @@ def find_distinct(terms: Sequence[TableArgumentTerm]) -> tuple[TableArgumentTerm
     return tuple(distinct.values())
 
 
-def list_arguments_outside(equations: EquationsOfMotion, time: Array, q: Array) -> list[str]:
-    """Return a phrase for each argument that is outside its table in states of rest.
+def group_grids(terms: Sequence[TableArgumentTerm]) -> tuple[tuple[TableArgumentTerm, ...], ...]:
+    """Return the arguments of each call of a table of two arguments."""
+    calls: dict[int, list[TableArgumentTerm]] = {}
+    for term in terms:
+        if len(term.constants) > 1:
+            calls.setdefault(term.call, []).append(term)
+    return tuple(map(tuple, calls.values()))
 
-    `time` is (t, branch), and `q` has shape (rows, n). Only tables that limit their arguments are
-    considered.
+
+def list_arguments_outside(
+    equations: EquationsOfMotion,
+    time: Array,
+    q: Array,
+    v: Array | None = None,
+    includes_held: bool = False,
+) -> list[str]:
+    """Return a warning about each argument that is outside its table.
+
+    `time` is (t, branch); `q` and `v`, zero by default, have shape (rows, n). Tables with
+    outside="hold" are considered if `includes_held` is True.
     """
     phrases = []
-    rows = State(q, *(np.zeros_like(q),) * 2, np.zeros((len(q), 0)))
+    rest = np.zeros_like(q)
+    rows = State(q, rest if v is None else v, rest, np.zeros((len(q), 0)))
     for term in find_distinct(compile_table_arguments(equations)):
-        if term.is_limited:
+        if term.is_limited or includes_held:
             values = term.evaluate(np.full(len(q), time[0]), float(time[1]), rows)
             outside = term.distance_outside(values) > 0.0
-            phrases += [term.describe(float(value)) for value in values[outside][:1]]
+            phrases += [
+                f"{term.describe(float(value))}, where its value is held; extend the table."
+                for value in values[outside][:1]
+            ]
     return phrases

@@ -19,7 +19,7 @@ from beamdae.equations.failure_diagnosis import diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.equations.surface_gaps import compile_surface_gaps
-from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.equations.table_arguments import compile_table_arguments, find_distinct, group_grids
 from beamdae.errors import BeamdaeError, ProgressError
 from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
@@ -144,12 +144,10 @@ def _drive(
     gaps = compile_surface_gaps(equations)
     onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
     is_adaptive = integrator.accuracy.name == "rtol"
-    terms = [
-        term
-        for term in find_distinct(compile_table_arguments(equations))
-        if term.is_limited or is_adaptive
-    ]
-    table_detector = TableDetector(terms, finds_peaks=is_adaptive) if terms else None
+    arguments = compile_table_arguments(equations)
+    terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
+    grids = group_grids(arguments) if is_adaptive else ()
+    table_detector = TableDetector(terms, is_adaptive, grids) if terms else None
     run: _RunInProgress | None = None
     trajectory: Trajectory | None = None
     status, compile_time = REACHED_END, 0.0

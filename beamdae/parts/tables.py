@@ -668,7 +668,12 @@ def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> s
             f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
             f"{suggest(wanted, headers)}; its columns are {', '.join(headers)}."
         )
-    return matches[0]
+    if len(matches) > 1 and text not in matches:
+        raise BeamdaeError(
+            f"table_from_csv: {name}={short_repr(wanted)} is the name of several columns of "
+            f"{path}: {', '.join(matches)}; pass the header with its unit."
+        )
+    return text if text in matches else matches[0]
 
 
 def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:

@@ -26,7 +26,7 @@ from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.files import write_result
+from beamdae.results.storage.files import require_file_path, write_result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -272,6 +272,21 @@ class Equilibrium:
         """
         return load_views().plot_equilibrium_path(self, names)
 
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with the mechanism along the path beside its curves, and tables.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        return load_views().write_analysis_page(self, require_file_path("page", path))
+
     def table(self) -> pd.DataFrame:
         """Return load factors, observed columns, unstable directions and kinds of critical points.
 
@@ -351,10 +366,7 @@ class Equilibrium:
             )
         beams = (beam.warning for beam in self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
-        outside = (
-            f"{phrase}, where its value is held; extend the table"
-            for phrase in list_arguments_outside(self.equations, np.full(2, self.t), self.q)
-        )
+        outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         return tuple(filter(None, (*self.notes, free, *beams, *strains, *outside)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:

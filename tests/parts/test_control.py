@@ -346,3 +346,16 @@ def test_invalid_units_are_rejected_at_once(unit):
             add()
     assert "lag" not in mech.parts
     assert "lag" not in mech.inputs
+
+
+def test_regression_blocks_with_a_name_in_use_leave_no_states():
+    mech = bd.Mechanism()
+    signal = mech.input("signal")
+    for name in ("lead 2", "servo integral"):
+        mech.state(name, signal)
+    before = list(mech.parts), list(mech.observables)
+    with pytest.raises(bd.BeamdaeError, match="the name 'lead 2' is in use"):
+        bd.transfer_function(mech, "lead", signal, [1.0], [1.0, 2.0, 3.0])
+    with pytest.raises(bd.BeamdaeError, match="the name 'servo integral' is in use"):
+        bd.pid(mech, "servo", signal, 1.0, ki=1.0, kd=1.0, filter_time=0.1)
+    assert (list(mech.parts), list(mech.observables)) == before

@@ -349,3 +349,52 @@ def test_tables_begin_when_events_change_a_law():
     assert_allclose(table["disk.angle [rad]"][later], expected, atol=1e-6)
     assert_allclose(solution.trajectory.end, 1.7, rtol=1e-6)
     assert "leaves the range 0 to 1 of swing" in solution.status.sentence
+
+
+def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
+    file = tmp_path / "pad.csv"
+    file.write_text("travel [mm],force [N],force [kN]\n0,0,0\n1,9,8\n", "utf-8")
+    message = (
+        r"y='force' is the name of several columns of .*pad.csv: force \[N\], force \[kN\]; "
+        "pass the header with its unit"
+    )
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.table_from_csv(file, y="force", kind="linear")
+    assert bd.table_from_csv(file, y="force [kN]", kind="linear")(1e-3) == 8000.0
+
+
+@pytest.mark.parametrize("outside", ["hold", "error"])
+def test_regression_linear_models_outside_a_table_carry_a_warning(outside):
+    """The held value of a table has no slope."""
+    curve = bd.table([0.0, 1.0], [0.0, 10.0], "linear", outside, "pad")
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point))
+    mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (-curve(ball.position[0]), 0.0)))
+    warning = "push: x = 1.5 leaves the range 0 to 1 of pad, where its value is held; extend the"
+    for analysis in (bd.linearize, bd.modes):
+        inside = analysis(mech, about={"ball.x": 0.5})
+        assert not any("pad" in x for x in inside.warnings)
+        assert any(warning in x for x in analysis(mech, about={"ball.x": 1.5}).warnings)
+
+
+@pytest.mark.parametrize("method", [bd.Radau(1e-6), bd.Ida(1e-6)], ids=lambda x: x.method)
+def test_regression_steps_do_not_pass_over_peaks_of_grids(method):
+    """A ridge of 2 mm, whose height depends on the second argument, in the way of a free mass."""
+    width, height = 1e-3, 4e3
+    places = [0.0, 5.0 - width, 5.0, 5.0 + width, 20.0]
+    ridge = np.outer([0.0, 0.0, -height, 0.0, 0.0], [1.0, 3.0])
+    grid = bd.table((places, [0.0, 10.0]), ridge, "linear")
+    for second, factor in ((lambda t: 10.0 * t, None), (lambda t: 2.5, 1.5)):
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.1, 0.0), velocity=(10.0, 0.0)))
+
+        def force(ball, t, second=second):
+            return grid(ball.position[0], second(t)), 0.0
+
+        mech.add(bd.ForceLaw("push", ball.point, force))
+        mech.observe("ball", ball.point)
+        solution = bd.simulate(mech, method, t_end=1.0, output_step=1.0)
+        lost = 50.0 - 0.5 * solution.table()["ball.x_dot [m/s]"].iloc[-1] ** 2
+        # The ball passes the ridge at t = 0.49 s.
+        assert_allclose(lost, (factor or 1.98) * width * height, rtol=1e-3)

@@ -29,6 +29,7 @@ from beamdae.equations.starts.steady_rotation import (
     Rotation,
     find_steady_rotation,
 )
+from beamdae.equations.table_arguments import list_arguments_outside
 from beamdae.errors import (
     BeamdaeError,
     plain_text,
@@ -126,6 +127,14 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     BeamdaeError
         If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
+    lin = _linearize(name, model, about, t)
+    q, v = (x[None] for x in lin.state[:2])
+    # The slope of a table is zero where its value is held.
+    outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
+    return replace(lin, warnings=(*lin.warnings, *outside)) if outside else lin
+
+
+def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:
     if isinstance(about, Equilibrium):
         return _linearize_path_end(name, model, about)
     about = plain_text(about)

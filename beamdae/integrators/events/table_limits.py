@@ -55,10 +55,13 @@ class TableDetector:
     finds_peaks
         True to detect peaks that a step passes over, for adaptive methods: their error test does
         not see a peak between the places at which they evaluate the table.
+    grids
+        Arguments of each call of a table of two arguments, for peaks.
     """
 
     terms: Sequence[TableArgumentTerm]
     finds_peaks: bool
+    grids: Sequence[Sequence[TableArgumentTerm]] = ()
 
     def find_first(self, interval: Interval, begin: float) -> TableStop | None:
         """Return the first stop in the steps after `begin` [s], or None."""
@@ -74,8 +77,11 @@ class TableDetector:
             values = term.evaluate(t, interval.branch, state)
             if term.is_limited:
                 stops.append(_find_end(term, interval, t, values))
-            if self.finds_peaks:
+            if self.finds_peaks and len(term.table.axes) == 1:
                 stops.append(_find_peak(term, interval, t, values))
+        if self.finds_peaks and len(t) > 1:
+            grids = (grid for grid in self.grids if grid[0].part not in inactive)
+            stops += [_find_peak_of_grid(grid, interval, t, state) for grid in grids]
         return min((stop for stop in stops if stop is not None), default=None)
 
     def reason_at(self, t: float, branch: float, state: State, inactive: frozenset[str]) -> str:
@@ -105,8 +111,6 @@ def _find_peak(
     term: TableArgumentTerm, interval: Interval, t: Array, values: Array
 ) -> TableStop | None:
     """Return the first row of the first peak that a step passed over; tables of one argument."""
-    if len(term.table.axes) > 1:
-        return None
     (knots,), heights = term.table.axes, term.table.values
     place = np.searchsorted(knots, values)
     # A peak lies between two other rows.
@@ -129,6 +133,49 @@ def _find_peak(
         )
         return TableStop(foot, "", probe)
     return None
+
+
+def _find_peak_of_grid(
+    grid: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
+) -> TableStop | None:
+    """Return the first peak of a table of two arguments that a step passed over.
+
+    The table is evaluated where the arguments, interpolated linearly, pass its rows, and between
+    these places.
+    """
+    table = grid[0].table
+    arguments = _evaluate_grid(grid, interval, t, state)
+    places = [np.searchsorted(*pair) for pair in zip(table.axes, arguments, strict=True)]
+    passed = sum(np.abs(np.diff(place)) for place in places)
+    for k in np.flatnonzero((passed > 1) & (np.diff(t) > 0.0)):
+        shares = [
+            (knots[min(place[k : k + 2]) : max(place[k : k + 2])] - x[k]) / (x[k + 1] - x[k])
+            for knots, place, x in zip(table.axes, places, arguments, strict=True)
+            if place[k] != place[k + 1]
+        ]
+        rows = np.unique(np.concatenate([[0.0], *shares, [1.0]]))
+        share = np.sort(np.concatenate([rows, 0.5 * (rows[1:] + rows[:-1]), [0.5]]))
+        times = t[k] + share * (t[k + 1] - t[k])
+        values = table(*_evaluate_grid(grid, interval, times, interval.at(times)))
+        seen = values[[0, int(np.searchsorted(share, 0.5)), -1]]
+        excess = np.maximum(values - seen.max(), seen.min() - values)
+        (peaks,) = np.nonzero(excess > _MIN_PEAK * np.ptp(table.values))
+        if len(peaks):
+            first = int(peaks[0])
+            foot = float(t[k] + rows[rows < share[first]][-1] * (t[k + 1] - t[k]))
+            probe = float(times[first + int(np.argmax(excess[first : first + 2]))])
+            return TableStop(foot, "", probe)
+    return None
+
+
+def _evaluate_grid(
+    grid: Sequence[TableArgumentTerm], interval: Interval, t: Array, state: State
+) -> list[Array]:
+    """Return all arguments of a call at times `t` [s]."""
+    arguments = [np.full(len(t), np.nan if x is None else x) for x in grid[0].constants]
+    for term in grid:
+        arguments[term.axis] = term.evaluate(t, interval.branch, state)
+    return arguments
 
 
 def _evaluate(term: TableArgumentTerm, interval: Interval, t: float) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import casadi as ca
@@ -77,6 +78,19 @@ def _require_mechanism(caller: str, value: Any) -> None:
         raise BeamdaeError(f"{caller}: mechanism must be a Mechanism, got {short_repr(value)}.")
 
 
+@contextmanager
+def _all_or_no_states(mechanism: Mechanism) -> Iterator[None]:
+    """Remove the states added within the context if one of them cannot be added."""
+    parts, observables = dict(mechanism.parts), dict(mechanism.observables)
+    try:
+        yield
+    except BeamdaeError:
+        for current, before in ((mechanism.parts, parts), (mechanism.observables, observables)):
+            for name in current.keys() - before.keys():
+                del current[name]
+        raise
+
+
 def transfer_function(
     mechanism: Mechanism,
     name: str,
@@ -147,7 +161,8 @@ def transfer_function(
         for values in (a, np.concatenate([np.zeros(len(a) - len(b)), b]))
     )
     direct, count = b[0], len(a) - 1
-    states = [mechanism.state(f"{name} {k + 1}", scale=scale) for k in range(count)]
+    with _all_or_no_states(mechanism):
+        states = [mechanism.state(f"{name} {k + 1}", scale=scale) for k in range(count)]
     # Ascending powers, without the leading coefficient 1.
     feedback, output = value, direct * value
     for state, low, out in zip(states, a[:0:-1], b[:0:-1], strict=True):
@@ -228,8 +243,8 @@ def pid(
     _require_mechanism("pid", mechanism)
     name, error = require_name("pid", name), require_formula(name, "error", error)
     kp, ki, kd = (require_finite(name, key, x) for key, x in (("kp", kp), ("ki", ki), ("kd", kd)))
-    # Checked before states are added, so that an error leaves the mechanism unchanged.
-    bounds, tracking = None, 0.0
+    # Errors leave the mechanism unchanged.
+    bounds, tracking, time = None, 0.0, 0.0
     if limits is not None:
         bounds = [require_finite(name, "limits", x) for x in require_pair(name, "limits", limits)]
         if not bounds[0] < bounds[1]:
@@ -248,12 +263,14 @@ def pid(
                 "the error or a time constant [s]."
             )
         time = require_positive(name, "filter_time", filter_time)
-        filtered = low_pass(mechanism, f"{name} filter", error, time, scale=scale)
-        output = output + (kd / time) * (error - filtered)
     integral = None
-    if ki:
-        integral = mechanism.state(f"{name} integral", scale=scale)
-        output = output + ki * integral
+    with _all_or_no_states(mechanism):
+        if kd and rate is None:
+            filtered = low_pass(mechanism, f"{name} filter", error, time, scale=scale)
+            output = output + (kd / time) * (error - filtered)
+        if ki:
+            integral = mechanism.state(f"{name} integral", scale=scale)
+            output = output + ki * integral
     clipped = output if bounds is None else ca.fmin(ca.fmax(output, bounds[0]), bounds[1])
     if integral is not None and bounds is not None:
         integral.follows(error + (clipped - output) / (ki * tracking))
