@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from beamdae.report.analysis_pages import write_analysis_page
 from beamdae.report.pictures.figures import require_picture_path, save_figure
 from beamdae.report.pictures.fit_plots import plot_fit, plot_profile
 from beamdae.report.pictures.path_plots import plot_path as plot_equilibrium_path
@@ -28,6 +29,7 @@ __all__ = [
     "save_plot",
     "summarize_as_html",
     "summarize_certificate_as_html",
+    "write_analysis_page",
 ]
 
 

@@ -47,13 +47,15 @@ def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:
             _require_folder(option, folder)
 
 
-def plan_outputs(out: Path, name: str, picture: bool) -> tuple[Path, Path]:
+def plan_outputs(out: Path, name: str, picture: bool, page: bool = False) -> tuple[Path, Path]:
     """Return the paths of the table and the picture of an analysis in the folder of --out.
 
-    With `picture`, both must be writable, otherwise only the table; see `require_writable`.
+    The table must be writable, and so must be the picture and the page (a file with the suffix
+    ".html" beside the table) if they are requested; see `require_writable`.
     """
     table_path, picture_path = out / f"{name}.csv", out / f"{name}.png"
-    require_writable(("--out", [table_path, picture_path] if picture else [table_path]))
+    views = [*[picture_path] * picture, *[table_path.with_suffix(".html")] * page]
+    require_writable(("--out", [table_path, *views]))
     return table_path, picture_path
 
 

@@ -86,6 +86,7 @@ class Views(Protocol):
     save_plot: Callable[..., Path]
     summarize_as_html: Callable[..., str]
     summarize_certificate_as_html: Callable[..., str]
+    write_analysis_page: Callable[..., Path]
 
 
 def load_views() -> Views:

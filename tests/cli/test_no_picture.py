@@ -51,13 +51,15 @@ def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
     assert result.exit_code == 0, result.output
     assert ".csv" in kinds
     assert not kinds & {".png", ".svg"}
-    assert (".html" in kinds) == (command in ("run", "sweep"))
+    assert ".html" in kinds
 
 
 @pytest.mark.parametrize(
     ("command", "options", "names"),
     [
-        ("static", ["--no-picture"], ["column_static.png"]),
+        ("static", ["--no-picture", "--no-page"], ["column_static.html", "column_static.png"]),
+        ("modes", ["--no-picture", "--no-page"], ["column_modes.html", "column_modes.png"]),
+        ("buckling", ["--no-page"], ["column_buckling.html"]),
         ("run", ["--no-picture", "--no-page"], ["column.html", "column.png"]),
         pytest.param(
             "sweep",

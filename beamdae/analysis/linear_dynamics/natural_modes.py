@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
+from beamdae.results.displays import load_views
+from beamdae.results.storage.files import require_file_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -155,6 +158,21 @@ class Modes:
             "moves": [self._describe_shares(k) for k in range(len(self))],
         }
         return pd.DataFrame(columns)
+
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with the motion and the table of the modes.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        return load_views().write_analysis_page(self, require_file_path("page", path))
 
     def mac(self, other: Modes) -> Array:
         """Return the modal assurance criterion (MAC) with other modes of the same mechanism.

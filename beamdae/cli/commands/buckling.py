@@ -13,6 +13,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Picture,
     Settings,
     Starts,
@@ -36,17 +37,19 @@ def buckling_command(
     load: Loads = None,
     t: LoadTime = 0.0,
     start: Starts = None,
+    page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
-    """Compute linear buckling loads of a model; write a table (CSV) and a picture (PNG).
+    """Compute linear buckling loads of a model; write a table (CSV), a picture (PNG) and a page.
 
-    Exits with 0 on success, 1 if the picture failed, and 2 for a usage or model error.
+    Exits with 0 on success, 1 if the page or picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_buckling", picture)
+    table_path, picture_path = plan_outputs(out, f"{model.name}_buckling", picture, page)
+    page_path = table_path.with_suffix(".html")
     from beamdae.analysis.statics.linear_buckling import buckling
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import create_modes_figure
@@ -56,12 +59,14 @@ def buckling_command(
     result = buckling(model, number, load, t, parse_start(start))
     table = result.table()
     text = escape_table(table).to_csv(index=False)
-    files = WrittenFiles([write_text(table_path, text)], (picture_path,))
+    files = WrittenFiles([write_text(table_path, text)], (page_path, picture_path))
     console = create_console()
     record_results(lambda: {"loads": list(result.loads), "modes": table.to_dict("records")})
     console.print(model.name, style="bold")
     console.print(text_tables.buckling_table(table))
     print_warnings(console, result.warnings)
+    if page:
+        files.write(page_path.name, lambda: [result.page(page_path)])
     if picture and result.mechanism is not None and len(result):
         title = f"{model.name}, linear buckling"
         files.write(

@@ -12,6 +12,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Picture,
     Settings,
     load_configured_model,
@@ -56,14 +57,15 @@ def modes_command(
             "--animate", metavar="MODE", help="Write an animation (GIF) of this mode; repeatable."
         ),
     ] = None,
+    page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
-    """Compute natural modes of a model; write a table (CSV) and a picture of their shapes (PNG).
+    """Compute natural modes of a model; write a table (CSV), a picture (PNG) and a page.
 
-    With several speeds, the picture is a Campbell diagram.
+    With several speeds, the picture is a Campbell diagram, and there is no page.
 
-    Exits with 0 on success, 1 if a picture failed, and 2 for a usage or model error.
+    Exits with 0 on success, 1 if the page or a picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -74,7 +76,8 @@ def modes_command(
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
-    kinds = ("csv", "png") if picture else ("csv",)
+    has_page = page and len(speeds) < 2
+    kinds = ("csv", *["html"] * has_page, *["png"] * picture)
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
@@ -108,7 +111,8 @@ def _write_and_print(
 
     table = result.table()
     text = escape_table(table).to_csv(index=False)
-    files = WrittenFiles([write_text(paths["csv"], text)], (paths["csv"].with_suffix(".png"),))
+    views = tuple(paths["csv"].with_suffix(suffix) for suffix in (".html", ".png"))
+    files = WrittenFiles([write_text(paths["csv"], text)], views)
     console = create_console()
     if isinstance(result, Modes):
         record_results(lambda: {"about": result.about, "modes": table.to_dict("records")})
@@ -131,6 +135,8 @@ def _write_and_print(
             figure = create_campbell_figure(result, f"{name}, Campbell diagram")
         return [save_figure(figure, paths["png"])]
 
+    if "html" in paths:
+        files.write(paths["html"].name, lambda: [result.page(paths["html"])])
     is_drawable = not isinstance(result, Modes) or (
         result.mechanism is not None and len(result) > 0
     )

@@ -13,6 +13,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Picture,
     RelativeTolerance,
     Settings,
@@ -30,8 +31,6 @@ from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
     from beamdae.results.periodic_motion import PeriodicMotion
-
-_PRINTED_MULTIPLIERS = 4
 
 
 def periodic_command(
@@ -61,13 +60,14 @@ def periodic_command(
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
+    page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
-    """Find a periodic motion and its stability; write one period as CSV and PNG.
+    """Find a periodic motion and its stability; write one period as CSV, PNG and a page.
 
     Exits with 0 if a motion was found, stable or not, 1 if not (the last iterate is written) or if
-    the picture failed, and 2 for a usage or model error.
+    the page or picture failed, and 2 for a usage or model error.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -76,7 +76,8 @@ def periodic_command(
     file = ModelFile(path)
     model = load_configured_model(file, model_name, settings)
     method = create_periodic_integrator("periodic", integrator, rtol, file)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_periodic", picture)
+    table_path, picture_path = plan_outputs(out, f"{model.name}_periodic", picture, page)
+    page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_solution import periodic
     from beamdae.parts.rotation import rotation
     from beamdae.report.pictures.time_plots import save_run_figure
@@ -94,8 +95,12 @@ def periodic_command(
             period_guess=period_guess,
         )
     table = escape_table(motion.solution.table())
-    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))], (picture_path,))
+    files = WrittenFiles(
+        [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
+    )
     _print_results(motion, model.name)
+    if page:
+        files.write(page_path.name, lambda: [motion.page(page_path)])
     if picture and motion.solution.columns:
         title = f"{model.name}, one period"
         files.write(
@@ -106,9 +111,10 @@ def periodic_command(
 
 
 def _print_results(motion: PeriodicMotion, name: str) -> None:
+    from beamdae.report.analysis_pages import periodic_facts
     from beamdae.report.terminal import text_tables
 
-    console = print_facts(name, _describe_motion(motion), lambda: _json_results(motion))
+    console = print_facts(name, periodic_facts(motion), lambda: _json_results(motion))
     if motion.solution.columns:
         console.print(text_tables.amplitudes_table(motion.amplitudes()))
 
@@ -122,15 +128,4 @@ def _json_results(motion: PeriodicMotion) -> dict[str, Any]:
         "stability": motion.stability,
         "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
         "observed": motion.amplitudes().to_dict("index"),
-    }
-
-
-def _describe_motion(motion: PeriodicMotion) -> dict[str, str]:
-    """Return descriptions of a periodic motion, keyed by topic."""
-    moduli = [f"{abs(x):.6g}" for x in motion.multipliers[:_PRINTED_MULTIPLIERS].tolist()]
-    return {
-        "status": motion.status.sentence,
-        "period": f"{motion.period:.8g} s",
-        "stability": motion.stability,
-        "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
     }

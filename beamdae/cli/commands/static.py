@@ -16,6 +16,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Picture,
     Settings,
     Starts,
@@ -69,22 +70,24 @@ def static_command(
     most_points: Annotated[int, typer.Option(help="Maximum number of points of the path.")] = 500,
     t: LoadTime = 0.0,
     start: Starts = None,
+    page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
-    """Compute equilibria of a model under increasing loads; write the path as CSV, JSON and PNG.
+    """Compute equilibria of a model under increasing loads; write CSV, JSON, PNG and a page.
 
     Exits with 0 if the path reached its target, 1 if it did not (partial results are written) or
-    the picture failed, 2 for a usage or model error, 130 after Ctrl-C, and 143 after SIGTERM; an
-    interrupt ends the path, writes the points so far and skips the picture.
+    the page or picture failed, 2 for a usage or model error, 130 after Ctrl-C, and 143 after
+    SIGTERM; an interrupt ends the path, writes the points so far and skips page and picture.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
     name = f"{model.name}_static"
-    table, picture_path = out / f"{name}.csv", out / f"{name}.png"
-    paths = (table, table.with_suffix(".json"), *([picture_path] if picture else []))
-    require_writable(("--out", paths))
+    table, page_path = out / f"{name}.csv", out / f"{name}.html"
+    picture_path = out / f"{name}.png"
+    views = [*[page_path] * page, *[picture_path] * picture]
+    require_writable(("--out", (table, table.with_suffix(".json"), *views)))
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
 
@@ -105,9 +108,13 @@ def static_command(
                 parse_start(start),
                 partial="return",
             )
-        files = WrittenFiles([result.to_csv(table), table.with_suffix(".json")], (picture_path,))
+        tables = [result.to_csv(table), table.with_suffix(".json")]
+        files = WrittenFiles(tables, (page_path, picture_path))
     _print_results(result, model.name)
-    if picture and result.status.kind != "interrupted":
+    is_complete = result.status.kind != "interrupted"
+    if page and is_complete:
+        files.write(page_path.name, lambda: [result.page(page_path)])
+    if picture and is_complete:
         suffix = "" if result.status.success else f", ended early ({result.status.kind})"
         title = f"{model.name}, equilibria{suffix}"
         files.write(picture_path.name, lambda: [save_path_figure(picture_path, result, title)])
@@ -136,6 +143,7 @@ def _parse_targets(options: list[str] | None) -> Any:
 
 
 def _print_results(result: Equilibrium, name: str) -> None:
+    from beamdae.report.analysis_pages import path_facts
     from beamdae.report.terminal import text_tables
 
     console = print_facts(name, path_facts(result), lambda: _json_results(result))
@@ -153,30 +161,3 @@ def _json_results(result: Equilibrium) -> dict[str, Any]:
     del results["warnings"]
     observed = text_tables.column_extremes(result.columns)
     return results | {"points": len(result.q), "observed": observed}
-
-
-def path_facts(result: Equilibrium) -> dict[str, str]:
-    """Return descriptions of an equilibrium path, keyed by topic."""
-    n_unstable = int(result.unstable[-1])
-    if n_unstable == -1:
-        stability = "not known"
-    elif n_unstable > 0:
-        stability = f"unstable in {n_unstable} direction{'s' * (n_unstable > 1)}"
-    elif result.free:
-        stability = f"neither stable nor unstable, {result.free} is free to move"
-    else:
-        stability = "stable"
-    critical_points = "; ".join(
-        f"{point.kind} at {point.factor:.7g}{f', {point.moves} moves most' if point.moves else ''}"
-        for point in result.critical
-    )
-    n_points = len(result.q)
-    return {
-        "status": result.status.sentence,
-        "loads": "; then ".join(", ".join(stage) for stage in result.loads) or "none is scaled",
-        "load factor": f"{result.factor:.7g}",
-        "equilibrium": stability,
-        "critical points": critical_points or "none",
-        "path": f"{n_points} point{'s' * (n_points > 1)}, {result.settings['iterations']} Newton "
-        f"iterations, {result.settings['control']} control",
-    }

@@ -36,6 +36,7 @@ _SCRIPTS = (
     "player",
     "sliders",
     "map",
+    "portrait",
     "fact_tables",
     "case_table",
     "selection",
@@ -77,6 +78,8 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "map": None,
     "sequential": False,
     "time": {},
+    "portrait": None,
+    "noun": "cases",
     "tables": [],
     "cases": [],
 }
@@ -94,6 +97,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         of a column:
 
         - "title", "subtitle", "made" (versions by package name) and "notes" (list of sentences).
+        - "noun": what the cases are; "cases" by default.
         - "groups": sets of cases that are compared with each other, for example cases with equal
           parameters. Entries: "id"; "label"; "reference", the reference solution for errors, with
           "methods", "uncertainty" (the smallest error that it resolves), "accepted" and "sentence",
@@ -112,6 +116,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "sequential": True if the families follow a parameter; their colors form a sequence.
         - "time": "name" and "unit" of the quantity that takes the place of the time, for example
           the load factor of an equilibrium path.
+        - "portrait": columns "x" and "y" that a chart initially shows over each other, and "marks"
+          with "t" and "label"; None for no such chart.
         - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
           (default), "errors" or "solver".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for

@@ -55,7 +55,7 @@ _PANEL_TITLE_HEIGHT = 0.35
 _DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 
 
-class _ModeScenes:
+class ModeScenes:
     """Scenes of modes about a state, all scaled to the same largest displacement."""
 
     def __init__(self, name: str, modes: Modes | Buckling) -> None:
@@ -123,7 +123,7 @@ def draw_modes(modes: Modes | Buckling) -> Plot:
 
 def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
     """Create a figure with up to twelve mode shapes; see `draw_modes`."""
-    scenes = _ModeScenes("draw_modes", modes)
+    scenes = ModeScenes("draw_modes", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
     low, high = padded_extent([scenes.rest, *panels])
     columns = min(len(panels), _MAX_COLUMNS)
@@ -174,7 +174,7 @@ def animate_mode(
         If an argument is invalid, the mode does not exist, there is no mechanism with parts that
         can be drawn, ffmpeg is required but missing, or the file cannot be written.
     """
-    scenes = _ModeScenes("animate_mode", modes)
+    scenes = ModeScenes("animate_mode", modes)
     k = require_count("animate_mode", "mode", mode, most=len(modes)) - 1
     number = require_count("animate_mode", "frames", frames, least=2, most=MAX_FRAMES)
     # With this phase, a real mode shape starts from zero displacement.

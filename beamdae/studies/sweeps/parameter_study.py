@@ -131,7 +131,7 @@ class ParameterStudy(Study):
         """
         digests = {} if digests is None else digests
         task = super().task(case, reference, digests)
-        if id(case) in self._animated_cases:
+        if id(case) in self._animated_cases and not self.is_measured:
             task = replace(task, frames=_FRAMES)
         if not self.outputs:
             return task

@@ -7,10 +7,11 @@ function listTableColumns() {
   const getters = { error: displayedError, cost: (run) => run.cost };
   const label = page.columns.find((column) => column.key === "label") ?? { label: "case", unit: "" };
   const status = page.columns.find((column) => column.kind === "status") ?? { label: "status", unit: "" };
+  const hasStatus = page.columns.some(({ kind }) => kind === "status") || page.cases.some(hasFailed);
   const others = page.columns.filter((column) => column.key !== "label" && column.kind !== "status");
   return [
     { ...label, kind: "label", value: (run) => run.label, sortValue: (run) => run.rank ?? run.label },
-    { ...status, kind: "status", value: (run) => run.status },
+    ...(hasStatus ? [{ ...status, kind: "status", value: (run) => run.status }] : []),
     ...others.map((column) => ({
       ...column,
       value: getters[column.kind] ?? ((run) => getOwn(run.values, column.key)),
@@ -43,7 +44,7 @@ function listCases() {
   state.table.cases = all.filter(isListed);
   body.replaceChildren();
   showRows(ROWS_PER_STEP);
-  byId("count").value = `${state.table.cases.length} of ${all.length} cases`;
+  byId("count").value = `${state.table.cases.length} of ${all.length} ${page.noun}`;
   const direction = state.order?.isDescending ? "descending" : "ascending";
   shownColumns().forEach((column, k) => {
     const isSorted = state.order?.column === column;

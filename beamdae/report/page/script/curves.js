@@ -37,26 +37,26 @@ function findConstantNames(names, curves, unitOf) {
   const extents = new Map();
   const scales = new Map();
   for (const name of names) {
-    const [low, high] = findExtent(removeMissing(curves.map((byName) => getValues(getOwn(byName, name)))));
-    const ranges = curves.map((byName) => findExtent([getValues(getOwn(byName, name)) ?? []]));
-    const range = Math.max(...ranges.map(([first, last]) => (last > first ? last - first : 0)));
-    const magnitude = Math.max(Math.abs(low), Math.abs(high));
+    const limits = removeMissing(curves.map((byName) => getOwn(byName, name))).map(storedLimits);
+    const range = Math.max(...limits.map(([low, high]) => high - low));
+    const magnitude = Math.max(...limits.flat().map(Math.abs));
     extents.set(name, { range, magnitude });
     scales.set(unitOf(name), Math.max(scales.get(unitOf(name)) ?? 0, magnitude));
   }
   return names.filter((name) => {
     const { range, magnitude } = extents.get(name);
-    // Derivatives by parameters, such as an elastic modulus in Pa, may be small without being noise.
-    const noise = name.startsWith("d(") ? 0 : NOISE_MAGNITUDE;
-    return magnitude <= noise || range <= CONSTANT_RANGE * scales.get(unitOf(name));
+    return magnitude < NOISE_MAGNITUDE || range <= CONSTANT_RANGE * scales.get(unitOf(name));
   });
 }
 
 // Choices of a panel: each single curve, and all curves with the same unit together.
 function listChoices({ key, unit }) {
   const curves = groupCases().map((run) => run.curves?.[key] ?? {});
-  const names = removeDuplicates(curves.flatMap((curvesByName) => Object.keys(curvesByName)));
+  const all = removeDuplicates(curves.flatMap((curvesByName) => Object.keys(curvesByName)));
   const isLog = (name) => curves.some((curvesByName) => getOwn(curvesByName, name)?.log);
+  const isZero = (name) => curves.every((byName) => !removeMissing(getValues(getOwn(byName, name)) ?? []).length);
+  // Logarithms of zeros are missing.
+  const names = all.filter((name) => !isLog(name) || !isZero(name));
   const unitOf = (name) => (isLog(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
   const canRest = key === "observed" || key === "energy";
   const constant = canRest ? findConstantNames(names, curves, unitOf) : [];

@@ -1,6 +1,7 @@
 // Decoding of curves and frames, which page_data.py encodes as 16-bit numbers in equal steps.
 
 const MISSING_CODE = 65535;
+const STORED_STEPS = 65534;
 
 // Frames of groups are decoded immediately, curves and frames of cases when they are drawn for the first time.
 function decodePage(data) {
@@ -37,6 +38,12 @@ function decodeValues({ u16, low, step, log }) {
     return log ? 10 ** (low + step * code) : low + step * code;
   });
   return Object.assign(values, { log });
+}
+
+// Smallest and largest stored value. Steps of 1 are also those of constant values, see page_data.py.
+function storedLimits(stored) {
+  const { low, step, log } = stored;
+  return step === 1 || log ? findExtent([getValues(stored)]) : [low, low + STORED_STEPS * step];
 }
 
 const decodedValues = new WeakMap();

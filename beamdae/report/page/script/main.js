@@ -32,10 +32,14 @@ function drawHeader() {
     .map((entry) => entry.join(" "))
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
-  if (!isStudyPage()) byId("selected-title").textContent = `Over ${timeAxis.name === "t" ? "time" : timeAxis.name}`;
+  if (!isStudyPage()) byId("selected-title").textContent = isTime() ? "Over time" : "Curves";
+  byId("cases-title").textContent = `All ${page.noun}`;
   const isMoving = page.groups.some((group) => group.frames) || page.cases.some((run) => run.frames);
   byId("motion").hidden = !isMoving;
   document.querySelector("main").classList.toggle("without-motion", !isMoving);
+  const hasCurves = page.cases.some((run) => run.curves);
+  byId("curves").hidden = isMoving && !hasCurves;
+  document.querySelector("main").classList.toggle("without-curves", byId("curves").hidden);
   if (page.sequential) document.head.append(createShadeStyles());
 }
 
@@ -54,7 +58,7 @@ function drawReference() {
 
 function showGroup(group) {
   state.group = group;
-  for (const key of ["scatter", "map", ...PANELS.map((panel) => panel.key)]) {
+  for (const key of ["scatter", "map", "portrait", ...PANELS.map((panel) => panel.key)]) {
     state.views[key] = { x: null, y: null };
     state.hidden.names[key] = new Set();
   }

@@ -2,6 +2,7 @@
 
 const timeAxis = { name: "t", unit: "s" };
 const SPEEDS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]; // relative to real time
+const PATH_DURATION = 3; // of one playback of anything but time [s]
 const PREFERRED_DURATION = 6; // desired duration of one playback at the initial speed [s]
 const MAX_FRAME_DELAY = 100; // limits the time step after a pause of the browser, for example in a hidden tab [ms]
 const motion = { frames: null, draw: null, time: 0, isPlaying: false, lastClock: 0, color: null, follow: null };
@@ -72,12 +73,22 @@ function formatTime(value, digits = 4) {
   return [name, "=", formatValue(value, digits), unit].filter(Boolean).join(" ");
 }
 
+function isTime() {
+  return timeAxis.name === "t";
+}
+
+// Advance per second of playback; in PATH_DURATION seconds, a path or a period is shown once.
+function playbackRate() {
+  const { t } = motion.frames;
+  return isTime() ? SPEEDS[byId("speed").selectedIndex] : (t.at(-1) - t[0]) / PATH_DURATION;
+}
+
 function advance(clock) {
   if (!motion.isPlaying) return;
   const { t } = motion.frames;
   const elapsed = Math.min(clock - motion.lastClock, MAX_FRAME_DELAY) / 1000;
   motion.lastClock = clock;
-  const time = motion.time + elapsed * SPEEDS[byId("speed").selectedIndex];
+  const time = motion.time + elapsed * playbackRate();
   showTime(time > t.at(-1) ? t[0] : time);
   requestAnimationFrame(advance);
 }
@@ -95,6 +106,7 @@ function pause() {
 }
 
 function listenToPlayer() {
+  byId("speed").closest("label").hidden = !isTime();
   byId("speed").replaceChildren(...SPEEDS.map((speed) => html("option", {}, `× ${formatValue(speed, 3)}`)));
   byId("play").addEventListener("click", () => (motion.isPlaying ? pause() : play()));
   byId("frame").addEventListener("input", (event) => showTime(motion.frames.t[event.target.value]));

@@ -53,6 +53,7 @@ function createAxisSelect(axis, selected) {
 // Legend that hides and shows families.
 function createFamilyLegend(cases, y) {
   const present = families.filter((family) => cases.some((run) => run.family === family));
+  if (families.length < 2) return [];
   if (page.sequential && present.length > MAX_FAMILY_SWITCHES) {
     return [createSequentialLegend(present)];
   }

@@ -11,7 +11,16 @@ function toggleCase(id) {
     showCase(page.cases.find((run) => run.id === id));
   }
   state.hidden.cases.delete(id);
-  showSelection();
+  keepInPlace(document.querySelector("[data-case]:hover") ?? document.activeElement, showSelection);
+}
+
+// Scroll the page so that an element stays where it is in the window, whatever changes above it.
+function keepInPlace(element, change) {
+  // The number of a selected point changes the size of the point, but not that of its ring.
+  const fixed = element.querySelector(".ring") ?? element;
+  const before = fixed.getBoundingClientRect().top;
+  change();
+  if (fixed.isConnected) window.scrollBy(0, fixed.getBoundingClientRect().top - before);
 }
 
 function selectCase(run) {
@@ -48,7 +57,13 @@ function selectInitialCases() {
   state.slots = [];
   state.sliderSlot = null;
   state.hidden.cases.clear();
-  const initial = byAccuracy.length ? byAccuracy.slice(0, 1) : spreadCases(candidates);
+  // Without any curves, the first case that moves.
+  const moving = groupCases().filter((run) => run.frames);
+  const initial = byAccuracy.length
+    ? byAccuracy.slice(0, 1)
+    : candidates.length
+      ? spreadCases(candidates)
+      : moving.slice(0, 1);
   initial.forEach(selectCase);
 }
 
@@ -65,6 +80,7 @@ function showSelection() {
   byId("clear").disabled = !selectedCases().length;
   drawSelectionLegend();
   explainMissingCurves();
+  drawPortrait();
   drawPanels();
 }
 
