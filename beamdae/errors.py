@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
+from functools import lru_cache
 from itertools import islice
 from numbers import Real
 from pathlib import Path
@@ -502,10 +503,20 @@ def require_unit(part: str, unit: Any) -> str:
     A unit is a nonempty printable string without leading or trailing spaces; angles are in "rad".
     """
     unit = plain_text(unit)
-    if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise BeamdaeError(
-            f"{part}: units must be strings such as 'm' and 'rad', got {short_repr(unit)}."
-        )
+    problem = _find_unit_problem(unit) if isinstance(unit, str) else _NO_UNIT
+    if problem:
+        raise BeamdaeError(f"{part}: {problem}, got {short_repr(unit)}.")
+    return str(unit)
+
+
+_NO_UNIT = "units must be strings such as 'm' and 'rad'"
+
+
+# Models have hundreds of values with few units.
+@lru_cache(maxsize=256)
+def _find_unit_problem(unit: str) -> str:
+    if not unit or unit != unit.strip() or not unit.isprintable():
+        return _NO_UNIT
     if unit != "rad" and unit.lower() in ("rad", "radian", "radians", "deg", "degree", "degrees"):
-        raise BeamdaeError(f"{part}: angles must be in 'rad', got {short_repr(unit)}.")
-    return unit
+        return "angles must be in 'rad'"
+    return ""

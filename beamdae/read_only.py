@@ -24,7 +24,8 @@ _T = TypeVar("_T", bound=type)
 _Known = dict[int, tuple[Any, Any]]
 _MAX_DEPTH = 50  # of nested containers
 _SPARSE_ARRAYS = ("data", "indices", "indptr", "offsets", "row", "col")
-_COMPRESSED_FORMATS = ("csr", "csc")  # all of their arrays are in `_SPARSE_ARRAYS`
+_COMPRESSED_FORMATS = ("csr", "csc")
+_COMPRESSED_ARRAYS = _SPARSE_ARRAYS[:3]
 _IMMUTABLE_TYPES = frozenset({"str", "int", "float", "bool"})
 
 
@@ -223,11 +224,15 @@ def _protect_result(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 def _protect_matrix(matrix: Any, depth: int, known: _Known) -> Any:
     if depth > _MAX_DEPTH:
         return matrix
-    arrays = {name: vars(matrix).get(name) for name in _SPARSE_ARRAYS}
-    arrays = {name: x for name, x in arrays.items() if isinstance(x, np.ndarray)}
-    if not any(array.flags.writeable for array in arrays.values()):
+    attributes, is_compressed = vars(matrix), matrix.format in _COMPRESSED_FORMATS
+    names = _COMPRESSED_ARRAYS if is_compressed else _SPARSE_ARRAYS
+    arrays = {x: attributes[x] for x in names if isinstance(attributes.get(x), np.ndarray)}
+    for array in arrays.values():
+        if array.flags.writeable:
+            break
+    else:
         return matrix
-    if matrix.format not in _COMPRESSED_FORMATS:
+    if not is_compressed:
         copied = matrix.copy()
         arrays = {name: getattr(copied, name) for name in arrays}
     else:

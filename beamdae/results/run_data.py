@@ -133,11 +133,18 @@ class RunData:
         The units are m or rad, and m/s or rad/s.
         """
         times, state = self._output
-        configurations = [interval.configuration for interval in self.trajectory.intervals]
-        index = self.trajectory.interval_index(self.t)
+        intervals, index = self.trajectory.intervals, self.trajectory.interval_index(self.t)
+        configurations = [interval.configuration for interval in intervals]
         rows = np.zeros((len(times), len(measures.DRIFT_COLUMNS)))
+        is_missing = np.ones(len(times), bool)
+        for k in range(len(intervals)):
+            here = index == k
+            # The energy balance has evaluated the constraints at the steps already.
+            drift = self._energy_ledger.drift_at_steps(k, self.t[here])
+            if drift is not None:
+                rows[here], is_missing[here] = drift, False
         for configuration in dict.fromkeys(configurations):
-            here = np.array([x is configuration for x in configurations])[index]
+            here = np.array([x is configuration for x in configurations])[index] & is_missing
             if not here.any():
                 continue
             active, states = self.equations, State(*(x[here] for x in state))

@@ -151,13 +151,18 @@ class Interval:
         """Rows (t, branch) of the nodes, (k, 2): the time argument of compiled functions."""
         return _with_branch(self.nodes, self.branch)
 
+    def find_steps(self, t: Array) -> Array | None:
+        """Return the index in `t` of this interval of each time (j,), or None if one is no step."""
+        step = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
+        return step if np.array_equal(self.t[step], t) else None
+
     def at(self, t: Array) -> State:
         """Return the states at times (j,) [s] inside the interval, one row per time."""
         if self.nodes_per_step == 1 and np.array_equal(t, self.nodes):
             # Not copied: long runs may store output rows only.
             return self.rows
-        step = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
-        if np.array_equal(self.t[step], t):
+        step = self.find_steps(t)
+        if step is not None:
             # The polynomials pass through the steps.
             return State(*(x[step * self.nodes_per_step] for x in self.rows))
         q, v, a, lam = self.rows

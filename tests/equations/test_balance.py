@@ -1,10 +1,13 @@
 """Energy balance at rows of states, in machine code and in plain Python."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hub_beam import hub_beam
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+import beamdae as bd
 from beamdae.equations import measures
 from beamdae.simulation import as_equations
 
@@ -43,3 +46,23 @@ def test_machine_code_and_plain_python_agree(balance):
     # Sums of tens of numbers in the same order in each row.
     difference = np.abs(compiled - run.results[:count]).max(axis=0)
     assert (difference <= 1e-14 * np.abs(compiled).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(0.01), bd.Radau()])
+def test_energies_and_drift_at_steps_are_those_that_the_run_evaluated(method):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), ball.point, 1.0))
+    mech.add(bd.Force("push", ball.point, (bd.piecewise((0.05, 3.0), 0.0), 0.0)))
+    solution = bd.simulate(mech, method, t_end=0.1, output_step=0.02)
+    ledger, times = solution._energy_ledger, solution.trajectory.intervals[-1].t[1:]
+    assert len(solution.trajectory.intervals) == 2
+    # One time between the steps makes the ledger interpolate at all times.
+    between = np.sort(np.append(times, 0.5 * (times[0] + times[1])))
+    is_step = np.isin(between, times)
+    assert_allclose(ledger.at(times), ledger.at(between)[is_step], rtol=1e-12, atol=1e-14)
+    evaluate = measures.balance_rows(solution.equations)
+    points, states = solution.trajectory.at(times)
+    expected = evaluate(points, *states)[:, -2:]
+    drift = np.stack([*replace(solution, t=times).drift_columns.values()], axis=1)
+    assert_allclose(drift, expected, rtol=1e-12, atol=1e-18)

@@ -149,8 +149,9 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         configurations=configurations,
         inputs=mechanism.inputs,
         controllers=select_controllers(parts),
+        mechanism=snapshot,
+        statements=tuple(statements),
     )
-    equations = replace(equations, mechanism=snapshot, statements=tuple(statements))
     if mechanism.redundant == MINIMUM_NORM:
         if configurations is not None:
             raise BeamdaeError(

@@ -28,6 +28,7 @@ from beamdae.equations.equations_of_motion import (
     InputTerm,
     Observable,
     PartCoordinates,
+    PartStatements,
     RangeTerm,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
@@ -43,6 +44,7 @@ from beamdae.parts.attachments import Attachment
 from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.parts.laws import Law
+from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import as_quantity
 from beamdae.parts.signals import Input
 from beamdae.read_only import ReadOnlyDict, read_only_copy
@@ -85,6 +87,8 @@ def build_equations(
     configurations: Configurations | None = None,
     inputs: Mapping[str, Input] | None = None,
     controllers: Sequence[Controller] = (),
+    mechanism: Mechanism | None = None,
+    statements: tuple[PartStatements, ...] = (),
 ) -> EquationsOfMotion:
     """Build equations of motion from the statements of parts.
 
@@ -179,6 +183,8 @@ def build_equations(
         configurations=configurations,
         inputs=numbers.input_terms(inputs),
         controllers=controller_terms,
+        mechanism=mechanism,
+        statements=statements,
     )
 
 

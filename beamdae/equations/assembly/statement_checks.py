@@ -185,7 +185,13 @@ def _require_list(part: str, what: str, value: Any, kind: type[T]) -> list[T]:
         raise BeamdaeError(
             f"{part}: {what} must be a list of {kind.__name__}, got {short_repr(value)}."
         )
-    entries = require_sequence(part, what, value, f"a list of {kind.__name__}")
+    # The methods of subclasses may fail.
+    is_plain = type(value) is tuple or type(value) is list
+    entries = (
+        list(value)
+        if is_plain
+        else require_sequence(part, what, value, f"a list of {kind.__name__}")
+    )
     for entry in entries:
         if not isinstance(entry, kind):
             raise BeamdaeError(

@@ -12,7 +12,7 @@ from pathlib import Path
 from beamdae.results.storage.reader import open_regular_file
 
 PACKAGE_FOLDER = Path(__file__).parents[2]
-_PACKAGES_WITHOUT_EFFECT = ("cli", "report")  # results do not depend on them
+_PACKAGES_WITHOUT_EFFECT = frozenset({"cli", "report"})  # results do not depend on them
 _SYSTEM_FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/usr/share")
 
 # Modification time [ns], size [bytes] and inode; None if the file is missing or inaccessible.
@@ -36,12 +36,15 @@ def is_installed(file: str) -> bool:
 
 
 @cache
-def digest_package() -> str:
-    """Return the hash of the source code of beamdae, except `cli` and `report`; cached."""
-    digest = hashlib.sha256()
+def digest_package(*also: str) -> str:
+    """Return the hash of the source code of beamdae, cached.
+
+    The packages `cli` and `report` are included only if `also` contains their names.
+    """
+    digest, excluded = hashlib.sha256(), _PACKAGES_WITHOUT_EFFECT - {*also}
     for path in sorted(PACKAGE_FOLDER.rglob("*.py")):
         relative = path.relative_to(PACKAGE_FOLDER)
-        if relative.parts[0] not in _PACKAGES_WITHOUT_EFFECT:
+        if relative.parts[0] not in excluded:
             digest.update(f"{relative.as_posix()}\0".encode())
             digest.update(path.read_bytes() + b"\0")
     return digest.hexdigest()

@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -164,11 +164,12 @@ def _portable_name(name: str, home: Path) -> str:
 
 def changed_files(digests: Mapping[str, str | None], home: Path) -> list[str]:
     """Return the paths of files whose hash now differs from `digests`; see `digest_reads`."""
+    folder = str(working_folder())
+    paths = {name: _resolve(name, str(home), folder) for name in digests}
+    return [paths[name] for name, digest in digests.items() if digest_file(paths[name]) != digest]
 
-    def resolve(name: str) -> str:
-        relative = name.removeprefix("model:")
-        return _absolute(relative if relative == name else home / relative)
 
-    return [
-        resolve(name) for name, digest in digests.items() if digest_file(resolve(name)) != digest
-    ]
+@lru_cache(maxsize=1024)
+def _resolve(name: str, home: str, folder: str) -> str:
+    relative = name.removeprefix("model:")
+    return os.path.normpath(os.path.join(folder, "" if relative == name else home, relative))

@@ -84,7 +84,6 @@ class Store:
                 # Tables and plots of large studies need only these numbers.
                 "measures": shared_measures(outcome),
             }
-            outcome = replace(outcome, file=self.trajectory_path(task).name)
         content = {
             "status": asdict(outcome.status),
             "values": outcome.values,
@@ -98,7 +97,8 @@ class Store:
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _compute_checksum(content), "outcome": content}
         write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode())
-        return replace(outcome, text=b"")
+        file = outcome.file if rows is None else self.trajectory_path(task).name
+        return replace(outcome, file=file, text=b"")
 
     def load(self, task: Task) -> tuple[Outcome | None, str]:
         """Return the stored outcome of a task or None, and a message about damaged files or "".
@@ -170,6 +170,10 @@ class Store:
 
     def _link_trajectory(self, task: Task, text: bytes) -> None:
         source, path = self.rows_path(task), self.trajectory_path(task)
+        with suppress(OSError):
+            # The usual case of a new task: a link is created at once or not at all.
+            os.link(source, path)
+            return
         with suppress(OSError):
             if path.samefile(source):
                 return

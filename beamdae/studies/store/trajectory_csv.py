@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import warnings
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -15,6 +17,7 @@ from beamdae.results.storage.number_text import format_rows
 
 _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
 _NUMBER_CHARACTERS = b"0123456789+-.eEnaif,\n"  # and separators
+_FIRST_CELLS = re.compile(rb"^[^,\n]*", re.MULTILINE)
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
@@ -23,12 +26,14 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
     Except for escaped headers (see `escape_cell`), the result equals the output of
     `DataFrame.to_csv`, which takes ten times as long.
     """
-    headers = _format_headers(str(table.index.name), [str(c) for c in table])
+    headers = _format_headers(str(table.index.name), tuple(str(c) for c in table))
     rows = np.column_stack([table.index, table]).astype(float)
     return (headers + format_rows(rows)).encode(errors="replace")
 
 
-def _format_headers(index: str, columns: Sequence[str]) -> str:
+# The runs of a study have the same columns.
+@lru_cache(maxsize=16)
+def _format_headers(index: str, columns: tuple[str, ...]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([index, *map(escape_cell, columns)])
     return text.getvalue()
@@ -55,7 +60,7 @@ def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray
     body = _require_body(content, index, columns)
     if body.translate(None, _NUMBER_CHARACTERS):
         raise ValueError("contains cells that are not numbers")
-    cells = [row.partition(b",")[0] for row in body.splitlines()]
+    cells = _FIRST_CELLS.findall(body, 0, max(len(body) - 1, 0)) if body else []
     try:
         return np.array([float(cell or b"nan") for cell in cells])
     except ValueError:
@@ -63,7 +68,7 @@ def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray
 
 
 def _require_body(content: bytes, index: str, columns: Sequence[str]) -> bytes:
-    headers = _format_headers(index, columns).encode(errors="replace")
+    headers = _format_headers(index, tuple(columns)).encode(errors="replace")
     if not content.startswith(headers):
         raise ValueError("does not begin with the headers of the record")
     body = content[len(headers) :]

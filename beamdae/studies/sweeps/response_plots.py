@@ -15,6 +15,7 @@ from beamdae.errors import BeamdaeError
 from beamdae.report.pictures import figures
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
+from beamdae.studies.store.drawn_files import draw_unless_unchanged
 from beamdae.studies.sweeps.parameter_study import (
     STATUS,
     ParameterStudy,
@@ -139,16 +140,19 @@ def list_response_plots(
     """
     if not study.varied or not panels:
         return {}
-    plots: dict[str, Callable[[], list[Path]]] = {
-        "response": partial(
-            _save_files, partial(plot_curves, study, table, panels), folder / "response"
-        )
-    }
+    functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
     if len(study.varied) == 2:
-        plots["map"] = partial(
-            _save_files, partial(plot_maps, study, table, panels), folder / "map"
-        )
-    return plots
+        functions["map"] = plot_maps
+    columns = [*map(parameter_column, study.varied), STATUS]
+    columns += [column for panel in panels for column in panel.lines.values()]
+    shown = [table[column].tolist() for column in columns]
+    content = (study.varied, study.settings, study.units, panels, shown)
+
+    def write(name: str, plot: Callable[..., Plot]) -> list[Path]:
+        draw = partial(_save_files, partial(plot, study, table, panels), folder / name)
+        return draw_unless_unchanged(folder, name, content, draw)
+
+    return {name: partial(write, name, plot) for name, plot in functions.items()}
 
 
 def _save_files(draw: Callable[[], Plot], path: Path) -> list[Path]:
