@@ -5,28 +5,14 @@ https://fmi-standard.org
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from importlib.metadata import version
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from beamdae.export.model_source import Output, Value
+from beamdae.model_parameters import parse_unit
 
 LOG_CATEGORY = "logStatusError"
-# Exponents of SI base units, and of the radian, by unit.
-_BASE_EXPONENTS = {
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "kg": {"kg": 1},
-    "rad": {"rad": 1},
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "Hz": {"s": -1},
-    "1": {},
-}
-_FACTOR = re.compile(r"([A-Za-z]+|1)\^?(-?\d*)")
 
 
 @dataclass(frozen=True)
@@ -196,17 +182,12 @@ def _flag(value: bool) -> str:
 
 
 def base_exponents(unit: str) -> dict[str, int] | None:
-    """Return the exponents of the base units of a product such as 'N m/rad'; None if unknown."""
-    exponents: dict[str, int] = {}
-    for sign, product in zip((1, *[-1] * unit.count("/")), unit.split("/"), strict=True):
-        for factor in re.split(r"[ *·()]+", product.strip(" ()")):
-            match = _FACTOR.fullmatch(factor)
-            if match is None or match[1] not in _BASE_EXPONENTS:
-                return None
-            for base, exponent in _BASE_EXPONENTS[match[1]].items():
-                power = sign * exponent * int(match[2] or 1)
-                exponents[base] = exponents.get(base, 0) + power
-    return exponents
+    """Return the exponents of the base units of a unit such as 'N m/rad'; None if unknown.
+
+    Units that differ from a product of base units by a factor, such as 'mm', are unknown, too.
+    """
+    parsed = parse_unit(unit)
+    return parsed[1] if parsed is not None and parsed[0] == 1 else None
 
 
 def _format(root: Element) -> str:
