@@ -39,7 +39,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "scripts"]
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "scripts", "paper", "demo"]
 templates_path = ["_templates"]
 
 html_theme = "furo"
