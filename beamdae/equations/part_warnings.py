@@ -145,8 +145,10 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
 
 def _is_within_rigid_body(part: Part, coordinates: CoordinateMap) -> bool:
     """Return True if a part acts between points of one body whose distance cannot change."""
+    if not part.acts_between_attachments:
+        return False
     attachments = part.attachments
-    if not part.acts_between_attachments or len({id(x.body) for x in attachments}) != 1:
+    if len({id(x.body) for x in attachments}) != 1:
         return False
     random = np.random.default_rng(_SEED)
     rows = coordinates.slice_of(attachments[0].body)
@@ -273,8 +275,9 @@ def start_inside_warnings(
     min_depth = _MAX_ROUNDING_DEPTH * equations.length
     penetrations = []
     for part in _active_parts(equations):
+        gaps = part.gaps
         # `idle_part_warnings` reports parts within a rigid body.
-        for gap in () if _is_within_rigid_body(part, coordinates) else part.gaps:
+        for gap in () if gaps and _is_within_rigid_body(part, coordinates) else gaps:
             depth = -_evaluate_gap(gap.quantity, coordinates, time, state)
             if depth > min_depth:
                 terms = [

@@ -265,10 +265,12 @@ class Part:
 
 
 def _flatten(value: Any) -> list[Any]:
-    """Return the entries of nested lists, tuples, sets and dictionaries."""
+    """Return the entries of a list, tuple, set or dictionary, and of those inside it."""
     if isinstance(value, dict):
-        value = tuple(value.values())
-    # Named tuples such as statements are values, not lists.
-    if isinstance(value, (list, set, frozenset)) or type(value) is tuple:
-        return [leaf for entry in value for leaf in _flatten(entry)]
-    return [value]
+        value = value.values()
+    leaves: list[Any] = []
+    for entry in value:
+        # Named tuples such as statements are values, not lists.
+        is_container = isinstance(entry, (list, set, frozenset, dict)) or type(entry) is tuple
+        leaves += _flatten(entry) if is_container else [entry]
+    return leaves

@@ -6,6 +6,8 @@ same way everywhere, so that machine code and CasADi's virtual machine still ret
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 
 from beamdae.symbolic.local_symbols import SX
@@ -62,6 +64,13 @@ def sine_and_cosine(x: SX) -> tuple[SX, SX]:
     )
 
 
+@cache
+def _sine_and_cosine_function() -> ca.Function:
+    """Return `sine_and_cosine` as a function, which is expanded without calls from Python."""
+    x = SX.sym("x")
+    return ca.Function("sine_and_cosine", [x], list(sine_and_cosine(x)))
+
+
 def _where(condition: SX, value: SX) -> SX:
     """Return the value if the condition is not 0, else 0."""
     return SX.binary(ca.OP_IF_ELSE_ZERO, condition, value)
@@ -97,7 +106,7 @@ def expand_sines(function: ca.Function) -> ca.Function | None:
         elif code in (ca.OP_SIN, ca.OP_COS):
             angle = work[sources[0]]
             key = angle.element_hash()
-            pairs[key] = pairs.get(key) or sine_and_cosine(angle)
+            pairs[key] = pairs.get(key) or _sine_and_cosine_function()(angle)
             work[targets[0]] = pairs[key][code == ca.OP_COS]
         elif len(sources) == 1:
             work[targets[0]] = SX.unary(code, work[sources[0]])
