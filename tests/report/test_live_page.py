@@ -105,3 +105,17 @@ def test_a_closed_server_is_a_sentence(open_live, live):
     live.close()
     tab.locator("#run").click()
     tab.locator("#state", has_text="The server does not answer").wait_for()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violations(browser, live, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    # Axe is a script, which the policy of the page forbids.
+    size = {"width": 390, "height": 844}
+    context = browser.new_context(viewport=size, color_scheme=scheme, bypass_csp=True)
+    tab = context.new_page()
+    tab.goto(live.url)
+    wait_for_run(tab)
+    results = axe.run(tab)
+    context.close()
+    assert results.violations_count == 0, results.generate_report()
