@@ -29,7 +29,7 @@ def summarize_as_html(solution: Solution) -> str:
         # The run has no mechanism that could be drawn.
         thumbnail = ""
     return (
-        '<div style="display: flex; gap: 24px; align-items: center">'
+        '<div style="display: flex; flex-wrap: wrap; gap: 24px; align-items: center">'
         f"<div><b>{html.escape(title)}</b>{format_html_table(_collect_facts(solution))}</div>"
         f"<div>{thumbnail}</div></div>"
     )

@@ -12,6 +12,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_text,
     plain_text,
+    require_choice,
     require_iterable,
     short_repr,
     suggest,
@@ -117,6 +118,22 @@ def select_columns(
         f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )
+
+
+def select_column(part: str, headers: Iterable[str], name: Any) -> str:
+    """Return the header selected by `name`: a header, or a header without its unit.
+
+    Raises
+    ------
+    BeamdaeError
+        If no column or several columns have this name; `part` is the calling function.
+    """
+    headers, name = list(headers), plain_text(name)
+    for candidates in (headers, [header.rpartition(" [")[0] for header in headers]):
+        matches = [x for x, y in zip(headers, candidates, strict=True) if y == name]
+        if len(matches) == 1:
+            return matches[0]
+    return require_choice(part, "column", name, headers)
 
 
 def require_column_names(part: str, value: Any) -> tuple[str, ...]:

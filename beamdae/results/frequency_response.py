@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.errors import require_choice
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import select_column
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest_modulus, mean
@@ -116,12 +116,12 @@ class FrequencyResponse:
         Parameters
         ----------
         column
-            Header of the column with its unit, such as "tip.y [m]".
+            Name of the column, with or without its unit, such as "tip.y".
 
         Raises
         ------
         BeamdaeError
-            If no observed column has this header.
+            If no observed column has this name.
         """
         return load_views().plot_frequency_response(self, column)
 
@@ -157,12 +157,12 @@ class FrequencyResponse:
         Parameters
         ----------
         column
-            Header of the column with its unit, such as "tip.y [m]".
+            Name of the column, with or without its unit, such as "tip.y".
 
         Raises
         ------
         BeamdaeError
-            If no observed column has this header.
+            If no observed column has this name.
         """
         if not self.points:
             return []
@@ -185,17 +185,15 @@ class FrequencyResponse:
         Parameters
         ----------
         column
-            Header of the column with its unit, such as "tip.y [m]".
+            Name of the column, with or without its unit, such as "tip.y".
 
         Raises
         ------
         BeamdaeError
-            If no observed column has this header.
+            If no observed column has this name.
         """
         if self.points:
-            require_choice(
-                "frequency_response", "column", column, list(self.points[0].solution.columns)
-            )
+            column = select_column("frequency_response", self.points[0].solution.columns, column)
         values = np.array([point.parameter for point in self.points])
         return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
 

@@ -202,7 +202,8 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
         # The default tolerance of a period is 1e-6 of its amplitude.
         np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-5)
         assert omega == pytest.approx(point.parameter, abs=1e-5)
-    lines = response.plot("mass.x [m]").figure.axes[0].lines
+    assert response.peaks("mass.x") == response.peaks("mass.x [m]")
+    lines = response.plot("mass.x").figure.axes[0].lines
     # Up to the first fold, between the folds, beyond the second one; and the peak.
     assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
     expected = [

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from turning import THICK, THIN, run_sweep
 
@@ -12,7 +14,7 @@ from beamdae.report.page.page_file import write_page
 from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.study_page import create_study_page
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
-from beamdae.studies.sweeps.response_plots import ParameterScale
+from beamdae.studies.sweeps.response_plots import ParameterScale, drop_constant
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 
@@ -162,3 +164,26 @@ def test_axes_of_parameters_have_units():
     )
     assert results.plot("parts", x="torque").figure.axes[0].get_xlabel() == "torque [N m]"
     assert results.plot("parts", x="ratio").figure.axes[0].get_xlabel() == "ratio"
+
+
+def test_constant_responses_are_not_plotted_by_default():
+    swept = run_sweep({"speed": [1.0, 2.0, 4.0], "radius": [0.5, 2.0]})
+    table = swept.table.assign(**{"tip.x max [m]": 3.0})
+    panels = swept.panels("tip.x max", "tip.x end")
+    (panel,) = drop_constant(swept.sweep, table, panels)
+    assert list(panel.lines.values()) == ["tip.x end [m]"]
+    # All panels, if none varies.
+    assert len(drop_constant(swept.sweep, table, panels[:1])) == 1
+
+
+@pytest.mark.parametrize(
+    ("values", "is_exact"), [((2000, 3000, 4000), True), ((2, 8 / 3, 4), False)]
+)
+def test_ticks_are_values_with_few_digits_or_round_numbers(values, is_exact):
+    scale = ParameterScale.of(pd.DataFrame({"speed": [float(x) for x in values]}), "speed")
+    axes = Figure().add_subplot()
+    axes.set_xlim(values[0], values[-1])
+    scale.format_axis(axes, "x")
+    ticks = axes.get_xticks()
+    assert (len(ticks) == 3 and np.allclose(ticks, values)) == is_exact
+    assert not np.isclose(ticks, 8 / 3).any()

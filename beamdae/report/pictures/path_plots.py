@@ -21,7 +21,7 @@ from beamdae.report.pictures.figures import (
     varying_columns,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, merge_columns, select_columns
+from beamdae.results.columns import Header, merge_columns, select_column, select_columns
 from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
@@ -153,6 +153,8 @@ def create_response_figure(response: FrequencyResponse, title: str) -> Figure:
 
 def _draw_response(axis: Axes, response: FrequencyResponse, column: str) -> None:
     values, amplitudes = response.curve(column)
+    if response.points:
+        column = select_column("frequency_response", response.points[0].solution.columns, column)
     is_stable = np.array([point.stable for point in response.points], bool)
     # Each line has the stability of its first point and extends to the start of the next line.
     changes = np.flatnonzero(np.diff(is_stable)) + 1

@@ -39,7 +39,7 @@ _MIN_RATE = 0.1  # frames per second
 _MIN_FRAMES = 2
 MAX_FRAMES = 500
 _COLOR_BAR_STRIP = 0.62  # height of the strip for the color bar below the picture [inch]
-_THUMBNAIL_SIZE = 160.0  # longer side [pixels]
+_THUMBNAIL_SIZE = 320.0  # longer side [pixels]
 _THUMBNAIL_FRAMES = 6
 
 

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.read_only import read_only_data
+
 Array = np.ndarray
 
 
+@read_only_data
 @dataclass(frozen=True)
 class GridAxis:
     """Axis of a grid of cases.
@@ -27,10 +30,11 @@ class GridAxis:
     """
 
     name: str
-    values: list[Any]
+    values: tuple[Any, ...]
     is_numeric: bool
 
 
+@read_only_data
 @dataclass(frozen=True)
 class ParameterGrid:
     """Cases arranged by the values of the varied parameters.
@@ -44,13 +48,13 @@ class ParameterGrid:
         Index of each case along each axis, (cases, axes).
     """
 
-    axes: list[GridAxis]
+    axes: tuple[GridAxis, ...]
     positions: Array
 
     @classmethod
     def of(cls, settings: Sequence[Mapping[str, Any]], varied: Sequence[str]) -> ParameterGrid:
         """Return the grid of the parameter values `settings` of the cases."""
-        axes = [_create_axis(name, [setting[name] for setting in settings]) for name in varied]
+        axes = tuple(_create_axis(x, [setting[x] for setting in settings]) for x in varied)
         indices = [{repr(x): k for k, x in enumerate(axis.values)} for axis in axes]
         positions = np.array(
             [
@@ -62,8 +66,8 @@ class ParameterGrid:
         size = math.prod(len(axis.values) for axis in axes)
         if size == len(settings) == len(np.unique(positions, axis=0)):
             return cls(axes, positions)
-        numbers = list(range(1, len(settings) + 1))
-        return cls([GridAxis("case", numbers, True)], np.arange(len(settings))[:, None])
+        numbers = tuple(range(1, len(settings) + 1))
+        return cls((GridAxis("case", numbers, True),), np.arange(len(settings))[:, None])
 
     def sample(self, limit: int) -> set[int]:
         """Return at most `limit` cases that span the grid evenly, as row numbers.
@@ -90,4 +94,4 @@ class ParameterGrid:
 def _create_axis(name: str, values: Sequence[Any]) -> GridAxis:
     distinct = list({repr(x): x for x in values}.values())
     is_numeric = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in distinct)
-    return GridAxis(name, sorted(distinct) if is_numeric else distinct, is_numeric)
+    return GridAxis(name, tuple(sorted(distinct) if is_numeric else distinct), is_numeric)

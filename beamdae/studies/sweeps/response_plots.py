@@ -43,6 +43,7 @@ _FAILURE_STYLE: dict[str, Any] = {
 _FAILURE_HEIGHT = 0.02  # position of the marks of failed runs, relative to the axes height
 _MAX_COLOR = 0.95  # end of the color map for curves; brighter colors are hard to see
 _MAX_TICKS = 12
+_CONSTANT_RANGE = 1e-6  # relative range of responses that are not plotted by default
 _MAX_TICK_LETTERS = 18
 _AXIS_LETTERS = 48  # letters of all tick labels that fit side by side below a panel
 _LABEL_ROTATION = 30  # rotation of tick labels that do not fit [degrees]
@@ -108,8 +109,15 @@ class ParameterScale:
             axis.set_ticks(ticks, names, **style)
             return
         names = [format_setting(float(x)) for x in ticks]
+        # Values with many digits, such as 2666.67, are harder to read than round numbers.
+        is_short = self.log or all(np.isclose(float(f"{x:.3g}"), x, rtol=1e-9) for x in ticks)
         few = len(self.ticks) <= _MAX_TICKS // 2 or self.log
-        if few and len(ticks) == len(self.ticks) and max(map(len, names)) <= max_letters:
+        if (
+            few
+            and is_short
+            and len(ticks) == len(self.ticks)
+            and max(map(len, names)) <= max_letters
+        ):
             axis.set_ticks(ticks, names)
             axis.set_ticks([], minor=True)
 
@@ -140,6 +148,7 @@ def list_response_plots(
     """
     if not study.varied or not panels:
         return {}
+    panels = drop_constant(study, table, panels)
     functions: dict[str, Callable[..., Plot]] = {"response": plot_curves}
     if len(study.varied) == 2:
         functions["map"] = plot_maps
@@ -252,6 +261,26 @@ def _remove_empty(table: pd.DataFrame, panels: Sequence[Panel]) -> list[Panel]:
     columns = {column for panel in panels for column in panel.lines.values()}
     drawable = {c: not np.isnan(_extract_numbers(table[c])).all() for c in columns}
     return [x for x in panels if any(drawable[c] for c in x.lines.values())]
+
+
+def drop_constant(
+    study: ParameterStudy, table: pd.DataFrame, panels: Sequence[Panel]
+) -> list[Panel]:
+    """Return the panels with a response that differs between runs; all panels if none does.
+
+    With several varied parameters, each measure is a panel, as in `plot_curves`.
+    """
+    if len(study.varied) > 1:
+        panels = [line for panel in panels for line in panel.split()]
+
+    def varies(column: str) -> bool:
+        values = _extract_numbers(table[column])
+        values = values[~np.isnan(values)]
+        size = np.abs(values).max(initial=0.0)
+        return bool(np.ptp(values) > _CONSTANT_RANGE * size) if len(values) else False
+
+    varying = [panel for panel in panels if any(map(varies, panel.lines.values()))]
+    return varying or list(panels)
 
 
 def _format_unit(panel: Panel) -> str:

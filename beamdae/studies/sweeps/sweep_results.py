@@ -32,7 +32,7 @@ from beamdae.studies.sweeps.parameter_study import (
     ParameterStudy,
     parameter_column,
 )
-from beamdae.studies.sweeps.response_plots import plot_curves, plot_maps
+from beamdae.studies.sweeps.response_plots import drop_constant, plot_curves, plot_maps
 from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
@@ -228,7 +228,7 @@ class SweepResults:
         BeamdaeError
             If a response does not exist, no parameter varies, or `x` is not a varied parameter.
         """
-        return plot_curves(self.sweep, self.table, self.panels(*names), x)
+        return plot_curves(self.sweep, self.table, self._plotted_panels(names), x)
 
     def map(self, *names: str, x: str | None = None, y: str | None = None) -> Plot:
         """Plot responses as color maps over the two varied parameters.
@@ -247,7 +247,12 @@ class SweepResults:
             If a response does not exist, the number of varied parameters is not two, `x` or `y` is
             not a varied parameter, or both are the same.
         """
-        return plot_maps(self.sweep, self.table, self.panels(*names), x, y)
+        return plot_maps(self.sweep, self.table, self._plotted_panels(names), x, y)
+
+    def _plotted_panels(self, names: tuple[str, ...]) -> list[Panel]:
+        """Return the named panels or, without names, those whose responses vary."""
+        panels = self.panels(*names)
+        return panels if names else drop_constant(self.sweep, self.table, panels)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.

@@ -1,0 +1,20 @@
+"""Selection of columns by name."""
+
+import pytest
+
+import beamdae as bd
+from beamdae.results.columns import select_column
+
+HEADERS = ["tip.x [m]", "tip.y [m]", "t [s]", "t [N]"]
+
+
+def test_a_single_column_is_selected_with_or_without_its_unit():
+    assert select_column("peaks", HEADERS, "tip.y") == "tip.y [m]"
+    assert select_column("peaks", HEADERS, "tip.y [m]") == "tip.y [m]"
+    assert select_column("peaks", HEADERS, "t [N]") == "t [N]"
+
+
+@pytest.mark.parametrize("name", ["tip", "t", "tip.y [N]", 3, None, ["tip.y"]])
+def test_names_of_no_column_or_of_several_are_rejected(name):
+    with pytest.raises(bd.BeamdaeError, match=r"^peaks: column must be "):
+        select_column("peaks", HEADERS, name)
