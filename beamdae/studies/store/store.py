@@ -75,8 +75,8 @@ class Store:
         rows, table = None, shared_table(outcome)
         if table is not None:
             text = outcome.text or format_trajectory(table)
-            write_bytes(self.rows_path(task), text)
-            self._link_trajectory(task, text)
+            source = write_bytes(self.rows_path(task), text)
+            _link_trajectory(source, self.trajectory_path(task), text)
             rows = {
                 "sha256": hashlib.sha256(text).hexdigest(),
                 # The CSV file escapes some headers.
@@ -113,21 +113,24 @@ class Store:
             If a folder of the store is a link, the path of a file is a folder, or the trajectory
             cannot be written under its readable name.
         """
-        for folder in (self.record_path(task).parent, self.trajectory_path(task).parent):
+        # Paths are composed once, because this takes as long as reading a file.
+        record, rows_path = self.record_path(task), self.rows_path(task)
+        link = self.trajectory_path(task)
+        for folder in (record.parent, link.parent):
             if folder.is_symlink():
                 raise BeamdaeError(
                     f"{folder}: the path must be a folder, but is a link; remove the link."
                 )
-        for path in (self.record_path(task), self.rows_path(task), self.trajectory_path(task)):
+        for path in (record, rows_path, link):
             if path.is_dir():
                 raise BeamdaeError(
                     f"{path}: the path must be a file, but is a folder; remove the folder."
                 )
         try:
-            content = self._load_content(task)
+            content = _load_content(record)
             if content is None or not _is_usable(task, content):
                 return None, ""
-            rows = None if content["rows"] is None else self._read_rows(task, content)
+            rows = None if content["rows"] is None else _read_rows(rows_path, link, content)
         except FileContentError as problem:
             return None, f"{problem.path.name}: {problem.problem}"
         outcome = Outcome(
@@ -136,62 +139,62 @@ class Store:
             rows,
             content["frames"],
             content["read"],
-            "" if rows is None else self.trajectory_path(task).name,
+            "" if rows is None else link.name,
             _measures={} if rows is None else content["rows"].get("measures"),
         )
         return outcome, ""
-
-    def _load_content(self, task: Task) -> dict[str, Any] | None:
-        path = self.record_path(task)
-        if not os.path.lexists(path):
-            return None
-        stored = read_json(path, _KIND)
-        require_content(path, _KIND, _RECORD, stored)
-        content = stored["outcome"]
-        if stored["sha256"] != _compute_checksum(content):
-            raise _KIND.error(path, "the content has changed since it was written")
-        require_content(path, _KIND, check_outcome, content)
-        return dict(content)
-
-    def _read_rows(self, task: Task, content: dict[str, Any]) -> Callable[[], pd.DataFrame]:
-        """Check the trajectory of a task, and restore its file with the readable name.
-
-        Return a function that parses the checked text, because most tables of large studies are not
-        used, and the file may change later.
-        """
-        path = self.rows_path(task)
-        csv_text = read_bytes(path, _TRAJECTORY)
-        if hashlib.sha256(csv_text).hexdigest() != content["rows"]["sha256"]:
-            raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
-        with translate_field_errors(path, _TRAJECTORY):
-            check_rows(csv_text, content)
-        self._link_trajectory(task, csv_text)
-        return partial(_parse_rows, path, csv_text, content)
-
-    def _link_trajectory(self, task: Task, text: bytes) -> None:
-        source, path = self.rows_path(task), self.trajectory_path(task)
-        with suppress(OSError):
-            # The usual case of a new task: a link is created at once or not at all.
-            os.link(source, path)
-            return
-        with suppress(OSError):
-            if path.samefile(source):
-                return
-            with open_regular_file(path) as stream:
-                # One byte more than expected shows whether the file is longer.
-                if stream.read(len(text) + 1) == text:
-                    return
-        with atomic_write(path) as scratch:
-            scratch.unlink()
-            try:
-                os.link(source, scratch)
-            except OSError:  # The file system has no hard links.
-                scratch.write_bytes(text)
 
     def remove_scratch_files(self) -> None:
         """Remove unfinished files left by processes that have ended."""
         for folder in (self.folder, self.folder / "outcomes", self.folder / "trajectories"):
             remove_stale_scratch_files(folder)
+
+
+def _load_content(path: Path) -> dict[str, Any] | None:
+    if not os.path.lexists(path):
+        return None
+    stored = read_json(path, _KIND)
+    require_content(path, _KIND, _RECORD, stored)
+    content = stored["outcome"]
+    if stored["sha256"] != _compute_checksum(content):
+        raise _KIND.error(path, "the content has changed since it was written")
+    require_content(path, _KIND, check_outcome, content)
+    return dict(content)
+
+
+def _read_rows(path: Path, link: Path, content: dict[str, Any]) -> Callable[[], pd.DataFrame]:
+    """Check the trajectory at `path`, and restore its file with the readable name, `link`.
+
+    Return a function that parses the checked text, because most tables of large studies are not
+    used, and the file may change later.
+    """
+    csv_text = read_bytes(path, _TRAJECTORY)
+    if hashlib.sha256(csv_text).hexdigest() != content["rows"]["sha256"]:
+        raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
+    with translate_field_errors(path, _TRAJECTORY):
+        check_rows(csv_text, content)
+    _link_trajectory(path, link, csv_text)
+    return partial(_parse_rows, path, csv_text, content)
+
+
+def _link_trajectory(source: Path, path: Path, text: bytes) -> None:
+    with suppress(OSError):
+        # The usual case of a new task: a link is created at once or not at all.
+        os.link(source, path)
+        return
+    with suppress(OSError):
+        if path.samefile(source):
+            return
+        with open_regular_file(path) as stream:
+            # One byte more than expected shows whether the file is longer.
+            if stream.read(len(text) + 1) == text:
+                return
+    with atomic_write(path) as scratch:
+        scratch.unlink()
+        try:
+            os.link(source, scratch)
+        except OSError:  # The file system has no hard links.
+            scratch.write_bytes(text)
 
 
 def _parse_rows(path: Path, csv_text: bytes, content: dict[str, Any]) -> pd.DataFrame:
