@@ -184,9 +184,17 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
     Pivots are unsuitable if one of them or its reciprocal is not finite, or if refinement does not
     make solutions accurate.
     """
+    return eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
+
+
+def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
+    """Factorize with the refinements of the last `refactorize`; return False if a pivot is zero.
+
+    The accuracy of solutions, which `refactorize` tests, changes as slowly as the matrix.
+    """
     _scale_matrix(plan, factors, nonzeros)
     _eliminate_blocks(plan, factors)
-    return _eliminate(plan, factors) and _set_refinements(plan, factors)
+    return _eliminate(plan, factors)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:

@@ -139,6 +139,15 @@ def factorize(linear: Any, nonzeros: Array) -> int:
     return DONE if linear.try_factorize(nonzeros) else SINGULAR
 
 
+def eliminate(linear: Any, nonzeros: Array) -> int:
+    """Factorize a matrix that differs little from the last one; return a code of `factorize`.
+
+    In machine code, the accuracy of solutions is not tested again: call `factorize` first, and then
+    every few matrices.
+    """
+    return factorize(linear, nonzeros)
+
+
 def omit_refinement(linear: Any) -> None:
     """Solve with the last factors without iterative refinement; in machine code only."""
 

@@ -884,6 +884,14 @@ def _factorize(linear, nonzeros):
     return loop
 
 
+@overload(loop_functions.eliminate)
+def _eliminate(linear, nonzeros):
+    def loop(linear, nonzeros):
+        return linear_solver.eliminate_linear(linear, nonzeros)
+
+    return loop
+
+
 @overload(loop_functions.omit_refinement)
 def _omit_refinement(linear):
     def loop(linear):

@@ -69,6 +69,11 @@ class ConstraintKernel:
         """True if the constraints depend on the branch of a law."""
         return ca.depends_on(self.constraint, self.local.time[1])
 
+    @cached_property
+    def has_time(self) -> bool:
+        """True if the constraints depend on time."""
+        return self.has_branches or ca.depends_on(self.constraint, self.local.time[0])
+
     @property
     def is_holonomic(self) -> bool:
         """True if the constraints are imposed on positions, False if on velocities only."""

@@ -13,7 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.sensitivities.alpha_replay import group_equal_steps
+from beamdae.analysis.sensitivities.alpha_replay import (
+    copy_state,
+    factorize_step,
+    group_equal_steps,
+)
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
@@ -33,7 +37,7 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
@@ -64,8 +68,8 @@ class AdjointWorkspace:
         Buffers of `evaluate_matrix_at_state`.
     h, branch
         Step, and a time inside the interval [s].
-    times, rows
-        Times (steps,) [s] and states (q, v, a, lam) (steps, 3n + m) after the steps.
+    times, states, row
+        See `ReplayWorkspace`.
     seeds
         Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, 2n + m).
     q, v, ddq, a
@@ -81,6 +85,8 @@ class AdjointWorkspace:
         Number of steps before the steps of equal length that are transposed together.
     step
         Number of steps that remain.
+    tested
+        See `ReplayWorkspace`.
     """
 
     form: StepBuffers
@@ -102,7 +108,8 @@ class AdjointWorkspace:
     h: float
     branch: float
     times: Array
-    rows: Array
+    states: State
+    row: Array
     seeds: Array
     q: Array
     v: Array
@@ -114,6 +121,7 @@ class AdjointWorkspace:
     along_operators: float
     first: int
     step: int
+    tested: int = 0
 
 
 def sweep_backwards(run: AdjointWorkspace) -> int:
@@ -130,9 +138,10 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
     q, v, ddq, a, a_predicted = run.q, run.v, run.ddq, run.a, run.a_predicted
     factor = 1.0 / (1.0 - run.alpha_m)
     while run.step > run.first:
-        t, row, seed = run.times[run.step - 1], run.rows[run.step - 1], run.seeds[run.step - 1]
+        t, row, seed = run.times[run.step], run.row, run.seeds[run.step - 1]
+        copy_state(run.states, run.step, row)
         evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
-        code = factorize(run.linear, run.nonzeros)
+        code = factorize_step(run)
         if code != DONE:
             return code
         combine(q, (1.0, 1.0), (q, seed[:n]))
@@ -238,8 +247,9 @@ def transpose_alpha_steps(
             x=np.zeros(n + m),
             h=0.0,
             branch=float(interval.branch),
-            times=np.ascontiguousarray(times[1:]),
-            rows=np.ascontiguousarray(np.hstack([x[1:] for x in states])),
+            times=np.ascontiguousarray(times),
+            states=State(*map(np.ascontiguousarray, states)),
+            row=np.zeros(3 * n + m),
             seeds=np.ascontiguousarray(seeds),
             q=q,
             v=v,
@@ -271,7 +281,7 @@ def transpose_alpha_steps(
             (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
             c_f,
         )
-        run.h, run.first = h, int(first)
+        run.h, run.first, run.tested = h, int(first), 0
         if loop() != DONE:
             raise BeamdaeError(
                 f"{derivative_call()}: the iteration matrix is singular at t = {times[run.step]:g} "

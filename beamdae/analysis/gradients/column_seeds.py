@@ -107,11 +107,12 @@ def differentiate_objective(
         at = State(*map(_concatenate, zip(*parts, strict=True)))
         branches = np.concatenate([np.full(len(x.times), x.interval.branch) for x in samples])
         rows = np.stack([times, branches], axis=1)
-        by_state = np.zeros((len(times), size))
+        is_direct = len(samples) == 1 and samples[0].nodes is not None
+        by_state = states[0][samples[0].nodes] if is_direct else np.zeros((len(times), size))
         for factor, term in terms:
             add_term(result, by_state, equations, factor, term, rows, at, grid.weights)
         first = 0
-        for k, sample in enumerate(samples):
+        for k, sample in enumerate(() if is_direct else samples):
             last = first + len(sample.times)
             sample.transpose(by_state[first:last], equations.n, result.states[k])
             first = last
@@ -227,15 +228,20 @@ def add_columns(
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
     seeds.numbers[o.data] += by_p.sum(axis=0)
     seeds.operators.append(OperatorSeeds(select, by_q, by_v, at))
-    by_state[:, :n] += (o.operator.T @ by_q.T).T
-    by_state[:, n : 2 * n] += (o.operator.T @ by_v.T).T
+    acting = np.unique(o.operator.indices)
+    operator = o.operator[:, acting]
+    by_state[:, acting] += by_q @ operator
+    by_state[:, n + acting] += by_v @ operator
     by_state[:, 2 * n :][:, o.rows] += by_lam
 
 
 def _column_arguments(
     o: Observable, equations: EquationsOfMotion, rows: Array, at: State
 ) -> tuple[Array, Array, Array, Array, Array]:
-    q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
+    # Operators have few columns; products with all coordinates would copy these.
+    acting = np.unique(o.operator.indices)
+    operator = o.operator[:, acting].T
+    q, v = (np.asarray(x[:, acting] @ operator) for x in (at.q, at.v))
     return rows, q, v, equations.p[o.data], at.lam[:, o.rows]
 
 

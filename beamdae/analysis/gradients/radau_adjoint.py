@@ -12,8 +12,13 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
+from beamdae.analysis.sensitivities.alpha_replay import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.radau_replay import StageMatrices, restore_stages
+from beamdae.analysis.sensitivities.radau_replay import (
+    StageMatrices,
+    restore_stages,
+    schedule_test,
+)
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     formulate_first_order,
@@ -36,6 +41,7 @@ from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
+    eliminate,
     factorize,
     fill,
     max_norm,
@@ -114,6 +120,8 @@ class RadauAdjoint:
         Derivative along the change of the operators of joints.
     step
         Number of steps that remain.
+    tested, tested_step
+        See `RadauReplay`.
     """
 
     run: RadauWorkspace
@@ -156,6 +164,8 @@ class RadauAdjoint:
     numbers: Array
     along_operators: float
     step: int
+    tested: int = 0
+    tested_step: float = 0.0
 
 
 def sweep_backwards(adjoint: RadauAdjoint) -> int:
@@ -165,12 +175,14 @@ def sweep_backwards(adjoint: RadauAdjoint) -> int:
         first = adjoint.step - 1
         run.t = adjoint.times[first]
         h = adjoint.times[first + 1] - run.t
+        schedule_test(adjoint, h)
         code = restore_stages(adjoint, first, h)
+        if code == DONE:
+            code = _factorize_transposes(adjoint)
         if code != DONE:
+            adjoint.tested = 0
             return code
-        code = _factorize_transposes(adjoint)
-        if code != DONE:
-            return code
+        adjoint.tested = (adjoint.tested + 1) % STEPS_PER_TEST
         _set_seeds(adjoint, first, h)
         code = _solve_weights(adjoint, h)
         if code != DONE:
@@ -185,8 +197,12 @@ def _factorize_transposes(adjoint: RadauAdjoint) -> int:
     run, of, at = adjoint.run, adjoint.entries, adjoint.transposed_entries
     pick(adjoint.real_nonzeros, at, run.real_nonzeros, of, 0, at.size)
     pick(adjoint.complex_nonzeros, at, run.complex_nonzeros, of, 0, at.size)
-    real_code = factorize(adjoint.real_solver, adjoint.real_nonzeros)
-    complex_code = factorize(adjoint.complex_solver, adjoint.complex_nonzeros)
+    if adjoint.tested == 0:
+        real_code = factorize(adjoint.real_solver, adjoint.real_nonzeros)
+        complex_code = factorize(adjoint.complex_solver, adjoint.complex_nonzeros)
+    else:
+        real_code = eliminate(adjoint.real_solver, adjoint.real_nonzeros)
+        complex_code = eliminate(adjoint.complex_solver, adjoint.complex_nonzeros)
     if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
         return NEW_PIVOTS
     adjoint.real_solver.singular = 0

@@ -31,7 +31,7 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.native.loop_functions import combine, factorize, solve
+from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_time
@@ -42,6 +42,11 @@ Array = np.ndarray
 # errors of the time.
 _SAME_STEP = 1e-9
 _TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
+
+
+# Steps per test of the factors, whose accuracy changes slowly. The test takes a third of the time
+# of a factorization.
+STEPS_PER_TEST = 8
 
 
 @dataclass(slots=True)
@@ -62,8 +67,9 @@ class ReplayWorkspace:
         Step, and a time inside the interval [s].
     last
         Number of steps after which the length of the step changes, or the interval ends.
-    times, rows
-        Times (steps,) [s] and states (q, v, a, lam) (steps, 3n + m) after the steps.
+    times, states, row
+        Times (steps + 1,) [s] and states at the start and after the steps, and work array for one
+        state (q, v, a, lam), (3n + m,).
     numbers
         Derivatives of p, one direction a row, (k, n_p).
     shifts, time_rates
@@ -77,6 +83,8 @@ class ReplayWorkspace:
         Derivatives of (q, v, q'', lam) after the steps, (steps * k, 3n + m).
     step
         Number of completed steps.
+    tested
+        Number of steps since the last test of the factors; 0 if the next factors are tested.
     """
 
     form: StepBuffers
@@ -94,7 +102,8 @@ class ReplayWorkspace:
     last: int
     branch: float
     times: Array
-    rows: Array
+    states: State
+    row: Array
     numbers: Array
     shifts: Array
     time_rates: Array
@@ -107,6 +116,7 @@ class ReplayWorkspace:
     change: Array
     results: Array
     step: int = 0
+    tested: int = 0
 
 
 def replay_steps(run: ReplayWorkspace) -> int:
@@ -122,9 +132,10 @@ def replay_steps(run: ReplayWorkspace) -> int:
     factor = 1.0 / (1.0 - run.alpha_m)
     count = run.numbers.shape[0]
     while run.step < run.last:
-        t, row = run.times[run.step], run.rows[run.step]
+        t, row = run.times[run.step + 1], run.row
+        copy_state(run.states, run.step + 1, row)
         evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
-        code = factorize(run.linear, run.nonzeros)
+        code = factorize_step(run)
         if code != DONE:
             return code
         set_time(run.directional, t, run.branch)
@@ -155,6 +166,28 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(result[3 * n :], (1.0,), (lam,))
         run.step += 1
     return DONE
+
+
+def copy_state(states: State, k: int, row: Array) -> None:
+    """Write state `k` to `row`. A copy of all states in one array would take long to allocate."""
+    n = states.q.shape[1]
+    combine(row[:n], (1.0,), (states.q[k],))
+    combine(row[n : 2 * n], (1.0,), (states.v[k],))
+    combine(row[2 * n : 3 * n], (1.0,), (states.a[k],))
+    combine(row[3 * n :], (1.0,), (states.lam[k],))
+
+
+def factorize_step(run: Any) -> int:
+    """Factorize the matrix of a step; return DONE, NEW_PIVOTS or SINGULAR.
+
+    `run` is a `ReplayWorkspace`, or has its attributes `linear`, `nonzeros` and `tested`.
+    """
+    if run.tested == 0:
+        code = factorize(run.linear, run.nonzeros)
+    else:
+        code = eliminate(run.linear, run.nonzeros)
+    run.tested = (run.tested + 1) % STEPS_PER_TEST if code == DONE else 0
+    return code
 
 
 def differentiate_alpha_steps(
@@ -233,8 +266,9 @@ def differentiate_alpha_steps(
             h=0.0,
             last=0,
             branch=float(interval.branch),
-            times=np.ascontiguousarray(times[1:]),
-            rows=np.ascontiguousarray(np.hstack([x[1:] for x in states])),
+            times=np.ascontiguousarray(times),
+            states=State(*map(np.ascontiguousarray, states)),
+            row=np.zeros(3 * n + m),
             numbers=np.ascontiguousarray(numbers),
             shifts=np.array(shifts),
             time_rates=np.zeros((steps, n + m)),
@@ -266,7 +300,7 @@ def differentiate_alpha_steps(
         )
         if any(shifts):
             _set_time_rates(run, form, first, last, h)
-        run.h, run.last = h, last
+        run.h, run.last, run.tested = h, last, 0
         if loop() != DONE:
             raise BeamdaeError(
                 f"{derivative_call()}: the iteration matrix is singular at t = "
@@ -281,10 +315,10 @@ def _set_time_rates(
     """Set the derivatives of the residual with respect to time in steps of length `h` [s]."""
     n, coefficients = form.equations.n, run.prediction.coefficients
     for k in range(first, last):
-        q, v, a, lam = np.split(run.rows[k], [n, 2 * n, 3 * n])
+        q, v, a, lam = (x[k + 1] for x in run.states)
         at = StepPrediction(q, v, a, q, coefficients)
         x = np.concatenate([np.zeros(n), coefficients[2] * lam])
-        time = np.array([run.times[k], run.branch])
+        time = np.array([run.times[k + 1], run.branch])
         run.time_rates[k] = time_rate(partial(_residual_at, form, at, x), time, h)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.analysis.sensitivities.alpha_replay import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
@@ -31,13 +32,14 @@ from beamdae.integrators.radau.coefficients import T_INVERSE, A, C
 from beamdae.integrators.radau.stages import (
     correct_stages,
     derive_velocities,
-    factorize_matrices,
+    evaluate_matrices,
+    finish_factors,
     predict_stages,
     set_stages,
 )
 from beamdae.integrators.radau.stepper import STABILIZED_FORM, StepTolerance, make_workspace
 from beamdae.integrators.radau.workspace import RadauWorkspace
-from beamdae.native.loop_functions import combine, fill, max_norm
+from beamdae.native.loop_functions import combine, eliminate, factorize, fill, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
@@ -55,6 +57,8 @@ _STAGNATION_RATE = 0.5
 # Rounding error of positions, relative to the characteristic length.
 _POSITION_ROUNDING = 1e-16
 _MAX_ITERATIONS = 60
+# Factors are tested if the length of the step has changed by this factor since the last test.
+_MAX_STEP_RATIO = 1.5
 _PROBLEMS = {
     NOT_CONVERGED: "the derivatives of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -135,6 +139,10 @@ class RadauReplay:
         Derivatives of (q, v, a, lam) at all stages, (3 steps * k, 3n + m).
     step
         Number of completed steps.
+    tested
+        Number of steps since the last test of the factors; 0 if the next factors are tested.
+    tested_step
+        Length of the step whose factors were tested last [s].
     """
 
     run: RadauWorkspace
@@ -153,6 +161,8 @@ class RadauReplay:
     unit_weights: Array
     results: Array
     step: int = 0
+    tested: int = 0
+    tested_step: float = 0.0
 
 
 def replay_steps(replay: RadauReplay) -> int:
@@ -166,9 +176,12 @@ def replay_steps(replay: RadauReplay) -> int:
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
+        schedule_test(replay, h)
         code = restore_stages(replay, replay.step, h)
         if code != DONE:
+            replay.tested = 0
             return code
+        replay.tested = (replay.tested + 1) % STEPS_PER_TEST
         combine(replay.weights[: run.form.n], (1.0,), (replay.scales,))
         combine(replay.weights[run.form.n :], (h,), (replay.scales,))
         for k in range(count):
@@ -180,11 +193,21 @@ def replay_steps(replay: RadauReplay) -> int:
     return DONE
 
 
+def schedule_test(replay: Any, h: float) -> None:
+    """Let the factors of a step be tested if its length `h` [s] differs from that of the last test.
+
+    `replay` is a `RadauReplay`, or has its attributes `tested` and `tested_step`.
+    """
+    ratio = h / replay.tested_step if replay.tested > 0 else 0.0
+    if not 1.0 / _MAX_STEP_RATIO < ratio < _MAX_STEP_RATIO:
+        replay.tested, replay.tested_step = 0, h
+
+
 def restore_stages(replay: Any, step: int, h: float) -> int:
     """Compute the stages of a step of length `h` [s] from the states of the run; return the code.
 
-    `replay` is a `RadauReplay`, or has its attributes `run`, `rows`, `stages` and `rates`. The
-    Newton matrices of `replay.run` are factorized at these stages.
+    `replay` is a `RadauReplay`, or has its attributes `run`, `rows`, `stages`, `rates` and
+    `tested`. The Newton matrices of `replay.run` are factorized at these stages.
     """
     run, n = replay.run, replay.run.form.n
     m = replay.rows.shape[1] - 3 * n
@@ -209,7 +232,7 @@ def restore_stages(replay: Any, step: int, h: float) -> int:
         combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
     derive_velocities(run, h)
     set_stages(run, h)
-    code = factorize_matrices(run, h)
+    code = _factorize_matrices(replay, h)
     if code != DONE:
         return code
     for _ in range(_STAGE_ITERATIONS):
@@ -222,6 +245,18 @@ def restore_stages(replay: Any, step: int, h: float) -> int:
         combine(replay.stages[i], (1.0,), (run.stages[i],))
         combine(replay.rates[i], (1.0,), (run.rates[i],))
     return DONE
+
+
+def _factorize_matrices(replay: Any, h: float) -> int:
+    run = replay.run
+    evaluate_matrices(run, h)
+    if replay.tested == 0:
+        real_code = factorize(run.real_solver, run.real_nonzeros)
+        complex_code = factorize(run.complex_solver, run.complex_nonzeros)
+    else:
+        real_code = eliminate(run.real_solver, run.real_nonzeros)
+        complex_code = eliminate(run.complex_solver, run.complex_nonzeros)
+    return finish_factors(run, h, real_code, complex_code)
 
 
 def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:

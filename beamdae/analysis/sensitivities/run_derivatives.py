@@ -473,7 +473,8 @@ def differentiate_start(
 
 def drivers_move(equations: EquationsOfMotion, time: Array) -> bool:
     """Return True if laws of constraints move at the start, see `ConsistencySolver.start_state`."""
-    if equations.m == 0:
+    kernels = [joint.kernel for joint in equations.structure.joints]
+    if all(kernel.is_holonomic and not kernel.has_time for kernel in kernels):
         return False
     levels = ConsistencySolver(equations).constraint_levels(time, equations.q0)
     return bool(np.any(levels[1]))

@@ -119,6 +119,14 @@ def set_stages(run: RadauWorkspace, h: float) -> None:
 
 def factorize_matrices(run: RadauWorkspace, h: float) -> int:
     """Factorize both matrices at the second stage, which lies between the other two."""
+    evaluate_matrices(run, h)
+    real_code = factorize(run.real_solver, run.real_nonzeros)
+    complex_code = factorize(run.complex_solver, run.complex_nonzeros)
+    return finish_factors(run, h, real_code, complex_code)
+
+
+def evaluate_matrices(run: RadauWorkspace, h: float) -> None:
+    """Evaluate the non-zeros of both matrices at the second stage."""
     form, t, y, yp = run.form, run.t + C[1] * h, run.stages[1], run.rates[1]
     run.factors_step = 0.0
     evaluate_jacobian_parts(form, t, run.branch, y, yp, run.jacobian)
@@ -126,8 +134,10 @@ def factorize_matrices(run: RadauWorkspace, h: float) -> int:
     rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
     combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
-    real_code = factorize(run.real_solver, run.real_nonzeros)
-    complex_code = factorize(run.complex_solver, run.complex_nonzeros)
+
+
+def finish_factors(run: RadauWorkspace, h: float, real_code: int, complex_code: int) -> int:
+    """Return the code of both factorizations; if they succeeded, the factors are those of `h`."""
     if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
         return NEW_PIVOTS
     run.jacobians += 1
