@@ -22,12 +22,20 @@ def linearize_plant(about=None, **parameters):
 
 
 def find_upright(mech):
-    """Return the upright equilibrium under the whole weight.
-
-    A path of growing weight begins at a cart without stiffness: whether it ends depends on
-    rounding (without machine code, it fails at a load factor of 0.0016).
-    """
+    """Return the upright equilibrium under the whole weight."""
     return bd.equilibrium(mech, loads=[])
+
+
+@pytest.mark.slow(reason="a path of a stiff plant, 1 s")
+@pytest.mark.filterwarnings("ignore:cart.x. this coordinate can move without stiffness")
+def test_regression_path_of_growing_weight_does_not_move_the_cart():
+    # The cart has no stiffness. Without a spring that holds it, paths ended at load factors of
+    # 0.0016 or 0.1, depending on rounding.
+    path = bd.equilibrium(inverted_pendulum(control="none", tilt=0.0, elements=1))
+    assert path.status.success
+    assert set(path.free_coordinates) == {"cart.x"}
+    assert np.max(np.abs(path["cart.x"])) < 1e-12
+    assert path.unstable[-1] == 1  # it falls over
 
 
 def test_gains_are_those_of_the_regulator():

@@ -41,6 +41,7 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.fixed_order import substitute
 from beamdae.native.loop_functions import (
+    add,
     add_weighted,
     combine,
     euclidean_norm,
@@ -150,6 +151,8 @@ class BorderedWorkspace:
         Solution of the tangent for `column`, (n + m,), and the pivot of the control equation.
     zeros, total
         Indices and result of inner products.
+    held_targets, held
+        Springs in the tangent: nonzeros[held_targets] += held.
     rows, columns
         Rows and columns of `nonzeros`.
     weights
@@ -193,6 +196,8 @@ class BorderedWorkspace:
     change: Array
     response: Array
     zeros: Array
+    held_targets: Array
+    held: Array
     total: Array
     rows: Array
     columns: Array
@@ -233,6 +238,7 @@ def solve_bordered(run: BorderedWorkspace) -> int:
         run.has_tangent = 1
     parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
+    add(run.nonzeros, run.held_targets, run.held, run.row_sources, 0, run.held.size)
     if run.task == _EVALUATE_TANGENT:
         return DONE
     if run.task == _COUNT_SIGNS:
@@ -385,6 +391,8 @@ class BorderedSystem:
         Equations without and with the loads of the stage; the same object if no load is scaled.
     time
         (t, branch), at which laws are evaluated.
+    held
+        Indices of coordinates with springs that act on the tangent F_x alone.
 
     Attributes
     ----------
@@ -392,7 +400,13 @@ class BorderedSystem:
         CSC pattern of the tangent F_x, (n + m, n + m).
     """
 
-    def __init__(self, unloaded: EquationsOfMotion, loaded: EquationsOfMotion, time: Array) -> None:
+    def __init__(
+        self,
+        unloaded: EquationsOfMotion,
+        loaded: EquationsOfMotion,
+        time: Array,
+        held: tuple[int, ...] = (),
+    ) -> None:
         self._time, self._n, self._scales = time, loaded.n, loaded.position_scales
         splits = [_split_terms(unloaded, loaded, kind) for kind in ("forces", "joints")]
         structures = [
@@ -402,13 +416,18 @@ class BorderedSystem:
         self._numbers = (loaded.p, unloaded.p, loaded.p)
         self._sums = [plan_static_sums(structure) for structure in structures]
         self._usage = _usage_of(structures[0])
-        union = sp.csc_array(
-            reduce(lambda one, other: one + other, (x.pattern for x in self._sums))
-        )
+        patterns = [x.pattern for x in self._sums]
+        ones, shape = np.ones(len(held)), patterns[0].shape
+        patterns.append(sp.csc_array((ones, (held, held)), shape=shape))
+        union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
         union.sort_indices()
         self.pattern = union
         size = union.shape[0]
         self._tangent_targets = np.arange(union.nnz) + column_indices(union)
+        keys = column_indices(union).astype(np.int64) * size + union.indices
+        diagonal = np.searchsorted(keys, [k * (size + 1) for k in held])
+        self._held_targets = self._tangent_targets[diagonal].astype(np.uint32)
+        self._held = np.array(held, int)
         self._tangent_sources = np.zeros(union.nnz + 2 * size + 1, int)
         self._tangent_sources[self._tangent_targets] = np.arange(union.nnz)
         self._plans = [self._plan(sums) for sums in self._sums]
@@ -446,6 +465,7 @@ class BorderedSystem:
         self._evaluated_x[:] = np.nan
         reference = self._run(self._initial_x, 0.0, _EVALUATE_TANGENT)
         reference.saddle.scale_by_reference(reference.nonzeros)
+        reference.held[:] = (reference.saddle.size or 1.0) / self._scales[self._held] ** 2
 
     def _make_loop(self, compiles: bool) -> StepLoop[BorderedWorkspace]:
         size, nnz = self.pattern.shape[0], self._bordered.nnz
@@ -485,6 +505,8 @@ class BorderedSystem:
                 change=np.zeros(size + 1),
                 response=np.zeros(size),
                 zeros=np.zeros(size, np.uint32),
+                held_targets=self._held_targets,
+                held=np.zeros(len(self._held)),
                 total=np.zeros(1),
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),

@@ -115,10 +115,13 @@ class LoadedEquations:
     unloaded, loaded
         Static equations without and with the loads of the stage; the same object if no load is
         scaled.
+    held
+        Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
     """
 
     unloaded: StaticEquations
     loaded: StaticEquations
+    held: tuple[int, ...] = ()
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -133,7 +136,8 @@ class LoadedEquations:
     @cached_property
     def bordered(self) -> BorderedSystem:
         """Evaluation of the equations, and solution with a control equation."""
-        return BorderedSystem(self.unloaded.equations, self.loaded.equations, self.loaded.time)
+        time = self.loaded.time
+        return BorderedSystem(self.unloaded.equations, self.loaded.equations, time, self.held)
 
     @property
     def pattern(self) -> sp.csc_array:

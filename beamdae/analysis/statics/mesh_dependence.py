@@ -17,6 +17,7 @@ import scipy.sparse as sp
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.load_scaling import Loading, build_loading
+from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import EquilibriumPath
 from beamdae.beams.beam import Beam
@@ -112,19 +113,21 @@ class _FineMesh:
         The equilibrium is sought at the position of `point` along the direction `secant` of the
         path.
         """
-        k = [system is point.system for system in self.coarse.systems].index(True)
-        corrector = Corrector(self.fine.systems[k])
-        e, n = corrector.system.equations, self.prolongation.shape[1]
+        k = [system.loaded is point.system.loaded for system in self.coarse.systems].index(True)
+        system = self.fine.systems[k]
+        e, n = system.equations, self.prolongation.shape[1]
         multipliers = dict(zip(point.system.equations.lam_names, point.x[n:], strict=True))
         lam = [multipliers.get(name, 0.0) for name in e.lam_names]
         x = np.append(self.start + self.prolongation @ point.x[:n], lam)
         along = np.append(self.prolongation @ secant.x[:n], np.zeros(e.m))
         motion = StepNorm(e.position_scales, np.inf).max_norm(along)
+        if point.system.held:
+            system = hold_neutral_motions(system, x)
         # Load and motion contribute equally to the distance along the path.
         norm = StepNorm(e.position_scales, abs(secant.mu) / motion if secant.mu else np.inf)
         control = norm.arc_length_control(x, point.mu, PathDirection(along, secant.mu))
         try:
-            return corrector.correct(control, 0.0, x, point.mu).negative_count
+            return Corrector(system).correct(control, 0.0, x, point.mu).negative_count
         except CorrectorError:
             return -1
 

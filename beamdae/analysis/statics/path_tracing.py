@@ -18,10 +18,12 @@ from beamdae.analysis.statics.continuation import (
 )
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
+from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import (
     Control,
     DisplacementControl,
     LoadControl,
+    PathDirection,
     StepNorm,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -212,6 +214,9 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             if k == 0
             else EquilibriumPoint(system, points[-1].x, 0.0)
         )
+        if begin.free_count and system.has_scaled_loads:
+            system = hold_neutral_motions(system, begin.x)
+            corrector, begin = Corrector(system), replace(begin, system=system)
         path = StagePath([begin])
         try:
             if system.has_scaled_loads and is_last:
@@ -276,10 +281,14 @@ def _follow_stage(
             f"all scaled loads are zero at t = {t:g} s; pass another time t= or other loads=",
         )
         return
-    if begin.free_count and not _resists_loads(corrector, begin, steps):
-        _follow_from_mechanism(corrector, path, steps, targets)
-        return
     direction = None
+    if begin.free_count:
+        direction = _loaded_direction(corrector, begin, steps)
+        if direction is None:
+            _follow_from_mechanism(corrector, path, steps, targets)
+            return
+        if steps.by_arc_length or settings.column:
+            direction = None
     try:
         for switch in settings.switch:
             before = len(path.branch_points)
@@ -331,27 +340,31 @@ def _choose_steps(
     )
 
 
-def _resists_loads(
+def _loaded_direction(
     corrector: Corrector, begin: EquilibriumPoint, steps: ContinuationSettings
-) -> bool:
-    """Return True if a small load moves the mechanism little, to an equilibrium near `begin`.
+) -> PathDirection | None:
+    """Return the change of the equilibrium with the load factor under a small load.
 
+    The result is None unless this load moves the mechanism little, to an equilibrium near `begin`.
     The bending stiffness of a thin beam may be as small as rounding errors of its axial stiffness,
-    so that the eigenvalues at `begin` do not tell a thin beam from a mechanism.
+    so that the eigenvalues at `begin` do not tell a thin beam from a mechanism. If they are zero,
+    as of a rigid pendulum that stands upright, the tangent at `begin` is undefined.
     """
     direction = corrector.try_path_tangent(begin, LoadControl())
     if direction is None:
-        return False
+        return None
     motion = steps.norm.max_norm(direction.x)
     load = min(steps.max_load_step, _MAX_INITIAL_MOTION / max(motion, _MIN_REACH))
     if load < MIN_STEP_RATIO * steps.max_load_step:
-        return False
+        return None
     x = corrector.displace(begin.x, load * direction.x)
     try:
         point = corrector.correct(LoadControl(), load, x, load)
     except CorrectorError:
-        return False
-    return steps.norm.max_norm(point.x - x) <= MAX_CORRECTION_RATIO * motion * load
+        return None
+    if not steps.norm.max_norm(point.x - x) <= MAX_CORRECTION_RATIO * motion * load:
+        return None
+    return corrector.try_path_tangent(point, LoadControl())
 
 
 def _follow_from_mechanism(
@@ -388,6 +401,8 @@ def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
 
     The name is "" if there is no such motion.
     """
+    if point.system.held:
+        return e.q_names[point.system.held[0]]
     if not point.free_count:
         return ""
     stability = point.stability
