@@ -60,7 +60,7 @@ from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
 _C_FOLDER = Path(__file__).parent / "c"
-_SHARED_SOURCES = ("stepper.c", "stepper.h", "model.h")
+_SHARED_SOURCES = ("stepper.c", "stepper.h", "variables.c", "variables.h", "model.h")
 _INTERFACE_SOURCES = {
     2: ("fmi2.c", "fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3.c", "fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -277,7 +277,7 @@ def export_fmu(
         stop=stop,
         values=exported.numbers.values,
         outputs=exported.outputs,
-        sources=("model.c", "stepper.c", f"fmi{fmi}.c"),
+        sources=("model.c", "stepper.c", "variables.c", f"fmi{fmi}.c"),
     )
     _require_unique_names(description)
     contents, binaries, step_times = _compile(exported, description, fmi, targets, steps)

@@ -2,9 +2,8 @@
 
 #include "fmi2Functions.h"
 #include "model.h"
-#include "stepper.h"
+#include "variables.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,8 +21,12 @@ static fmi2Status report(const Component *c, const char *message) {
     return fmi2Error;
 }
 
-static fmi2Status check(const Component *c, int code) {
-    return code == 0 ? fmi2OK : report(c, instance_message(c->instance));
+static fmi2Status check(const Component *c, const char *message) {
+    return message ? report(c, message) : fmi2OK;
+}
+
+static fmi2Status check_code(const Component *c, int code) {
+    return check(c, code == 0 ? NULL : instance_message(c->instance));
 }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -79,7 +82,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
     Component *c = component;
-    return check(c, instance_initialize(c->instance));
+    return check_code(c, instance_initialize(c->instance));
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
@@ -89,35 +92,19 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 
 fmi2Status fmi2Reset(fmi2Component component) {
     Component *c = component;
-    return check(c, instance_reset(c->instance));
+    return check_code(c, instance_reset(c->instance));
 }
 
 fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], size_t n,
                        fmi2Real value[]) {
     Component *c = component;
-    for (size_t k = 0; k < n; k++) {
-        if (vr[k] < model.n_values) {
-            value[k] = instance_value(c->instance, vr[k]);
-        } else if (vr[k] - model.n_values < model.n_outputs) {
-            const double *outputs = instance_outputs(c->instance);
-            if (!outputs) return check(c, -1);
-            value[k] = outputs[vr[k] - model.n_values];
-        } else {
-            return report(c, "There is no variable with this value reference.");
-        }
-    }
-    return fmi2OK;
+    return check(c, get_variables(c->instance, vr, n, value, 0));
 }
 
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference vr[], size_t n,
                        const fmi2Real value[]) {
     Component *c = component;
-    for (size_t k = 0; k < n; k++) {
-        if (vr[k] >= model.n_values)
-            return report(c, "Only inputs and parameters can be set.");
-        if (instance_set_value(c->instance, vr[k], value[k])) return check(c, -1);
-    }
-    return fmi2OK;
+    return check(c, set_variables(c->instance, vr, n, value));
 }
 
 #define NO_VARIABLES(type, Type)                                                                   \
@@ -138,15 +125,12 @@ NO_VARIABLES(fmi2String, String)
 
 fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
     Component *c = component;
-    if (!*state) *state = malloc(instance_state_size(c->instance));
-    if (!*state) return report(c, "Out of memory.");
-    instance_get_state(c->instance, *state);
-    return fmi2OK;
+    return check(c, copy_state(c->instance, state));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
     Component *c = component;
-    return check(c, instance_set_state(c->instance, state));
+    return check_code(c, instance_set_state(c->instance, state));
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
@@ -166,20 +150,13 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate stat
 fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
                                  size_t size) {
     Component *c = component;
-    if (size < instance_state_size(c->instance)) return report(c, "The array is too short.");
-    memcpy(bytes, state, instance_state_size(c->instance));
-    return fmi2OK;
+    return check(c, serialize_state(c->instance, state, bytes, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state) {
     Component *c = component;
-    if (size != instance_state_size(c->instance))
-        return report(c, "The bytes are not a state of this FMU.");
-    if (!*state) *state = malloc(size);
-    if (!*state) return report(c, "Out of memory.");
-    memcpy(*state, bytes, size);
-    return fmi2OK;
+    return check(c, deserialize_state(c->instance, bytes, size, state));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component component,
@@ -187,26 +164,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component component,
                                         const fmi2ValueReference knowns[], size_t n_knowns,
                                         const fmi2Real seed[], fmi2Real result[]) {
     Component *c = component;
-    double *direction = calloc(model.n_values + model.n_outputs + 1, sizeof(double));
-    double *derivative = direction ? direction + model.n_values : NULL;
-    fmi2Status status = fmi2OK;
-    if (!direction) return report(c, "Out of memory.");
-    for (size_t k = 0; k < n_knowns && status == fmi2OK; k++) {
-        if (knowns[k] < model.n_values)
-            direction[knowns[k]] += seed[k];
-        else
-            status = report(c, "Derivatives exist with respect to inputs and parameters.");
-    }
-    if (status == fmi2OK)
-        status = check(c, instance_derivative(c->instance, direction, derivative));
-    for (size_t k = 0; k < n_unknowns && status == fmi2OK; k++) {
-        if (unknowns[k] >= model.n_values && unknowns[k] - model.n_values < model.n_outputs)
-            result[k] = derivative[unknowns[k] - model.n_values];
-        else
-            status = report(c, "Derivatives exist of outputs only.");
-    }
-    free(direction);
-    return status;
+    return check(c, get_directional_derivative(c->instance, unknowns, n_unknowns, knowns, n_knowns,
+                                               seed, result));
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
@@ -224,10 +183,7 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2DoStep(fmi2Component component, fmi2Real t, fmi2Real step, fmi2Boolean no_set_state) {
     Component *c = component;
     (void)no_set_state;
-    if (!(fabs(t - instance_time(c->instance)) <= model.step))
-        return report(c, "The communication point is not the end of the last step.");
-    if (!(step > 0.0)) return report(c, "The communication step must be positive.");
-    return check(c, instance_advance(c->instance, t + step));
+    return check(c, do_step(c->instance, t, step));
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c) { return report(c, "Steps cannot be canceled."); }

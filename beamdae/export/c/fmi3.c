@@ -2,9 +2,8 @@
 
 #include "fmi3Functions.h"
 #include "model.h"
-#include "stepper.h"
+#include "variables.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,8 +20,12 @@ static fmi3Status report(const Component *c, const char *message) {
     return fmi3Error;
 }
 
-static fmi3Status check(const Component *c, int code) {
-    return code == 0 ? fmi3OK : report(c, instance_message(c->instance));
+static fmi3Status check(const Component *c, const char *message) {
+    return message ? report(c, message) : fmi3OK;
+}
+
+static fmi3Status check_code(const Component *c, int code) {
+    return check(c, code == 0 ? NULL : instance_message(c->instance));
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
@@ -89,57 +92,36 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean with_toleranc
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     Component *c = instance;
-    return check(c, instance_initialize(c->instance));
+    return check_code(c, instance_initialize(c->instance));
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
     Component *c = instance;
-    return check(c, instance_reset(c->instance));
+    return check_code(c, instance_reset(c->instance));
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const Reference vr[], size_t n,
                           fmi3Float64 value[], size_t n_values) {
     Component *c = instance;
     if (n_values != n) return report(c, "All variables are scalar.");
-    for (size_t k = 0; k < n; k++) {
-        if (vr[k] < model.n_values) {
-            value[k] = instance_value(c->instance, vr[k]);
-        } else if (vr[k] - model.n_values < model.n_outputs) {
-            const double *outputs = instance_outputs(c->instance);
-            if (!outputs) return check(c, -1);
-            value[k] = outputs[vr[k] - model.n_values];
-        } else if (vr[k] - model.n_values == model.n_outputs) {
-            value[k] = instance_time(c->instance);
-        } else {
-            return report(c, "There is no variable with this value reference.");
-        }
-    }
-    return fmi3OK;
+    return check(c, get_variables(c->instance, vr, n, value, 1));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const Reference vr[], size_t n,
                           const fmi3Float64 value[], size_t n_values) {
     Component *c = instance;
     if (n_values != n) return report(c, "All variables are scalar.");
-    for (size_t k = 0; k < n; k++) {
-        if (vr[k] >= model.n_values)
-            return report(c, "Only inputs and parameters can be set.");
-        if (instance_set_value(c->instance, vr[k], value[k])) return check(c, -1);
-    }
-    return fmi3OK;
+    return check(c, set_variables(c->instance, vr, n, value));
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
     Component *c = instance;
-    if (!*state) *state = malloc(instance_state_size(c->instance));
-    if (!*state) return report(c, "Out of memory.");
-    instance_get_state(c->instance, *state);
-    return fmi3OK;
+    return check(c, copy_state(c->instance, state));
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
     Component *c = instance;
-    return check(c, instance_set_state(c->instance, state));
+    return check_code(c, instance_set_state(c->instance, state));
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
@@ -159,20 +141,13 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state,
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[],
                                  size_t size) {
     Component *c = instance;
-    if (size < instance_state_size(c->instance)) return report(c, "The array is too short.");
-    memcpy(bytes, state, instance_state_size(c->instance));
-    return fmi3OK;
+    return check(c, serialize_state(c->instance, state, bytes, size));
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size,
                                    fmi3FMUState *state) {
     Component *c = instance;
-    if (size != instance_state_size(c->instance))
-        return report(c, "The bytes are not a state of this FMU.");
-    if (!*state) *state = malloc(size);
-    if (!*state) return report(c, "Out of memory.");
-    memcpy(*state, bytes, size);
-    return fmi3OK;
+    return check(c, deserialize_state(c->instance, bytes, size, state));
 }
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const Reference unknowns[],
@@ -182,26 +157,8 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const Reference u
     Component *c = instance;
     if (n_seed != n_knowns || n_result != n_unknowns)
         return report(c, "All variables are scalar.");
-    double *direction = calloc(model.n_values + model.n_outputs + 1, sizeof(double));
-    double *derivative = direction ? direction + model.n_values : NULL;
-    fmi3Status status = fmi3OK;
-    if (!direction) return report(c, "Out of memory.");
-    for (size_t k = 0; k < n_knowns && status == fmi3OK; k++) {
-        if (knowns[k] < model.n_values)
-            direction[knowns[k]] += seed[k];
-        else
-            status = report(c, "Derivatives exist with respect to inputs and parameters.");
-    }
-    if (status == fmi3OK)
-        status = check(c, instance_derivative(c->instance, direction, derivative));
-    for (size_t k = 0; k < n_unknowns && status == fmi3OK; k++) {
-        if (unknowns[k] >= model.n_values && unknowns[k] - model.n_values < model.n_outputs)
-            result[k] = derivative[unknowns[k] - model.n_values];
-        else
-            status = report(c, "Derivatives exist of outputs only.");
-    }
-    free(direction);
-    return status;
+    return check(c, get_directional_derivative(c->instance, unknowns, n_unknowns, knowns, n_knowns,
+                                               seed, result));
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 step,
@@ -210,13 +167,9 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 step,
     Component *c = instance;
     (void)no_set_state;
     *event_handling = *terminate = *early_return = fmi3False;
+    const char *message = do_step(c->instance, t, step);
     *last_time = instance_time(c->instance);
-    if (!(fabs(t - *last_time) <= model.step))
-        return report(c, "The communication point is not the end of the last step.");
-    if (!(step > 0.0)) return report(c, "The communication step must be positive.");
-    const int code = instance_advance(c->instance, t + step);
-    *last_time = instance_time(c->instance);
-    return check(c, code);
+    return check(c, message);
 }
 
 /* Functions without effect, and functions of features that the FMU does not have. */

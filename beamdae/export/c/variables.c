@@ -1,0 +1,93 @@
+/* Access to variables and states by value reference, for all versions of FMI. */
+
+#include "variables.h"
+#include "model.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const OUT_OF_MEMORY = "Out of memory.";
+
+const char *get_variables(Instance *instance, const Index references[], size_t count,
+                          double values[], int has_time) {
+    for (size_t k = 0; k < count; k++) {
+        const Index output = references[k] - model.n_values;
+        if (references[k] < model.n_values) {
+            values[k] = instance_value(instance, references[k]);
+        } else if (output < model.n_outputs) {
+            const double *outputs = instance_outputs(instance);
+            if (!outputs) return instance_message(instance);
+            values[k] = outputs[output];
+        } else if (has_time && output == model.n_outputs) {
+            values[k] = instance_time(instance);
+        } else {
+            return "There is no variable with this value reference.";
+        }
+    }
+    return NULL;
+}
+
+const char *set_variables(Instance *instance, const Index references[], size_t count,
+                          const double values[]) {
+    for (size_t k = 0; k < count; k++) {
+        if (references[k] >= model.n_values) return "Only inputs and parameters can be set.";
+        if (instance_set_value(instance, references[k], values[k]))
+            return instance_message(instance);
+    }
+    return NULL;
+}
+
+const char *get_directional_derivative(Instance *instance, const Index unknowns[],
+                                       size_t n_unknowns, const Index knowns[], size_t n_knowns,
+                                       const double seed[], double result[]) {
+    double *direction = calloc(model.n_values + model.n_outputs + 1, sizeof(double));
+    if (!direction) return OUT_OF_MEMORY;
+    double *derivative = direction + model.n_values;
+    const char *message = NULL;
+    for (size_t k = 0; k < n_knowns && !message; k++) {
+        if (knowns[k] < model.n_values)
+            direction[knowns[k]] += seed[k];
+        else
+            message = "Derivatives exist with respect to inputs and parameters.";
+    }
+    if (!message && instance_derivative(instance, direction, derivative))
+        message = instance_message(instance);
+    for (size_t k = 0; k < n_unknowns && !message; k++) {
+        if (unknowns[k] >= model.n_values && unknowns[k] - model.n_values < model.n_outputs)
+            result[k] = derivative[unknowns[k] - model.n_values];
+        else
+            message = "Derivatives exist of outputs only.";
+    }
+    free(direction);
+    return message;
+}
+
+const char *copy_state(const Instance *instance, void **state) {
+    if (!*state) *state = malloc(instance_state_size(instance));
+    if (!*state) return OUT_OF_MEMORY;
+    instance_get_state(instance, *state);
+    return NULL;
+}
+
+const char *serialize_state(const Instance *instance, const void *state, void *bytes, size_t size) {
+    if (size < instance_state_size(instance)) return "The array is too short.";
+    memcpy(bytes, state, instance_state_size(instance));
+    return NULL;
+}
+
+const char *deserialize_state(const Instance *instance, const void *bytes, size_t size,
+                              void **state) {
+    if (size != instance_state_size(instance)) return "The bytes are not a state of this FMU.";
+    if (!*state) *state = malloc(size);
+    if (!*state) return OUT_OF_MEMORY;
+    memcpy(*state, bytes, size);
+    return NULL;
+}
+
+const char *do_step(Instance *instance, double t, double step) {
+    if (!(fabs(t - instance_time(instance)) <= model.step))
+        return "The communication point is not the end of the last step.";
+    if (!(step > 0.0)) return "The communication step must be positive.";
+    return instance_advance(instance, t + step) ? instance_message(instance) : NULL;
+}
