@@ -45,7 +45,9 @@ function findConstantNames(names, curves, unitOf) {
   }
   return names.filter((name) => {
     const { range, magnitude } = extents.get(name);
-    return magnitude < NOISE_MAGNITUDE || range <= CONSTANT_RANGE * scales.get(unitOf(name));
+    // Derivatives, for example with respect to an elastic modulus in Pa, may be small without being noise.
+    const noise = name.startsWith("d(") ? 0 : NOISE_MAGNITUDE;
+    return magnitude <= noise || range <= CONSTANT_RANGE * scales.get(unitOf(name));
   });
 }
 
