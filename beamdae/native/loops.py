@@ -114,9 +114,10 @@ class CompiledLoop:
         self, function: Any, work: Any, *, compiles: bool = True, **callbacks: tuple[Any, str]
     ) -> None:
         layout = _TableLayout(work, {})
-        self._numbers, self._kind, self._addresses = layout.numbers, layout.kind, layout.addresses
+        self._kind, self._addresses = layout.kind, layout.addresses
+        self._numbers = _group_numbers(layout.numbers)
         self.table = np.array(layout.words, np.int64)
-        self._floats = self.table.view(np.float64)
+        self._views = {float: self.table.view(np.float64), int: self.table}
         entries = {"loop": (function, "@"), **callbacks}
         self.addresses = _load_entries(tuple(entries.items()), self._kind, compiles)
         self._call = _LOOP_SIGNATURE(self.addresses["loop"])
@@ -138,19 +139,35 @@ class CompiledLoop:
         """
         layout = _TableLayout(self._work, self._addresses)
         assert layout.kind == self._kind
-        self._numbers, self._addresses = layout.numbers, layout.addresses
+        self._numbers, self._addresses = _group_numbers(layout.numbers), layout.addresses
         self.table[:] = layout.words
         self.load()
 
     def load(self) -> None:
         """Copy the numbers of the object into the table."""
-        for owner, name, word, kind in self._numbers:
-            (self._floats if kind is float else self.table)[word] = getattr(owner, name)
+        for kind, words, numbers in self._numbers:
+            self._views[kind][words] = [getattr(owner, name) for owner, name in numbers]
 
     def unload(self) -> None:
         """Copy the numbers in the table into the object."""
-        for owner, name, word, kind in self._numbers:
-            setattr(owner, name, kind((self._floats if kind is float else self.table)[word]))
+        for kind, words, numbers in self._numbers:
+            # One access to the table: its entries, one by one, would take five times as long.
+            values = self._views[kind][words].tolist()
+            for (owner, name), value in zip(numbers, values, strict=True):
+                setattr(owner, name, value)
+
+
+def _group_numbers(
+    numbers: list[tuple[Any, str, int, type]],
+) -> list[tuple[type, Array, list[tuple[Any, str]]]]:
+    """Return the words and the fields (owner, name) of the numbers of each type."""
+    kinds: tuple[type, ...] = (float, int)
+    groups = []
+    for kind in kinds:
+        fields_of_kind = [(owner, name, word) for owner, name, word, x in numbers if x is kind]
+        words = np.array([word for *_, word in fields_of_kind], np.intp)
+        groups.append((kind, words, [(owner, name) for owner, name, _ in fields_of_kind]))
+    return groups
 
 
 class _TableLayout:
