@@ -106,7 +106,9 @@ def expand_sines(function: ca.Function) -> ca.Function | None:
         elif code in (ca.OP_SIN, ca.OP_COS):
             angle = work[sources[0]]
             key = angle.element_hash()
-            pairs[key] = pairs.get(key) or _sine_and_cosine_function()(angle)
+            if key not in pairs:
+                sine, cosine = _sine_and_cosine_function().call([angle])
+                pairs[key] = sine, cosine
             work[targets[0]] = pairs[key][code == ca.OP_COS]
         elif len(sources) == 1:
             work[targets[0]] = SX.unary(code, work[sources[0]])
