@@ -85,7 +85,7 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
             {"key": "count", "label": "number of data", "unit": "", "kind": "number"},
             {"key": "rms", "label": "rms residual", "unit": "sigma", "kind": "number"},
         ],
-        "axes": {"x": "count", "y": "rms"},
+        "axes": None,
         "tables": [
             {"title": "Fit", "rows": list(describe_fit(fit).items())},
             _estimates_table(fit),

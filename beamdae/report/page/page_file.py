@@ -108,7 +108,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           "error" and "cost" of each case. The label of a case (key "label") and its status always
           come first. Columns with "section" equal to "solver" are hidden initially.
         - "axes": keys "x" and "y" of the columns that the scatter plot shows initially. The user
-          can select error, cost and numeric columns. Defaults to error over cost if available.
+          can select error, cost and numeric columns. Defaults to error over cost if available; None
+          for no scatter plot.
         - "sliders", one per swept parameter: "label", "unit", "values" (ascending), and "isNumeric"
           (the mechanism morphs between neighboring values). They select the motion, which is
           interpolated between the cases that have "frames".

@@ -11,7 +11,7 @@ function isStudyPage() {
 }
 
 function drawScatter() {
-  byId("precision").hidden = !isStudyPage();
+  byId("precision").hidden = !isStudyPage() || page.axes === null;
   const [x, y] = axisQuantities();
   const cases = x && y ? groupCases().filter((run) => isPlottable(run, x) && isPlottable(run, y)) : [];
   byId("scatter-title").replaceChildren(...createScatterTitle(x, y));
@@ -170,13 +170,15 @@ function createSeriesLines(cases, position, showsErrors) {
 
 function createPoint(run, [x, y], showsErrors) {
   const isBound = showsErrors && run.below;
+  const label = [run.label, ...listCaseFacts(run).map((row) => row.join(" "))].join(", ");
   const attributes = {
     class: `run ${familyColor(run.family)} ${isBound ? "hollow" : ""}`,
     transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
     "data-case": run.id,
     tabindex: "-1",
     role: "button",
-    "aria-label": [run.label, ...listCaseFacts(run).map((row) => row.join(" "))].join(", "),
+    "aria-label": label,
+    "data-label": label,
     click: () => toggleCase(run.id),
     pointerenter: (event) => showTooltip(event.clientX, event.clientY, ...createCaseTooltip(run)),
     pointerleave: hideTooltip,
@@ -228,7 +230,7 @@ function listUnplottedCases() {
   if (failures.length) {
     elements.push(
       html("strong", {}, `Failed, not drawn: ${failures.length}`),
-      html("ul", {}, ...failures.map(createFailureEntry)),
+      html("ul", { tabindex: "0", "aria-label": "failed cases" }, ...failures.map(createFailureEntry)),
     );
   }
   if (withoutValues) {

@@ -121,6 +121,9 @@ function markSelection(root) {
     element.classList.toggle("selected", isSelected);
     const label = element.querySelector(".number");
     if (label) label.textContent = number ?? "";
+    // The name of a point contains its visible number.
+    const { label: name } = element.dataset;
+    if (name) element.setAttribute("aria-label", isSelected ? `${number}: ${name}` : name);
     // The frame of a selected cell lies above its neighbors.
     if (isSelected && element.matches(".cell")) element.parentNode.append(element);
     if (element.matches(".run, .cell")) element.setAttribute("aria-pressed", isSelected);
