@@ -159,6 +159,16 @@ def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     assert [point.kind for point in path.critical] == ["branch point"]
 
 
+@pytest.mark.slow(reason="three paths of a thin column, 2 s")
+def test_regression_critical_loads_that_rounding_determines_have_a_note():
+    # At L / h = 1e6, 32 elements gave 2.16 instead of 2.467 without a remark.
+    case = BY_NAME["column, clamped, free"]
+    path = case.solve(1e6, 32, "floating frame, exact strain")
+    assert any("determined by rounding" in note for note in path.notes)
+    for elements in (8, 32):
+        assert not case.solve(1e5, elements, "floating frame, exact strain").notes
+
+
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
     case = BY_NAME["rigid bars, two bars, dead load"]
     first, second = case.reference(1e1, "exact")

@@ -70,11 +70,14 @@ class PathCriticalPoint:
         Index of the point in the path.
     mode
         Shape (n,) of the critical mode.
+    load_error
+        See `SegmentCriticalPoint`.
     """
 
     kind: str
     row: int
     mode: Array
+    load_error: float = 0.0
 
 
 @dataclass
@@ -114,7 +117,8 @@ class StagePath:
     def append(self, segment: PathSegment, critical: Sequence[SegmentCriticalPoint]) -> None:
         """Append the critical points and the end of a segment."""
         for one in critical:
-            self.critical.append(PathCriticalPoint(one.kind, len(self.points), one.mode))
+            row = len(self.points)
+            self.critical.append(PathCriticalPoint(one.kind, row, one.mode, one.load_error))
             self.points.append(one.point)
         self.points.append(segment.end)
 

@@ -17,6 +17,7 @@ from beamdae.analysis.statics.continuation import (
     switch_branch,
 )
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.critical_points import LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import (
@@ -64,6 +65,11 @@ _MAX_INITIAL_MOTION = 0.05
 # The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the
 # stiffness has fallen below this fraction of its initial value.
 _SOFT_RATIO = 0.2
+# Critical loads whose bound on the rounding error exceeds this fraction of them have a note. The
+# bound is up to 0.06 at L/h = 1e5, where errors are below 1e-4. At 1e6, it is 0.01 to 0.06 with 8
+# elements and 0.3 to 4 with 32 elements, where errors are 1e-3 to 0.12 (measured).
+_MAX_LOAD_ERROR = 0.1
+_MIN_LOAD_ERROR = 1e-3  # of the last load factor
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 
@@ -175,6 +181,8 @@ class EquilibriumPath(NamedTuple):
         Status at the end of the path.
     iterations
         Number of Newton iterations, including those of failed steps but not of relaxation.
+    notes
+        Remarks on critical loads that rounding errors determine.
     """
 
     points: list[EquilibriumPoint]
@@ -182,6 +190,7 @@ class EquilibriumPath(NamedTuple):
     critical: tuple[CriticalPoint, ...]
     status: Status
     iterations: int
+    notes: tuple[str, ...]
 
 
 def trace_path(loading: Loading, q: Array, settings: PathSettings) -> EquilibriumPath:
@@ -201,6 +210,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
     points: list[EquilibriumPoint] = []
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
+    notes: list[str] = []
     last_control: Control = LoadControl()
     if settings.column:
         time = loading.systems[0].loaded.time
@@ -238,12 +248,20 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
+            # Branch points without load, such as of an upright pendulum, have no relative error.
+            bound = max(_MAX_LOAD_ERROR * abs(factor), _MIN_LOAD_ERROR * abs(path.end.mu))
+            if one.load_error > bound and one.kind != LIMIT:
+                notes.append(
+                    f"equilibrium: the {one.kind} at the load factor {factor:.6g} is determined by "
+                    "rounding, because the beams are too thin for double precision on this mesh; "
+                    "use fewer elements or thicker beams."
+                )
         iterations += corrector.iterations
         status = _end_status(path, system, settings.control if is_last else LOAD)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
-    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations)
+    return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
 
 
 def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:

@@ -159,7 +159,7 @@ def equilibrium(
             recheck.critical,
             {**settings.description, "iterations": path.iterations},
             information,
-            ((_FRICTION_WARNING,) if has_friction else ()) + recheck.notes,
+            ((_FRICTION_WARNING,) if has_friction else ()) + recheck.notes + path.notes,
             _free_coordinates(equations, path),
         )
     if result.status.kind == "interrupted" and partial == "raise":
