@@ -59,7 +59,11 @@ def test_no_picture_skips_the_pictures_and_keeps_the_tables(tmp_path, command):
     [
         ("static", ["--no-picture", "--no-page"], ["column_static.html", "column_static.png"]),
         ("modes", ["--no-picture", "--no-page"], ["column_modes.html", "column_modes.png"]),
-        ("buckling", ["--no-page"], ["column_buckling.html"]),
+        (
+            "buckling",
+            ["--no-picture", "--no-page"],
+            ["column_buckling.html", "column_buckling.png"],
+        ),
         ("run", ["--no-picture", "--no-page"], ["column.html", "column.png"]),
         pytest.param(
             "sweep",
