@@ -91,7 +91,14 @@ def test_buckling_factors_are_those_of_buckling():
 
 MISTAKES = {
     "empty": ({"measure": {}}, "sweep: measure must be a dict of functions of a model by name"),
-    "number": ({"measure": {"x": 3}}, "outputs must be a dict of functions"),
+    "array": (
+        {"measure": np.zeros(2)},
+        "sweep: measure must be a dict of functions of a model by name",
+    ),
+    "number": (
+        {"measure": {"x": 3}},
+        "sweep: measure must be a dict of functions of a model by name, got",
+    ),
     "of": ({"measure": {"x": len}, "of": "block.x"}, "sweep: of is an option of runs"),
     "t_end": ({"measure": {"x": len}, "t_end": 1.0}, "sweep: t_end is an option of runs"),
     "outputs": (

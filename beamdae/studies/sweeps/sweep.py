@@ -15,6 +15,7 @@ from beamdae.errors import (
     is_valid_path,
     path_as_text,
     require_choice,
+    require_entries,
     require_positive,
     require_progress,
     short_repr,
@@ -163,7 +164,7 @@ def create_sweep(
 ) -> Sweep:
     """Return a sweep without running it; see `sweep` for parameters and errors."""
     if measure is not None:
-        _require_measure(
+        outputs = _require_measure(
             measure,
             {
                 "of": of,
@@ -174,7 +175,6 @@ def create_sweep(
                 "output_step": output_step,
             },
         )
-        outputs = measure
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
     combinations = expand_values(name, model, over)
     cases = [
@@ -194,19 +194,20 @@ def create_sweep(
     )
 
 
-def _require_measure(measure: Any, run_options: Mapping[str, Any]) -> None:
-    """Raise an error for an empty `measure`, and if options of runs are set."""
-    if not measure:
-        raise BeamdaeError(
-            f"sweep: measure must be a dict of functions of a model by name, got "
-            f"{short_repr(measure)}."
-        )
+def _require_measure(measure: Any, run_options: Mapping[str, Any]) -> dict[str, Measure]:
+    """Return `measure`, or raise an error, also if an option of runs is set."""
+    allowed = "a dict of functions of a model by name"
+    functions = require_entries("sweep", "measure", measure, allowed)
+    if not functions or not all(map(callable, functions.values())):
+        raise BeamdaeError(f"sweep: measure must be {allowed}, got {short_repr(measure)}.")
     for name, value in run_options.items():
-        if value is not None and value != ():
+        if not (value is None or (isinstance(value, tuple) and len(value) == 0)):
             raise BeamdaeError(
                 f"sweep: {name} is an option of runs, but with measure the model is not run; omit "
                 f"{name} or measure."
             )
+    return functions
+    return functions
 
 
 # Values by parameter, or a list of combinations.
