@@ -1,0 +1,255 @@
+"""Drawing, description and data package of a mechanism; requires matplotlib, numpy and pandas."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from geometry import make_curve
+from scorer import TIME
+
+VERSION = "1.0.0"
+_CHECKED = ("problem.json", "reference.csv", "uncertainty.csv", "confirmation.json", "drawing.svg")
+
+
+def attachment_point(problem: dict[str, Any], attachment: dict[str, Any]) -> np.ndarray:
+    """Return the position of an attachment in the reference configuration."""
+    if "point" in attachment:
+        return np.array(attachment["point"], dtype=float)
+    body = next(x for x in problem["bodies"] if x["name"] == attachment["body"])
+    curve = make_curve(body["curve"])
+    return np.asarray(curve.point(attachment["fraction"] * curve.length), dtype=float)
+
+
+def _find_attachments(problem: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    on = [x["on"] for key in ("outputs", "loads", "point_masses") for x in problem.get(key, [])]
+    on += [x[end] for key in ("joints", "springs") for x in problem.get(key, []) for end in "ab"]
+    return [x for x in on if x["body"] == name]
+
+
+def draw(problem: dict[str, Any], reference: pd.DataFrame | None, path: Path) -> None:
+    """Draw the reference configuration and the paths of the outputs."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = problem["name"]
+    figure, axis = plt.subplots(figsize=(5.5, 4.2), layout="constrained")
+    if reference is not None:
+        for k, output in enumerate(problem["outputs"]):
+            x, y = (f"{output['name']}.{q} [m]" for q in "xy")
+            if x in reference and y in reference:
+                label = f"path of {output['name']}"
+                axis.plot(reference[x], reference[y], color=f"C{k}", lw=0.9, alpha=0.7, label=label)
+    for body in problem["bodies"]:
+        if body["type"] == "beam":
+            curve = make_curve(body["curve"])
+            line = np.array([curve.point(s) for s in np.linspace(0.0, curve.length, 41)])
+            axis.plot(*line.T, color="0.15", lw=2.5, solid_capstyle="round", zorder=3)
+            continue
+        points = [attachment_point(problem, x) for x in _find_attachments(problem, body["name"])]
+        polygon = np.array([*points, body["center"]])
+        axis.plot(*polygon.T, color="0.55", lw=6, solid_capstyle="round", zorder=2)
+        axis.plot(*body["center"], "+", color="0.2", zorder=4)
+    markers = {"revolute": "o", "weld": "s", "driver": "D", "point_on_line": "_"}
+    for joint in problem["joints"]:
+        point = attachment_point(problem, joint["b"])
+        size = {"driver": 11, "point_on_line": 26}.get(joint["type"], 7)
+        fixed = joint["a"]["body"] == "ground"
+        axis.plot(
+            *point,
+            markers[joint["type"]],
+            ms=size,
+            mfc="none" if joint["type"] == "driver" else "#f0c040" if fixed else "white",
+            mec="0.1",
+            zorder=5,
+        )
+    for particle in problem.get("point_masses", []):
+        axis.plot(*attachment_point(problem, particle["on"]), "o", ms=10, color="0.3", zorder=4)
+    for spring in problem.get("springs", []):
+        ends = np.array([attachment_point(problem, spring[end]) for end in "ab"])
+        axis.plot(*ends.T, ":", color="C3", lw=2, zorder=4)
+    for load in problem.get("loads", []):
+        point = attachment_point(problem, load["on"])
+        if load["type"] == "moment":
+            axis.annotate("moment", point, (12, 12), textcoords="offset points", color="C3")
+            continue
+        direction = np.array([_law_sign(law) for law in load["components"]])
+        axis.annotate(
+            "force",
+            point,
+            -42.0 * direction,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            color="C3",
+            arrowprops={"arrowstyle": "-|>", "color": "C3"},
+        )
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.12)
+    axis.set_xlabel("x [m]")
+    axis.set_ylabel("y [m]")
+    axis.grid(alpha=0.25)
+    handles, _ = axis.get_legend_handles_labels()
+    if handles:
+        figure.legend(fontsize=8, loc="outside lower center", ncols=3)
+    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+    plt.close(figure)
+
+
+def _law_sign(law: Any) -> float:
+    """Return the sign of the first nonzero value of a law."""
+    if isinstance(law, int | float):
+        return float(np.sign(law))
+    values = [law["amplitude"]] if "amplitude" in law else law["values"]
+    return float(np.sign(next((x for x in values if x), 0.0)))
+
+
+def _format_law(law: Any) -> str:
+    if isinstance(law, int | float):
+        return f"{law:g}"
+    values = ", ".join(
+        f"{key} {value:.6g}" if isinstance(value, int | float) else f"{key} {value}"
+        for key, value in law.items()
+        if key != "type"
+    )
+    return f"{law['type']} ({values})"
+
+
+def _format_place(attachment: dict[str, Any]) -> str:
+    if "point" in attachment:
+        return f"{attachment['body']} at ({', '.join(f'{x:.6g}' for x in attachment['point'])})"
+    return f"{attachment['body']} at {attachment['fraction']:g} L"
+
+
+def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
+    """Return the description in Markdown; `problem.json` contains the same data in full."""
+    end, step = problem["time"]["end"], problem["time"]["output_step"]
+    lines = [
+        f"# {problem['title']}",
+        "",
+        problem["summary"],
+        "",
+        "![Drawing](drawing.svg)",
+        "",
+        f"Gravity ({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2; {end:g} s, rows "
+        f"every {step:g} s. Sources: {'; '.join(problem['sources'])}.",
+        "",
+    ]
+    if problem["sections"]:
+        lines += [
+            "| section | E [Pa] | nu | rho [kg/m^3] | A [m^2] | I [m^4] | k_s | damping time [s] |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        for name, data in problem["sections"].items():
+            material = problem["materials"][data["material"]]
+            numbers = [*material.values(), data["area"], data["second_moment"]]
+            numbers += [data["shear_coefficient"], data.get("damping_time", 0.0)]
+            lines.append(f"| {name} | {' | '.join(f'{x:.6g}' for x in numbers)} |")
+        lines.append("")
+    lines += ["| part | kind | data |", "|---|---|---|"]
+    for body in problem["bodies"]:
+        data = {k: v for k, v in body.items() if k not in ("type", "name")}
+        lines.append(f"| {body['name']} | {body['type']} | {_format_data(data)} |")
+    for mass in problem.get("point_masses", []):
+        place = _format_place(mass["on"])
+        lines.append(f"| {mass['name']} | point mass | {mass['mass']:g} kg, {place} |")
+    for joint in problem["joints"]:
+        text = f"{_format_place(joint['a'])}; {_format_place(joint['b'])}"
+        if "law" in joint:
+            text += f"; {_format_law(joint['law'])} rad"
+        lines.append(f"| {joint['name']} | {joint['type']} | {text} |")
+    for load in problem.get("loads", []):
+        laws = [_format_law(x) for x in load.get("components", [load.get("law")])]
+        unit = "N m" if load["type"] == "moment" else "N"
+        text = f"{_format_place(load['on'])}: {'; '.join(laws)} {unit}"
+        lines.append(f"| {load['name']} | {load['type']} | {text} |")
+    for spring in problem.get("springs", []):
+        text = f"{_format_place(spring['a'])}; {_format_place(spring['b'])}; "
+        text += f"{spring['stiffness']:g} N/m, {spring.get('damping', 0.0):g} N s/m, free length "
+        lines.append(f"| {spring['name']} | spring | {text}{spring['free_length']:g} m |")
+    lines += ["", "## Reference", ""]
+    lines += [
+        f"Status: **{confirmation['status']}**. Largest uncertainty: "
+        f"{confirmation['uncertainty']:.1e} of half the range of a column (own refinement: "
+        f"{confirmation['refinement']:.1e}).",
+        "",
+        "| code | setting | largest difference / half range | column |",
+        "|---|---|---|---|",
+    ]
+    for code in confirmation["codes"]:
+        value = "failed" if code["largest"] is None else f"{code['largest']:.1e}"
+        lines.append(f"| {code['tool']} | {code['setting']} | {value} | {code['column']} |")
+    return "\n".join(lines) + "\n"
+
+
+def _format_data(data: Any) -> str:
+    text = json.dumps(data)
+    text = re.sub(r"-?\d+\.\d{6,}(e-?\d+)?", lambda x: f"{float(x[0]):.6g}", text)
+    return text.replace('"', "")[1:-1]
+
+
+def write_datapackage(folder: Path) -> None:
+    """Write `datapackage.json` (Frictionless) with units and checksums."""
+    problem = json.loads((folder / "problem.json").read_text())
+    resources: list[dict[str, Any]] = []
+    for name in _CHECKED:
+        content = (folder / name).read_bytes()
+        resource = {
+            "name": name.replace(".", "-").lower(),
+            "path": name,
+            "bytes": len(content),
+            "hash": f"sha256:{hashlib.sha256(content).hexdigest()}",
+        }
+        if name.endswith(".csv"):
+            columns = pd.read_csv(folder / name, nrows=0).columns
+            units = [re.search(r"\[(.*)\]", column) for column in columns]
+            fields = [
+                {
+                    "name": column,
+                    "type": "number",
+                    "unit": unit[1] if unit else "",
+                    "constraints": {"required": True},
+                }
+                for column, unit in zip(columns, units, strict=True)
+            ]
+            resource |= {
+                "type": "table",
+                "format": "csv",
+                "mediatype": "text/csv",
+                "encoding": "utf-8",
+                "schema": {"fields": fields, "primaryKey": [TIME]},
+            }
+        resources.append(resource)
+    package = {
+        "name": problem["name"].replace("_", "-"),
+        "title": problem["title"],
+        "description": problem["summary"],
+        "version": VERSION,
+        "licenses": [
+            {
+                "name": "CC-BY-4.0",
+                "title": "Creative Commons Attribution 4.0 International",
+                "path": "https://creativecommons.org/licenses/by/4.0/",
+            }
+        ],
+        "resources": resources,
+    }
+    (folder / "datapackage.json").write_text(json.dumps(package, indent=1) + "\n")
+
+
+def check_checksums(folder: Path) -> list[str]:
+    """Return one sentence per file that differs from its checksum in `datapackage.json`."""
+    package = json.loads((folder / "datapackage.json").read_text())
+    problems = []
+    for resource in package["resources"]:
+        digest = hashlib.sha256((folder / resource["path"]).read_bytes()).hexdigest()
+        if resource["hash"] != f"sha256:{digest}":
+            problems.append(f"{folder.name}/{resource['path']}: the checksum differs.")
+    return problems

@@ -1,0 +1,243 @@
+"""Scorer: compares the CSV file of any tool with a reference; requires numpy and pandas only."""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+TIME = "t [s]"
+TIME_TOLERANCE = 1e-9  # relative to the end time
+COSTS = ("wall_time", "processor_time", "steps", "max_position_drift", "energy_imbalance")
+
+
+def half_ranges(reference: pd.DataFrame) -> pd.Series:
+    """Return half the range of each column of the reference."""
+    table = reference.drop(columns=TIME)
+    return (table.max() - table.min()) / 2.0
+
+
+def score_columns(
+    reference: pd.DataFrame, uncertainty: pd.DataFrame, result: pd.DataFrame
+) -> pd.DataFrame:
+    """Return error and uncertainty of each column of a result.
+
+    Returns
+    -------
+    DataFrame
+        One row per column of the reference. `error` is the largest difference from the reference,
+        `rms` its root mean square and `uncertainty` the largest uncertainty of the reference, all
+        relative to half the range of the column in the reference. `is_resolved` is True if at some
+        time the difference exceeds the uncertainty at that time.
+
+    Raises
+    ------
+    ValueError
+        If columns or times of the result are missing.
+    """
+    missing = [name for name in reference.columns if name not in result.columns]
+    if missing:
+        raise ValueError(f"result: columns {missing} are missing; add them.")
+    times = reference[TIME].to_numpy()
+    given = result[TIME].to_numpy()
+    tolerance = TIME_TOLERANCE * times[-1]
+    rows = np.clip(np.searchsorted(given, times - tolerance), 0, max(len(given) - 1, 0))
+    if not len(given) or np.abs(given[rows] - times).max() > tolerance:
+        raise ValueError("result: not all times of the reference are present; write all of them.")
+    scores = {}
+    for name, half_range in half_ranges(reference).items():
+        difference = np.abs(result[name].to_numpy()[rows] - reference[name].to_numpy())
+        if not np.all(np.isfinite(difference)):
+            raise ValueError(f"result: column {name!r} is not finite.")
+        scores[name] = {
+            "error": difference.max() / half_range,
+            "rms": np.sqrt(np.mean(difference**2)) / half_range,
+            "uncertainty": uncertainty[name].max() / half_range,
+            "is_resolved": bool(np.any(difference > uncertainty[name].to_numpy())),
+        }
+    return pd.DataFrame(scores).T.infer_objects()
+
+
+def score_result(mechanism: Path, result: Path) -> dict[str, Any]:
+    """Return one row of the table of results; a failure is a row as well.
+
+    Parameters
+    ----------
+    mechanism
+        Folder of the mechanism.
+    result
+        CSV file of the tool. The JSON file of the same name, if present, contains `success`,
+        `reason` and costs: wall and processor time [s], steps, drift [m], energy imbalance.
+    """
+    details = result.with_suffix(".json")
+    information = json.loads(details.read_text()) if details.exists() else {}
+    row: dict[str, Any] = {
+        "mechanism": mechanism.name,
+        "tool": result.parent.name,
+        "success": information.get("success", True),
+        "error": np.nan,
+        "worst column": "",
+        "uncertainty": np.nan,
+        **{name: information.get(name, np.nan) for name in COSTS},
+        "warnings": len(information.get("warnings", [])),
+        "reason": information.get("reason", ""),
+    }
+    if not result.exists():
+        return row | {"success": False, "reason": row["reason"] or "there is no CSV file"}
+    try:
+        columns = score_columns(
+            pd.read_csv(mechanism / "reference.csv"),
+            pd.read_csv(mechanism / "uncertainty.csv"),
+            pd.read_csv(result),
+        )
+    except (ValueError, KeyError) as error:
+        return row | {"success": False, "reason": f"{row['reason']}; {error}".strip("; ")}
+    worst = columns["error"].idxmax()
+    return row | {
+        "error": columns["error"].max(),
+        "worst column": worst,
+        "uncertainty": columns["uncertainty"].max(),
+    }
+
+
+def score_all(mechanisms: Path, results: Path) -> pd.DataFrame:
+    """Return the scores of all result files in results/TOOL/MECHANISM.csv or .json."""
+    stems = {
+        file.with_suffix(".csv")
+        for file in results.glob("*/*.*")
+        if file.suffix in (".csv", ".json") and (mechanisms / file.stem / "reference.csv").exists()
+    }
+    return pd.DataFrame([score_result(mechanisms / x.stem, x) for x in sorted(stems)])
+
+
+def plot_work_precision(scores: pd.DataFrame, path: Path) -> None:
+    """Write a picture of error over processor time, one panel per mechanism."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
+
+    names = sorted(scores["mechanism"].unique())
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(3.2 * columns, 2.6 * rows), squeeze=False, layout="constrained"
+    )
+    tools = sorted(scores["tool"].unique())
+    markers = "os^vD<>Pp*Xhd8"
+    handles = {}
+    for axis, name in zip(axes.flat, names, strict=False):
+        part = scores[scores["mechanism"] == name]
+        for k, tool in enumerate(tools):
+            points = part[(part["tool"] == tool) & part["error"].notna()]
+            handle = axis.plot(
+                points["processor_time"],
+                points["error"].clip(lower=1e-12),
+                markers[k % len(markers)],
+                color=f"C{k % 10}",
+                label=tool,
+            )[0]
+            handles[tool] = handle
+        axis.axhline(part["uncertainty"].max(), color="0.6", linewidth=0.8, linestyle=":")
+        axis.set(xscale="log", yscale="log")
+        axis.set_title(name, fontsize=8)
+        axis.tick_params(labelsize=6)
+        for part_axis in (axis.xaxis, axis.yaxis):
+            part_axis.set_minor_formatter(NullFormatter())
+        axis.grid(alpha=0.3)
+    for axis in axes.flat[len(names) :]:
+        axis.set_axis_off()
+    figure.suptitle(
+        "Largest error / half range over processor time [s] (dotted: uncertainty of the reference)",
+        fontsize=10,
+    )
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Benchmark of record: results</title>
+<style>
+:root {{ color-scheme: light dark; }}
+body {{ font: 15px/1.5 system-ui, sans-serif; margin: 1.5rem auto; max-width: 75rem; }}
+body {{ padding: 0 1rem; }}
+div {{ overflow-x: auto; }}
+table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
+th, td {{ border-bottom: 1px solid #8886; padding: .25rem .6rem; text-align: right; }}
+th:first-child, td:first-child {{ text-align: left; position: sticky; left: 0; }}
+th:first-child, td:first-child {{ background: Canvas; }}
+.failed {{ color: #c33; }} .close {{ color: #2a8a4a; }}
+</style></head><body>
+<h1>Benchmark of record: results</h1>
+<p>Each cell lists the largest error of all columns relative to half their range, and the processor
+time [s]. Green: at most twice the uncertainty of the reference or 1e-4. Failed runs are red; the
+reason is the tooltip.</p>
+<div><table><thead><tr><th>mechanism</th><th>uncertainty</th>{head}</tr></thead>
+<tbody>
+{body}
+</tbody></table></div>
+</body></html>
+"""
+
+
+def write_page(scores: pd.DataFrame, path: Path) -> None:
+    """Write one HTML table of mechanisms and tools."""
+    tools = sorted(scores["tool"].unique())
+    lines = []
+    for name, part in scores.groupby("mechanism"):
+        cells = [f"<td>{html.escape(str(name))}</td><td>{part['uncertainty'].max():.0e}</td>"]
+        for tool in tools:
+            rows = part[part["tool"] == tool]
+            if rows.empty:
+                cells.append("<td></td>")
+                continue
+            row = rows.iloc[0]
+            if np.isnan(row["error"]):
+                reason = html.escape(str(row["reason"]), quote=True)
+                cells.append(f'<td class="failed" title="{reason}">failed</td>')
+                continue
+            close = row["error"] <= max(2.0 * row["uncertainty"], 1e-4)
+            kind = "failed" if not row["success"] else "close" if close else ""
+            reason = html.escape(str(row["reason"]), quote=True)
+            cost = "" if np.isnan(row["processor_time"]) else f" / {row['processor_time']:.2f}"
+            cells.append(f'<td class="{kind}" title="{reason}">{row["error"]:.1e}{cost}</td>')
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    head = "".join(f"<th>{html.escape(tool)}</th>" for tool in tools)
+    path.write_text(_PAGE.format(head=head, body="\n".join(lines)), encoding="utf-8")
+
+
+def write_markdown(scores: pd.DataFrame, path: Path) -> None:
+    """Write the table of mechanisms and tools in Markdown, with one line per failure below."""
+    tools = sorted(scores["tool"].unique())
+    lines = [
+        f"| mechanism | uncertainty | {' | '.join(tool.replace('_', ' ') for tool in tools)} |",
+        "|---|---|" + "---|" * len(tools),
+    ]
+    failures = []
+    for name, part in scores.groupby("mechanism"):
+        cells = [str(name), f"{part['uncertainty'].max():.0e}"]
+        for tool in tools:
+            rows = part[part["tool"] == tool]
+            if rows.empty:
+                cells.append("")
+                continue
+            row = rows.iloc[0]
+            cost = "" if np.isnan(row["processor_time"]) else f" / {row['processor_time']:.2f} s"
+            error = "failed" if np.isnan(row["error"]) else f"{row['error']:.1e}"
+            mark = " (refused)" if error != "failed" and not row["success"] else ""
+            mark += " (warns)" if row["warnings"] else ""
+            cells.append(f"{error}{cost}{mark}")
+            if not row["success"]:
+                failures.append(f"- {name}, {tool.replace('_', ' ')}: {row['reason']}")
+        lines.append(f"| {' | '.join(cells)} |")
+    if failures:
+        lines += ["", "Failures and refusals:", "", *failures]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
