@@ -287,21 +287,6 @@ class Equilibrium:
         """
         return load_views().write_analysis_page(self, require_file_path("page", path))
 
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the mechanism along the path beside its curves, and tables.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
-
     def table(self) -> pd.DataFrame:
         """Return load factors, observed columns, unstable directions and kinds of critical points.
 
