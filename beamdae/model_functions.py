@@ -296,8 +296,7 @@ class Model:
         """Convert other sequences of numbers if the default is a tuple or list of floats."""
         default: Any = self.parameters[name]
         kind = type(default)
-        is_sequence = isinstance(value, (tuple, list)) or getattr(value, "ndim", None) == 1
-        if kind not in (tuple, list) or isinstance(value, kind) or not is_sequence:
+        if kind not in (tuple, list) or isinstance(value, kind) or not _is_sequence(value):
             return value
         is_real = all(as_real(x) is not None for x in default)
         if not is_real or not any(isinstance(x, float) for x in default):
@@ -330,6 +329,14 @@ class Model:
             if number is not None:
                 return number
         raise self._type_error(name, text)
+
+
+def _is_sequence(value: Any) -> bool:
+    try:
+        return isinstance(value, (tuple, list)) or bool(getattr(value, "ndim", None) == 1)
+    except Exception:
+        # Attributes of other objects may raise any error.
+        return False
 
 
 def model_of(mechanism: Any) -> Model | None:

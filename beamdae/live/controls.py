@@ -38,7 +38,8 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     BeamdaeError
         If `ranges` has the wrong form, or names an unknown or another kind of parameter.
     """
-    pairs = require_mapping("view", "ranges", ranges or {}, "a dict of pairs by parameter")
+    given = {} if ranges is None else ranges
+    pairs = require_mapping("view", "ranges", given, "a dict of pairs by parameter")
     ends = {str(name): _require_range(model, str(name), x) for name, x in pairs.items()}
     return [_create_control(x, ends.get(x.name)) for x in model.parameter_info.values()]
 

@@ -92,6 +92,7 @@ NOT_CALLABLE = {
     "Frame": "result of frame",
     "Input": "result of Mechanism.input",
     "Joint": "base class of joints",
+    "LiveView": "result of view",
     "KnockDown": "result of knock_down",
     "PeriodicMotion": "result of periodic",
     "Plot": "result of plot",

@@ -65,6 +65,7 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
             "t_end": T_END,
             "output_step": OUTPUT_STEP,
             "time_limit": 10.0,
+            "measure": None,
             "folder": "sweep",
             "jobs": 1,
             "scheduler": None,
@@ -73,6 +74,11 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
         },
         _get_table,
         _sweep_into_folder,
+    ),
+    "sweep measure": WorkingCall(
+        lambda box: {"measure": {"parts": lambda model: len(model().parts)}, "jobs": 1},
+        _get_table,
+        lambda box, **arguments: bd.sweep(box.swing, {"mass": [1.0, 2.0]}, **arguments),
     ),
     "sweep values": WorkingCall(
         lambda box: {"mass": [1.0, 2.0], "spin": (1,)},
@@ -233,6 +239,11 @@ def _load_written_model(sandbox: Sandbox, path: Any, name: Any) -> bd.Model:
     return bd.load_model(path, name)
 
 
+def _close_view(box: Sandbox, live: bd.LiveView) -> str:
+    live.close()
+    return live.url
+
+
 MODEL_CALLS: dict[str, WorkingCall] = {
     "Model": WorkingCall(
         lambda box: {
@@ -276,8 +287,29 @@ MODEL_CALLS: dict[str, WorkingCall] = {
             "accept_changes": False,
             "partial": "raise",
             "keep_steps": True,
+            "sensitivities": None,
         },
         return_result,
+    ),
+    "simulate sensitivities": WorkingCall(
+        lambda box: {"sensitivities": ("mass",), "output_step": OUTPUT_STEP},
+        return_result,
+        lambda box, **arguments: bd.simulate(box.swing, bd.Radau(1e-6), **arguments),
+    ),
+    "param": WorkingCall(
+        lambda box: {"default": 1.0, "unit": "m", "description": "length of the rope"},
+        return_result,
+    ),
+    "view": WorkingCall(
+        lambda box: {
+            "model": box.swing,
+            "ranges": {"mass": (1.0, 2.0)},
+            "t_end": T_END,
+            "time_limit": 1.0,
+            "port": 0,
+            "browser": False,
+        },
+        _close_view,
     ),
     "check": WorkingCall(
         lambda box: {"model": box.mech, "t_end": T_END, "predict": False}, return_result
