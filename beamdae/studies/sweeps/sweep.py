@@ -207,7 +207,6 @@ def _require_measure(measure: Any, run_options: Mapping[str, Any]) -> dict[str, 
                 f"{name} or measure."
             )
     return functions
-    return functions
 
 
 # Values by parameter, or a list of combinations.
