@@ -28,6 +28,16 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 Array = np.ndarray
 
 
+# Beams in a chord frame move linearly if their chord is shorter than this fraction of the
+# undeformed one.
+_MIN_CHORD_RATIO = 0.1
+
+
+def _smallest_turn(angle: float) -> float:
+    """Return the angle up to full turns, from -pi to pi [rad]."""
+    return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
+
+
 @dataclass(frozen=True)
 class AxisElements:
     """Elements of equal degree whose nodes have absolute positions and section angles.
@@ -121,6 +131,8 @@ class FrameAxis:
         w, phi = self._nodal(q)
         dw, dphi = self._nodal(change)
         z, dz, turn = 1.0 + self._derivative(w), self._derivative(dw), self._at_points(dphi)
+        if self._has_short_chord(z):
+            return
         z = np.exp(1j * turn) * (z + dz - 1j * turn * z)
         angle, direction = 0.0, self.axis.end_direction
         if direction is not None:
@@ -128,6 +140,9 @@ class FrameAxis:
             end = direction * self._integrate(z)[-1]
             sine = (direction * self.undeformed).imag / abs(end)
             angle = float(np.angle(end)) - float(np.arcsin(np.clip(sine, -1.0, 1.0)))
+            # The end may be on either side of the start.
+            other = 2.0 * float(np.angle(end)) - np.pi - angle
+            angle = min((_smallest_turn(each) for each in (angle, other)), key=abs)
             z = np.exp(-1j * angle) * z
             result[self.first + self.axis.frame_angle] += angle
         self._set_nodal(result, self._integrate(z - 1.0), phi + dphi - angle)
@@ -136,6 +151,8 @@ class FrameAxis:
         """Replace the changes in `result` by those with which `displace` gives `other`."""
         (w, phi), (other_w, other_phi) = self._nodal(q), self._nodal(other)
         z, other_z = (1.0 + self._derivative(each) for each in (w, other_w))
+        if self._has_short_chord(z):
+            return
         turn = self._at_points(other_phi - phi)
         dz, angle = np.exp(-1j * turn) * other_z - z + 1j * turn * z, 0.0
         direction = self.axis.end_direction
@@ -145,6 +162,12 @@ class FrameAxis:
             dz = dz + 1j * angle * z
             result[self.first + self.axis.frame_angle] -= angle
         self._set_nodal(result, self._integrate(dz), other_phi - phi + angle)
+
+    def _has_short_chord(self, z: Array) -> bool:
+        """Return True if the ends are so close that the direction of the chord is sensitive."""
+        if self.axis.end_direction is None:
+            return False
+        return abs(self._integrate(z)[-1]) < _MIN_CHORD_RATIO * abs(self.undeformed)
 
     def _nodal(self, q: Array) -> tuple[Array, Array]:
         """Return w and phi of all nodes."""
