@@ -179,16 +179,16 @@ def _read_rows(path: Path, link: Path, content: dict[str, Any]) -> Callable[[], 
 
 def _link_trajectory(source: Path, path: Path, text: bytes) -> None:
     with suppress(OSError):
-        # The usual case of a new task: a link is created at once or not at all.
-        os.link(source, path)
-        return
-    with suppress(OSError):
         if path.samefile(source):
             return
         with open_regular_file(path) as stream:
             # One byte more than expected shows whether the file is longer.
             if stream.read(len(text) + 1) == text:
                 return
+    with suppress(OSError):
+        # A link to a new name is created at once or not at all.
+        os.link(source, path)
+        return
     with atomic_write(path) as scratch:
         scratch.unlink()
         try:

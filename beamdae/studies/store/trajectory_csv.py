@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,7 +16,6 @@ from beamdae.results.storage.number_text import format_rows
 
 _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
 _NUMBER_CHARACTERS = b"0123456789+-.eEnaif,\n"  # and separators
-_FIRST_CELLS = re.compile(rb"^[^,\n]*", re.MULTILINE)
 
 
 def format_trajectory(table: pd.DataFrame) -> bytes:
@@ -60,7 +58,7 @@ def read_times(content: bytes, index: str, columns: Sequence[str]) -> np.ndarray
     body = _require_body(content, index, columns)
     if body.translate(None, _NUMBER_CHARACTERS):
         raise ValueError("contains cells that are not numbers")
-    cells = _FIRST_CELLS.findall(body, 0, max(len(body) - 1, 0)) if body else []
+    cells = [row.partition(b",")[0] for row in body.splitlines()]
     try:
         return np.array([float(cell or b"nan") for cell in cells])
     except ValueError:
