@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -214,9 +215,13 @@ def write_page(scores: pd.DataFrame, path: Path) -> None:
     path.write_text(_PAGE.format(head=head, body="\n".join(lines)), encoding="utf-8")
 
 
-def write_markdown(scores: pd.DataFrame, path: Path) -> None:
-    """Write the table of mechanisms and tools in Markdown, with one line per failure below."""
-    tools = sorted(scores["tool"].unique())
+def write_markdown(scores: pd.DataFrame, path: Path, first: Sequence[str] = ()) -> None:
+    """Write the table of mechanisms and tools in Markdown, with one line per failure below.
+
+    The columns start with the tools of `first`.
+    """
+    names = sorted(scores["tool"].unique())
+    tools = [x for x in first if x in names] + [x for x in names if x not in first]
     lines = [
         f"| mechanism | uncertainty | {' | '.join(tool.replace('_', ' ') for tool in tools)} |",
         "|---|---|" + "---|" * len(tools),
