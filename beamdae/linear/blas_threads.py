@@ -78,9 +78,15 @@ def _call_in_thread(function: Callable[[], None]) -> None:
 def _find_libraries(n_modules: int) -> ThreadpoolController:
     """Return the BLAS libraries in memory; `n_modules` is the number of imported modules.
 
-    A search takes half a millisecond; libraries are loaded by imports of modules.
+    A search takes half a millisecond; libraries are loaded by imports of modules, or else
+    `find_new_libraries` is called.
     """
     return ThreadpoolController()
+
+
+def find_new_libraries() -> None:
+    """Include a library that was opened without an import, from the next context on."""
+    _find_libraries.cache_clear()
 
 
 single_threaded = _SingleThreadedBlas()

@@ -12,6 +12,7 @@ from pathlib import PurePath
 from types import SimpleNamespace
 from typing import Any
 
+from beamdae.linear.blas_threads import find_new_libraries
 from beamdae.sundials.prototypes import PROTOTYPES, FunctionAddresses
 
 _SUPPORTED_MAJOR_VERSION = 7
@@ -82,9 +83,11 @@ def _find_images() -> list[ctypes.CDLL]:
         # Symbols are also looked up in the libraries that the extension module is linked to. The
         # module itself is not imported, because it imports SciPy's optimizers, which takes a third
         # of a short run.
-        return [ctypes.CDLL(_find_extension_module())]
+        images = [ctypes.CDLL(_find_extension_module())]
     except OSError as problem:
         raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
+    find_new_libraries()  # It is linked to a BLAS library.
+    return images
 
 
 def _find_extension_module() -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import dataclass, field
@@ -288,6 +290,24 @@ def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads
     has_left.set()
     thread.join()
     assert two_threads_of_blas.items() <= threads_of_blas().items()
+
+
+def test_regression_blas_of_sundials_has_one_thread():
+    """SUNDIALS is opened without an import, which alone made the libraries be searched again."""
+    program = (
+        "import threadpoolctl, scipy.linalg\n"
+        "from beamdae.linear.blas_threads import single_threaded\n"
+        "from beamdae.sundials.library import load_library\n"
+        "with single_threaded: pass\n"
+        "load_library()\n"
+        "with single_threaded: pools = threadpoolctl.threadpool_info()\n"
+        "print({x['num_threads'] for x in pools if x['user_api'] == 'blas'})"
+    )
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    run = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == "{1}"
 
 
 def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_threads_of_blas):

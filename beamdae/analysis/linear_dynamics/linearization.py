@@ -200,7 +200,7 @@ def _linearize_motion(full_equations: EquationsOfMotion, instant: Instant) -> Li
     state = ConsistencySolver(equations).state(time, instant.state.q, instant.state.v)
     description = f"the frozen motion at t = {instant.t:g} s"
     tangent = compute_tangent(equations, time, state)
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if instant.doubt:
         warnings = (
             "this state may be wrong because it is the end of a failed run "
