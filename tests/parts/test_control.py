@@ -256,7 +256,7 @@ def test_regulator_of_an_inverted_flexible_pendulum():
     inertia = rod * 0.6**2 / 3.0 + 0.1 * 0.6**2
     moment = rod * 0.3 + 0.1 * 0.6
     rate = np.sqrt(9.81 * moment / (inertia - moment**2 / (1.1 + rod)))
-    assert np.max(np.linalg.eigvals(linear.A).real) == pytest.approx(rate, rel=0.02)
+    assert np.max(linear.poles.real) == pytest.approx(rate, rel=0.02)
     weight = C.T @ np.diag([10.0, 50.0]) @ C
     weight = 0.5 * (weight + weight.T) + 1e-6 * np.max(weight) * np.eye(n)
     gain = control.dlqr(A, B, weight, [[1e-2]])[0]
