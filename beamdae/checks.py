@@ -111,7 +111,7 @@ class MeshAssessment:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """Order-of-magnitude prediction of the cost of a run with `Auto()`, from the begun run.
+    """Order-of-magnitude prediction of the cost of a run with `Auto()`, from its first steps.
 
     Attributes
     ----------
@@ -228,9 +228,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         End time [s] of the predicted run. Defaults to the model's end time; if the model has none,
         no run is predicted.
     predict
-        True to predict the cost by a run of at most one second of wall time after its pilot runs,
-        which have at most three. If it does not reach its end, a run with a loose tolerance of at
-        most three seconds follows, by which the cost is extrapolated.
+        True to predict the cost from a run that is stopped after 1 s of wall time, in addition to
+        at most 3 s for its pilot runs. If the run does not reach its end, its cost is extrapolated
+        by a run with a loose tolerance, which takes at most 3 s.
 
     Returns
     -------
@@ -415,7 +415,7 @@ def _steps_after(run: Solution, reached: float, end: float) -> float:
 class _BriefRun:
     """Run that is stopped after limited wall times of its pilot runs and its main run.
 
-    The times begin with the first steps, after compilation, and end the runs by `progress`:
+    The times begin with the first steps, after compilation. `progress` stops the runs, because
     `time_limit` of the integrator would change the pilot runs and thereby the error control.
 
     Attributes
@@ -429,8 +429,7 @@ class _BriefRun:
     def __init__(
         self, equations: EquationsOfMotion, integrator: Auto, end: float, time: float
     ) -> None:
-        self._time, self._begin, self._main = time, clock.perf_counter(), 0.0
-        self._has_begun = False
+        self._time, self._begin, self._main = time, 0.0, 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BeamdaeWarning)
             self.solution = simulate(equations, integrator, end, progress=self._stop)
@@ -440,8 +439,7 @@ class _BriefRun:
 
     def _stop(self, t: float) -> str | None:
         now = clock.perf_counter()
-        if not self._has_begun:
-            self._has_begun, self._begin = True, now
+        self._begin = self._begin or now
         if t > 0.0 and not self._main:
             self._main = now
         limit = self._main + self._time if self._main else self._begin + _MAX_PILOT_TIME

@@ -38,12 +38,10 @@ def complete_model_files(incomplete: str) -> list[str]:
 
 
 def complete_parameters() -> list[tuple[str, str]]:
-    """Return NAME=DEFAULT and a text with its unit for each parameter of the models.
+    """Return NAME=DEFAULT and a help text with the unit for each parameter.
 
-    The models are those on the command line.
-
-    If the command line names no model, return the parameters of all models of the file. Defaults
-    that require quotes in a shell are omitted: NAME=.
+    The parameters are those of the models on the command line or, without a model, of all models of
+    the file. Defaults that require quotes in a shell are omitted: NAME=.
     """
     words = _command_line_words()
     outline = _outline_of_model_file(words)

@@ -86,7 +86,7 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
         return ()
     coordinate_map, numbers = map_coordinates(mechanism), NumberStore()
     laws = select_input_laws(mechanism.inputs)
-    found = [
+    compiled = [
         (
             argument,
             axis,
@@ -99,7 +99,7 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     p = numbers.all(mechanism.inputs)
     return tuple(
         TableArgumentTerm(x.part, x.call.table, axis, observable, p, call, _list_constants(x))
-        for x, axis, observable, call in found
+        for x, axis, observable, call in compiled
     )
 
 

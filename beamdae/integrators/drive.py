@@ -327,7 +327,7 @@ class _RunInProgress:
             status = self._integrate_to(self._interval_ends[0])
 
     def _resume_after_sample(self, start: float, state: State) -> State | None:
-        """Return the state after a sample at `start` [s] if the method goes on without a restart.
+        """Return the state after a sample at `start` [s] if the method continues without a restart.
 
         `state` contains the new held values.
         """

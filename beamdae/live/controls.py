@@ -38,8 +38,9 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     BeamdaeError
         If `ranges` has the wrong form, or names an unknown or another kind of parameter.
     """
-    given = {} if ranges is None else ranges
-    pairs = require_mapping("view", "ranges", given, "a dict of pairs by parameter")
+    pairs = require_mapping(
+        "view", "ranges", {} if ranges is None else ranges, "a dict of pairs by parameter"
+    )
     ends = {str(name): _require_range(model, str(name), x) for name, x in pairs.items()}
     return [_create_control(x, ends.get(x.name)) for x in model.parameter_info.values()]
 
@@ -59,7 +60,7 @@ def _create_control(x: ModelParameter, ends: tuple[Any, Any] | None) -> dict[str
 
 
 def _default_range(x: ModelParameter) -> tuple[Any, Any]:
-    """Return the ends of a slider; they are equal, and there is no slider, for a default of 0."""
+    """Return the ends of a slider; equal ends mean no slider, for a default of 0."""
     if x.unit in _FULL_TURN:
         return -_FULL_TURN[x.unit], _FULL_TURN[x.unit]
     if isinstance(x.default, int):

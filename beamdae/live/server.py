@@ -187,14 +187,14 @@ class _Handler(BaseHTTPRequestHandler):
         view = self.server.view
         hosts = {f"{name}:{view.port}" for name in (_HOST, "localhost")}
         origin = self.headers.get("Origin")
-        is_own = self.headers.get("Host") in hosts and (
+        is_local_page = self.headers.get("Host") in hosts and (
             origin is None or origin in {f"http://{host}" for host in hosts}
         )
         if self.command != "GET":
-            is_own &= self.headers.get("Sec-Fetch-Site", "same-origin") == "same-origin"
+            is_local_page &= self.headers.get("Sec-Fetch-Site", "same-origin") == "same-origin"
         token, slash, path = self.path.removeprefix("/").partition("/")
         is_known = hmac.compare_digest(token.encode(), view.token.encode())
-        if is_own and is_known and slash:
+        if is_local_page and is_known and slash:
             return path.partition("?")[0]
         self._send_text(
             HTTPStatus.FORBIDDEN, "Open the address that beamdae printed, including its token."
@@ -234,7 +234,7 @@ def view(
 ) -> LiveView:
     """Show a mechanism with sliders for the parameters of its model, on a page of this computer.
 
-    The drawing follows the sliders at once. Releasing a slider runs the model with
+    The drawing follows the sliders. Releasing a slider runs the model with
     `Auto(rtol=1e-3)` and animates the result. The page is served on 127.0.0.1 until the view is
     closed or Python ends; only programs of this computer that know the token in the address can use
     it.
@@ -247,7 +247,7 @@ def view(
     ranges
         Pairs (first, last) of slider ends by parameter; numbers, or texts with units such as
         "500 mm". Sliders reach from a quarter of the default to four times the default, those of
-        angles over a full turn; a default of 0 has no slider.
+        angles over a full turn; other parameters with a default of 0 have no slider.
     t_end
         End time of the runs [s]. Defaults to the model's end time.
     time_limit

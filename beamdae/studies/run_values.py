@@ -71,7 +71,7 @@ def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:
 def evaluate_outputs(outputs: Mapping[str, Callable[[Any], Any]], solution: Any) -> dict[str, Any]:
     """Return the values of the output functions of a sweep, keyed by column of the case table.
 
-    The functions are those of a solution or, in sweeps without runs, of a model.
+    The functions receive `solution`, which is a `Solution` or, in sweeps without runs, a `Model`.
 
     Raises
     ------

@@ -365,9 +365,11 @@ class Model:
 
 def attached_fractions(problem: dict[str, Any], name: str) -> list[float]:
     """Return the places of a beam, as fractions of its length, to which something is attached."""
-    found = [x["on"] for key in ("outputs", "loads", "point_masses") for x in problem.get(key, [])]
-    found += [x[end] for key in ("joints", "springs") for x in problem.get(key, []) for end in "ab"]
-    return [float(x["fraction"]) for x in found if x["body"] == name]
+    attached = ("outputs", "loads", "point_masses")
+    places = [x["on"] for key in attached for x in problem.get(key, [])]
+    connections = [x for key in ("joints", "springs") for x in problem.get(key, [])]
+    places += [x[end] for x in connections for end in "ab"]
+    return [float(x["fraction"]) for x in places if x["body"] == name]
 
 
 class NewtonError(RuntimeError):

@@ -38,7 +38,7 @@ REFINEMENT = {
     "spring_cart_arm": (6, 24),
 }
 DEFAULT_REFINEMENT = (6, 6)
-# Second codes; Exudyn may be installed in an environment of its own.
+# Second codes; Exudyn may be installed in a separate environment.
 CONFIRMING = {"beamdae": ("Radau 1e-8 exact", 12), "exudyn": ("fine", 96)}
 CONFIRMING_FACTORS = {"arch_snap": 2}  # of the elements above; short elements between attachments
 
@@ -50,7 +50,8 @@ def load_problem(name: str) -> dict[str, Any]:
     """Return the problem of a mechanism."""
     path = MECHANISMS / name / "problem.json"
     if not path.exists():
-        raise typer.BadParameter(f"{name}: is no mechanism; choose from {', '.join(all_names())}.")
+        choices = ", ".join(all_names())
+        raise typer.BadParameter(f"{name}: unknown mechanism; choose from {choices}.")
     return json.loads(path.read_text())
 
 

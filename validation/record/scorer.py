@@ -44,10 +44,11 @@ def score_columns(
     if missing:
         raise ValueError(f"result: columns {missing} are missing; add them.")
     times = reference[TIME].to_numpy()
-    given = result[TIME].to_numpy()
+    result_times = result[TIME].to_numpy()
     tolerance = TIME_TOLERANCE * times[-1]
-    rows = np.clip(np.searchsorted(given, times - tolerance), 0, max(len(given) - 1, 0))
-    if not len(given) or np.abs(given[rows] - times).max() > tolerance:
+    rows = np.searchsorted(result_times, times - tolerance)
+    rows = np.clip(rows, 0, max(len(result_times) - 1, 0))
+    if not len(result_times) or np.abs(result_times[rows] - times).max() > tolerance:
         raise ValueError("result: not all times of the reference are present; write all of them.")
     scores = {}
     for name, half_range in half_ranges(reference).items():

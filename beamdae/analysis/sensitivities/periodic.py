@@ -73,7 +73,7 @@ class PeriodicSensitivities(SensitivityResult):
     parameters
         Values by name of the parameters with respect to which the motion is differentiated.
     periods
-        Derivatives of the period [s per unit] by parameter.
+        Derivatives of the period [s per unit of the parameter] by parameter.
     trajectories
         Derivatives of (q, v, a, lam) at fixed times with respect to each parameter, by its name.
     """

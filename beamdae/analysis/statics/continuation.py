@@ -277,9 +277,10 @@ def _take_step(
 
 
 def _ends_at_critical_point(segment: PathSegment) -> bool:
-    """Return True if an eigenvalue at the end is zero up to rounding, but none at the begin.
+    """Return True if an eigenvalue is zero up to rounding at the end only.
 
-    If forces have no potential, the tangent of the path tells, which rounding determines then.
+    If forces have no potential, the tangent of the path at the end decides: next to a critical
+    point, rounding makes it several times as large as at the beginning.
     """
     if segment.end.is_count_certain:
         return False

@@ -115,13 +115,13 @@ class LoadedEquations:
     unloaded, loaded
         Static equations without and with the loads of the stage; the same object if no load is
         scaled.
-    held
+    held_coordinates
         Indices of the coordinates that springs in the tangent hold, see `neutral_motions`.
     """
 
     unloaded: StaticEquations
     loaded: StaticEquations
-    held: tuple[int, ...] = ()
+    held_coordinates: tuple[int, ...] = ()
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -136,8 +136,8 @@ class LoadedEquations:
     @cached_property
     def bordered(self) -> BorderedSystem:
         """Evaluation of the equations, and solution with a control equation."""
-        time = self.loaded.time
-        return BorderedSystem(self.unloaded.equations, self.loaded.equations, time, self.held)
+        equations = self.unloaded.equations, self.loaded.equations
+        return BorderedSystem(*equations, self.loaded.time, self.held_coordinates)
 
     @property
     def pattern(self) -> sp.csc_array:

@@ -121,7 +121,7 @@ class _FineMesh:
         x = np.append(self.start + self.prolongation @ point.x[:n], lam)
         along = np.append(self.prolongation @ secant.x[:n], np.zeros(e.m))
         motion = StepNorm(e.position_scales, np.inf).max_norm(along)
-        if point.system.held:
+        if point.system.held_coordinates:
             system = hold_neutral_motions(system, x)
         # Load and motion contribute equally to the distance along the path.
         norm = StepNorm(e.position_scales, abs(secant.mu) / motion if secant.mu else np.inf)

@@ -59,15 +59,15 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
         return system
     if not all(_is_neutral(system, x, scale * motion, size) for motion in motions.T):
         return system
-    held = []
+    indices = []
     for _ in range(motions.shape[1]):
         sizes = la.norm(motions, axis=1)
         # The first of several coordinates that move equally far, whatever the rounding.
         index = int(np.argmax(sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes)))
         row = motions[index] / sizes[index]
         motions = motions - np.outer(motions @ row, row)
-        held.append(index)
-    return replace(system, held=tuple(sorted(held)))
+        indices.append(index)
+    return replace(system, held_coordinates=tuple(sorted(indices)))
 
 
 def _null_space(matrix: Array) -> Array:

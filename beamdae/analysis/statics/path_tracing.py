@@ -248,7 +248,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
-            # Branch points without load, such as of an upright pendulum, have no relative error.
+            # Branch points without load, as of an upright pendulum, have no relative error.
             bound = max(_MAX_LOAD_ERROR * abs(factor), _MIN_LOAD_ERROR * abs(path.end.mu))
             if one.load_error > bound and one.kind != LIMIT:
                 notes.append(
@@ -365,8 +365,8 @@ def _loaded_direction(
 
     The result is None unless this load moves the mechanism little, to an equilibrium near `begin`.
     The bending stiffness of a thin beam may be as small as rounding errors of its axial stiffness,
-    so that the eigenvalues at `begin` do not tell a thin beam from a mechanism. If they are zero,
-    as of a rigid pendulum that stands upright, the tangent at `begin` is undefined.
+    so that the eigenvalues at `begin` do not distinguish a thin beam from a mechanism. If they are
+    zero, as those of a rigid upright pendulum, the tangent at `begin` is undefined.
     """
     direction = corrector.try_path_tangent(begin, LoadControl())
     if direction is None:
@@ -419,8 +419,8 @@ def free_coordinate(e: EquationsOfMotion, point: EquilibriumPoint) -> str:
 
     The name is "" if there is no such motion.
     """
-    if point.system.held:
-        return e.q_names[point.system.held[0]]
+    if point.system.held_coordinates:
+        return e.q_names[point.system.held_coordinates[0]]
     if not point.free_count:
         return ""
     stability = point.stability

@@ -20,7 +20,7 @@ def check_command(
     settings: Settings = None,
     model_name: ModelName = None,
     predict: Annotated[
-        bool, typer.Option(help="Predict steps and wall time by the first second of the run.")
+        bool, typer.Option(help="Predict steps and wall time from at most 1 s of the run.")
     ] = True,
 ) -> None:
     """Build a model, compute its consistent start, and report its mobility, meshes and defects.

@@ -157,8 +157,8 @@ def _find_peak_of_grid(
         share = np.sort(np.concatenate([rows, 0.5 * (rows[1:] + rows[:-1]), [0.5]]))
         times = t[k] + share * (t[k + 1] - t[k])
         values = table(*_evaluate_grid(grid, interval, times, interval.at(times)))
-        seen = values[[0, int(np.searchsorted(share, 0.5)), -1]]
-        excess = np.maximum(values - seen.max(), seen.min() - values)
+        sampled = values[[0, int(np.searchsorted(share, 0.5)), -1]]
+        excess = np.maximum(values - sampled.max(), sampled.min() - values)
         (peaks,) = np.nonzero(excess > _MIN_PEAK * np.ptp(table.values))
         if len(peaks):
             first = int(peaks[0])

@@ -383,7 +383,7 @@ def parameters_table(model: Mapping[str, Any]) -> ResponsiveTable:
         )
         for name, value in model["parameters"].items()
     ]
-    return ResponsiveTable(f"{model['name']}", columns, rows, "--json")
+    return ResponsiveTable(str(model["name"]), columns, rows, "--json")
 
 
 def studies_table(studies: Iterable[Mapping[str, Any]]) -> ResponsiveTable:

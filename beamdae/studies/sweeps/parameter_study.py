@@ -137,9 +137,7 @@ class ParameterStudy(Study):
             return task
         content = [task.key, cached_digest(digests, self.outputs, self._digest_outputs)]
         key = digest([*content, "measured"] if self.is_measured else content)[:FINGERPRINT_LENGTH]
-        frames = 0 if self.is_measured else task.frames
-        measured = self.is_measured
-        return replace(task, key=key, outputs=self.outputs, is_measured=measured, frames=frames)
+        return replace(task, key=key, outputs=self.outputs, is_measured=self.is_measured)
 
     def _digest_outputs(self) -> str:
         try:

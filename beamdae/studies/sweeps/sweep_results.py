@@ -218,7 +218,7 @@ class SweepResults:
         *names
             Outputs, observed columns ("tip.y" plots all its measures) or single measures ("tip.y
             max"). Defaults to the outputs or, without outputs, to the columns selected with `of` or
-            the characteristic columns.
+            the characteristic columns, except those that are the same in all runs.
         x
             Parameter on the horizontal axis. Defaults to the numeric parameter with the most values
             or, without numeric parameters, to the parameter with the most values.

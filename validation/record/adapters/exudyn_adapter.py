@@ -66,8 +66,8 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
             tau = section.get("damping_time", 0.0)
             largest_stiffness = max(largest_stiffness, E * A)
             curve = make_curve(body["curve"])
-            used = [a["fraction"] for a in _attachments(problem) if a["body"] == name]
-            cuts, ends = sorted({0.0, 1.0, *map(float, used)}), [0.0]
+            fractions = [a["fraction"] for a in _attachments(problem) if a["body"] == name]
+            cuts, ends = sorted({0.0, 1.0, *map(float, fractions)}), [0.0]
             for a, b in pairwise(cuts):
                 count = 2 * max(1, round(elements * (b - a) / 2.0))
                 ends += list(np.linspace(a, b, count + 1)[1:])
@@ -198,7 +198,7 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
             continue
         laws = load["components"]
         if load.get("axes", "inertial") == "body":
-            raise NotImplementedError("follower forces are not adapted")
+            raise NotImplementedError("follower forces are not supported")
         mbs.AddLoad(
             items.LoadForceVector(
                 markerNumber=marker,

@@ -125,7 +125,7 @@ function showCommand() {
   byId("command").querySelector("code").textContent = `beamdae run MODEL${settings.join("")}`;
 }
 
-// One request at a time: while one is under way, only the latest is kept. A run is first drawn. A request that
+// One request at a time: while one is in progress, only the latest waits. A run is first drawn. A request that
 // follows a run ends it in the server.
 async function request(action) {
   pause();
