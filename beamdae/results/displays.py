@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from beamdae import deferred
+from beamdae.results.storage.files import require_file_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,6 +72,25 @@ class Animation:
             f"width: 100%; max-width: {ANIMATION_WIDTH}px; height: {self.height}px; border: none"
         )
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}" title="motion"></iframe>'
+
+
+class HasPage:
+    """Base class of results of analyses that are shown on an HTML page."""
+
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with the motion of the mechanism, charts and tables.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        return load_views().write_analysis_page(self, require_file_path("page", path))
 
 
 class Views(Protocol):

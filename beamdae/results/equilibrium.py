@@ -21,12 +21,12 @@ from beamdae.results.diagnostics.beam_ranges import (
     measure_beam_ranges,
     strain_warnings,
 )
-from beamdae.results.displays import Plot, load_views
+from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.files import require_file_path, write_result
+from beamdae.results.storage.files import write_result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +64,7 @@ class CriticalPoint(NamedTuple):
 
 @read_only_data
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(HasPage):
     """Path of equilibria of a mechanism under varying load factors.
 
     Attributes
@@ -271,21 +271,6 @@ class Equilibrium:
             If a name selects no column.
         """
         return load_views().plot_equilibrium_path(self, names)
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the mechanism along the path beside its curves, and tables.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
 
     def table(self) -> pd.DataFrame:
         """Return load factors, observed columns, unstable directions and kinds of critical points.

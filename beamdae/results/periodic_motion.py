@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.displays import load_views
+from beamdae.results.displays import HasPage
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import require_file_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +26,7 @@ _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multipl
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion:
+class PeriodicMotion(HasPage):
     """A periodic motion and its stability according to Floquet theory.
 
     Attributes
@@ -105,21 +103,6 @@ class PeriodicMotion:
                 else "disturbances double the period"
             )
         return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with one period: motion, curves, amplitudes and stability.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
 
     def amplitudes(self) -> pd.DataFrame:
         """Return mean, half range, minimum, maximum and unit, with one row per observed column."""

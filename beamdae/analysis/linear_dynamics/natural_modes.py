@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +22,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import load_views
-from beamdae.results.storage.files import require_file_path
+from beamdae.results.displays import HasPage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +39,7 @@ _REPR_FREQUENCIES = 5
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Modes:
+class Modes(HasPage):
     """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.
 
     Re(c shape exp(eigenvalue t)), with any small complex amplitude c, is a free motion about the
@@ -158,21 +156,6 @@ class Modes:
             "moves": [self._describe_shares(k) for k in range(len(self))],
         }
         return pd.DataFrame(columns)
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the motion and the table of the modes.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
 
     def mac(self, other: Modes) -> Array:
         """Return the modal assurance criterion (MAC) with other modes of the same mechanism.

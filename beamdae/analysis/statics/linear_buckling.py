@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,8 +25,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.displays import load_views
-from beamdae.results.storage.files import require_file_path
+from beamdae.results.displays import HasPage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +51,7 @@ _REPR_FACTORS = 5
 
 
 @dataclass(frozen=True, repr=False)
-class Buckling:
+class Buckling(HasPage):
     """Buckling loads and mode shapes of the linearized tangent stiffness; see `buckling`.
 
     Attributes
@@ -100,21 +98,6 @@ class Buckling:
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1 and load factor."""
         return f"{k + 1}: load factor {self.factors[k]:.5g}"
-
-    def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the shapes and the table of the modes.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Raises
-        ------
-        BeamdaeError
-            If the file cannot be written.
-        """
-        return load_views().write_analysis_page(self, require_file_path("page", path))
 
     def table(self) -> pd.DataFrame:
         """Return a table with number, load factor [-] and the coordinate that moves most."""
