@@ -134,7 +134,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           "difference" from the reference, with "observed" and "energy" by name.
 
         A page with one case and without columns is the page of a run: it has no case table. The
-        order of every page is motion, curves, results, budget of error, solver.
+        order of every page is motion, curves, results, error budget, solver.
 
     Returns
     -------
