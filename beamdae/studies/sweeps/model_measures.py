@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
-
-import numpy as np
 
 from beamdae.analysis.linear_dynamics.natural_modes import modes
 from beamdae.analysis.statics.linear_buckling import buckling
 from beamdae.errors import warn_user
 from beamdae.model_functions import Model
 
-Array = np.ndarray
-
-# The last model and its values: the columns of a row need one analysis.
-_last: dict[str, tuple[Model, int, list[float]]] = {}
+# Model, number of values and values of the last call of each analysis. The columns of a row share
+# one call.
+_last_calls: dict[str, tuple[Model, int, list[float]]] = {}
 
 
 def natural_frequencies(n: int) -> dict[str, Callable[[Model], Any]]:
@@ -30,23 +27,37 @@ def buckling_factors(n: int) -> dict[str, Callable[[Model], Any]]:
 
 
 def _frequency(model: Model, n: int, k: int) -> float | None:
-    return _value("modes", model, n, k, lambda: _warn_of(modes(model, n=n)).frequencies)
+    return _select_value(_compute_frequencies, model, n, k)
 
 
 def _factor(model: Model, n: int, k: int) -> float | None:
-    return _value("buckling", model, n, k, lambda: _warn_of(buckling(model, n)).factors)
+    return _select_value(_compute_factors, model, n, k)
 
 
-def _warn_of(result: Any) -> Any:
-    """Issue the warnings of an analysis, which the table contains, and return the analysis."""
-    for sentence in result.warnings:
+def _compute_frequencies(model: Model, n: int) -> list[float]:
+    result = modes(model, n=n)
+    _forward_warnings(result.warnings)
+    return [float(x) for x in result.frequencies]
+
+
+def _compute_factors(model: Model, n: int) -> list[float]:
+    result = buckling(model, n)
+    _forward_warnings(result.warnings)
+    return [float(x) for x in result.factors]
+
+
+def _forward_warnings(sentences: Iterable[str]) -> None:
+    """Issue the warnings of an analysis, which the table of the sweep contains."""
+    for sentence in sentences:
         warn_user(sentence)
-    return result
 
 
-def _value(name: str, model: Model, n: int, k: int, compute: Callable[[], Array]) -> float | None:
+def _select_value(
+    analyze: Callable[[Model, int], list[float]], model: Model, n: int, k: int
+) -> float | None:
     """Return the k-th value of an analysis, or None if there are fewer."""
-    last = _last.get(name)
+    last = _last_calls.get(analyze.__name__)
     if last is None or last[0] is not model or last[1] != n:
-        last = _last[name] = model, n, compute().tolist()
-    return last[2][k - 1] if k <= len(last[2]) else None
+        last = _last_calls[analyze.__name__] = model, n, analyze(model, n)
+    values = last[2]
+    return values[k - 1] if k <= len(values) else None
