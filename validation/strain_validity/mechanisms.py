@@ -38,6 +38,7 @@ from beamdae.beams.remeshing import with_meshes
 from beamdae.results.diagnostics.beam_ranges import (
     count_oscillations,
     relative_change_by_exact_strains,
+    sample_positions,
 )
 
 RTOL = 1e-6
@@ -239,8 +240,7 @@ def measure(case: Case) -> dict:
         exact = run(case, FLOATING_FORMULATION, "exact")
         absolute = run(case, EXACT_FORMULATION)
     worst = max(written.validity, key=lambda beam: beam.error)
-    times = np.linspace(written.t[0], written.t[-1], 400)
-    q = written.trajectory.at(times)[1].q
+    q = sample_positions(written.trajectory)
     term = next(x for x in written.equations.ranges if x.statement.part == worst.name)
     return {
         "mechanism": case.name,
