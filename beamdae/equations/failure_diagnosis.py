@@ -48,7 +48,7 @@ def diagnose_failure(
         if not_finite:
             return not_finite
         causes = [
-            _describe_rank_loss(equations, time, state),
+            describe_singular_position(equations, time, state),
             _describe_largest_residual(equations, state, residual),
             _describe_fastest_coordinate(equations, state),
         ]
@@ -68,7 +68,8 @@ def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str
     )
 
 
-def _describe_rank_loss(e: EquationsOfMotion, time: Array, state: State) -> str:
+def describe_singular_position(e: EquationsOfMotion, time: Array, state: State) -> str:
+    """Return a phrase naming the joints whose constraints nearly lose rank at this state, or ""."""
     if not e.m or not np.isfinite(state.q).all():
         return ""
     jacobian = build_constraint_jacobian(e)

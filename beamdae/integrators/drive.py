@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
-from beamdae.equations.failure_diagnosis import diagnose_failure
+from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.equations.surface_gaps import compile_surface_gaps
@@ -410,7 +410,11 @@ class _RunInProgress:
                 t = history.end
                 # Between samples, an interval may consist of one step: its end is checked, too.
                 is_before_end = t < self._interval_ends[-1]
-                if is_before_end and (stop := limits.stop_reason(t, self.steps, steps_per_check)):
+                if is_before_end and (
+                    stop := limits.stop_reason(
+                        t, self.steps, steps_per_check, self._describe_singular_position
+                    )
+                ):
                     return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
         except StepError as problem:
             time = np.array([history.end, branch])
@@ -478,6 +482,10 @@ class _RunInProgress:
         segment.truncate(tail[0], onset.t)
         self._interval_ends = (segment.history.end, onset.probe, *self._interval_ends)
         return segment.history.end
+
+    def _describe_singular_position(self) -> str:
+        time = np.array([self._history.end, self._segments[-1].branch])
+        return describe_singular_position(self._plan.equations, time, self._history.last_state)
 
     def _switch_parts(self) -> Status:
         """Apply the actions of the last event, then integrate the rest of the interval."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from beamdae.errors import BeamdaeError, call_progress
@@ -83,8 +84,12 @@ class RunLimits:
         count = steps_per_check - steps % steps_per_check
         return count if self.max_steps is None else max(min(count, self.max_steps - steps), 1)
 
-    def stop_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+    def stop_reason(
+        self, t: float, steps: int, steps_per_check: int, find_cause: Callable[[], str]
+    ) -> str | None:
         """Return the reason to stop at time `t` [s] after `steps` steps, or None.
+
+        `find_cause` returns a cause of very short steps, or "".
 
         Raises
         ------
@@ -98,7 +103,7 @@ class RunLimits:
         if self.stall_detector is not None:
             stall = self.stall_detector.stall_reason(t, steps, steps_per_check)
             if stall:
-                return stall
+                return "; ".join(filter(None, (stall, find_cause())))
         if self.progress is None or steps % steps_per_check:
             return None
         answer = call_progress(self.progress, t)
