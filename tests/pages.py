@@ -1,6 +1,9 @@
 """Pages of made-up studies, and functions that read and use them in a browser."""
 
+from importlib.resources import files
+
 import numpy as np
+import pytest
 
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference
@@ -251,3 +254,19 @@ def selected_options(choice):
 def tool_buttons(tab, key):
     """Return the buttons of a chart: zoom in, zoom out, reset, SVG, PNG, CSV."""
     return tab.locator(f"[data-chart={key}] .tools button")
+
+
+def find_violations(tab):
+    """Return the accessibility rules that a page in a browser violates, as axe-core tests them."""
+    # The script is in the package of PyPI, so that nothing is downloaded.
+    axe = pytest.importorskip("axe_playwright_python", reason="it needs axe-playwright-python")
+    tab.evaluate(files(axe).joinpath("axe.min.js").read_text(encoding="utf-8"))
+    return tab.evaluate(
+        """async () => (await axe.run(document, {
+            runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
+            rules: {
+                "label-content-name-mismatch": {enabled: true},
+                "target-size": {enabled: true},
+            },
+        })).violations.map(({id, nodes}) => [id, nodes.map(({html}) => html).slice(0, 3)])"""
+    )

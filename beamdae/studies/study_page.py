@@ -70,6 +70,7 @@ def create_study_page(
     results: StudyResults,
     extra_columns: pd.DataFrame | None = None,
     with_curves: set[int] | None = None,
+    is_stored: bool = True,
 ) -> dict[str, Any]:
     """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
@@ -82,6 +83,8 @@ def create_study_page(
         and the default responses).
     with_curves
         Rows of the cases whose curves the page contains. Defaults to the first 200.
+    is_stored
+        False if the rows of the cases are in no folder beside the page.
     """
     table = results.table
     if with_curves is None:
@@ -101,7 +104,7 @@ def create_study_page(
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failures} failed",
         "made": versions(),
-        "notes": _create_notes(results, with_curves),
+        "notes": _create_notes(results, with_curves, is_stored),
         "groups": _create_groups(results, group_without_reference),
         "columns": [
             {
@@ -120,6 +123,7 @@ def create_study_page(
             group_without_reference,
             is_labeled_by_tag=extra_columns is not None,
             with_curves=with_curves,
+            is_stored=is_stored,
         ),
     }
 
@@ -135,7 +139,7 @@ def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, st
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
-def _create_notes(results: StudyResults, with_curves: set[int]) -> list[str]:
+def _create_notes(results: StudyResults, with_curves: set[int], is_stored: bool) -> list[str]:
     notes = []
     if results.references:
         notes.append(
@@ -144,11 +148,12 @@ def _create_notes(results: StudyResults, with_curves: set[int]) -> list[str]:
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )
-    if len(results.table) > len(with_curves):
-        notes.append(
-            f"The page contains the curves of {len(with_curves)} of {len(results.table)} cases; "
-            "the rows of all cases are in trajectories/."
-        )
+    # Measured cases have no rows.
+    n_cases = int((results.table["trajectory"] != "").sum())
+    if n_cases > len(with_curves):
+        note = f"The page contains the curves of {len(with_curves)} of {n_cases} cases"
+        place = "; the rows of all cases are in trajectories/" if is_stored else ""
+        notes.append(f"{note}{place}.")
     if results.interrupted:
         notes.append("The study was interrupted; run the study again to resume.")
     return notes
@@ -200,6 +205,7 @@ def _create_cases(
     group_without_reference: str,
     is_labeled_by_tag: bool,
     with_curves: set[int],
+    is_stored: bool,
 ) -> list[dict[str, Any]]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
@@ -227,7 +233,7 @@ def _create_cases(
                 "curves": _create_curves(results, case, row, max_rows)
                 if k in with_curves
                 else None,
-                "file": row["trajectory"],
+                "file": row["trajectory"] if is_stored else "",
             }
         )
     return cases

@@ -1,7 +1,7 @@
 """Live view in a browser: sliders move the drawing, errors are sentences, runs are animated."""
 
 import pytest
-from test_page_accessibility import find_violations
+from pages import find_violations
 
 import beamdae as bd
 

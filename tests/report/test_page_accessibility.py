@@ -1,19 +1,10 @@
 """Accessibility of pages, tested by axe-core."""
 
-from importlib.resources import files
-
 import pytest
-from pages import study_page, sweep_page
+from pages import find_violations, study_page, sweep_page
 
 import beamdae as bd
 from beamdae.report.analysis_pages import build_modes_page
-
-# In the package of PyPI, so that nothing is downloaded by a test.
-SCRIPT = pytest.importorskip("axe_playwright_python", reason="it needs axe-playwright-python")
-RUN = """async () => (await axe.run(document, {
-    runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
-    rules: {"label-content-name-mismatch": {enabled: true}, "target-size": {enabled: true}},
-})).violations.map(({id, nodes}) => [id, nodes.map(({html}) => html).slice(0, 3)])"""
 
 
 def selected_page():
@@ -21,11 +12,6 @@ def selected_page():
     page = sweep_page(without={4})
     page["cases"][5] |= {"status": "Newton did not converge", "limited": True}
     return page
-
-
-def find_violations(tab):
-    tab.evaluate(files(SCRIPT).joinpath("axe.min.js").read_text(encoding="utf-8"))
-    return tab.evaluate(RUN)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,6 +1,8 @@
 """Sweeps over functions of a model without runs: frequencies, buckling loads, periodic motions."""
 
 import math
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -10,7 +12,9 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
+from beamdae.studies.sweeps import sweep_results
 from beamdae.studies.sweeps.model_measures import buckling_factors, natural_frequencies
+from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 
 @bd.model(t_end=1.0)
@@ -180,3 +184,61 @@ def test_mistakes_on_the_command_line(here):
         result = measure(*options)
         assert result.exit_code == 2
         assert message in result.stderr
+
+
+READER = """
+import sys
+from pathlib import Path
+
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def oscillator(mass=2.0):
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", mass, at=(1.0, 0.0)))
+    wall = mech.ground.at(0.0, 0.0)
+    mech.add(bd.PointOnLine("guide", wall, block.point, (1.0, 0.0)))
+    stiffness = float(Path("stiffness.txt").read_text())
+    mech.add(bd.Spring("spring", wall, block.point, stiffness, free_length=1.0))
+    return mech
+
+
+def frequency(model):
+    return float(bd.modes(model).frequencies[0])
+
+
+if __name__ == "__main__":
+    swept = bd.sweep(oscillator, {"mass": [2.0]}, folder="swept", measure={"frequency": frequency})
+    print(swept.table["frequency"].iloc[0])
+"""
+
+
+@pytest.mark.slow(reason="two processes")
+def test_regression_measures_are_repeated_after_a_file_of_the_model_has_changed(tmp_path):
+    """Reads of the module of the model were recorded too late."""
+    (tmp_path / "reader.py").write_text(READER)
+    frequencies = []
+    for stiffness in ("100", "400"):
+        (tmp_path / "stiffness.txt").write_text(stiffness)
+        run = subprocess.run(
+            [sys.executable, "reader.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        frequencies.append(float(run.stdout))
+    assert frequencies[1] == pytest.approx(2.0 * frequencies[0], rel=1e-9)
+
+
+def test_regression_measured_cases_have_no_rows_and_say_why(tmp_path):
+    measure = {"f": lambda model: float(bd.modes(model).frequencies[0])}
+    swept = bd.sweep(oscillator, {"length": [0.5, 1.0]}, measure=measure)
+    with pytest.raises(bd.BeamdaeError, match="has no rows: the model was measured, not run"):
+        swept.run(length=0.5)
+    assert create_sweep_page(swept)["notes"] == []
+
+
+def test_regression_pages_of_sweeps_that_are_not_stored_name_no_files(monkeypatch):
+    monkeypatch.setattr(sweep_results, "MAX_CURVES", 1)
+    swept = bd.sweep(oscillator, {"length": [0.5, 1.0]}, t_end=0.1)
+    page = create_sweep_page(swept)
+    assert page["notes"] == ["The page contains the curves of 1 of 2 cases."]
+    assert {case["file"] for case in page["cases"]} == {""}

@@ -93,6 +93,7 @@ def test_scores_of_a_known_error():
         (lambda x: x.drop(columns="tip.x [m]"), "columns"),
         (lambda x: x.iloc[:-1], "not all times"),
         (lambda x: x.iloc[:0], "not all times"),
+        (lambda x: x.assign(**{"t [s]": np.nan}), "not all times"),
         (lambda x: x.assign(**{"tip.x [m]": np.nan}), "not finite"),
     ],
 )

@@ -48,7 +48,7 @@ def score_columns(
     tolerance = TIME_TOLERANCE * times[-1]
     rows = np.searchsorted(result_times, times - tolerance)
     rows = np.clip(rows, 0, max(len(result_times) - 1, 0))
-    if not len(result_times) or np.abs(result_times[rows] - times).max() > tolerance:
+    if not len(result_times) or not np.abs(result_times[rows] - times).max() <= tolerance:
         raise ValueError("result: not all times of the reference are present; write all of them.")
     scores = {}
     for name, half_range in half_ranges(reference).items():

@@ -120,7 +120,9 @@ def sweep_command(
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
         _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step)
-        sweep = _sweep_from_options(ModelFile(path).model(model_name), over, settings, measure)
+        model = ModelFile(path).model(model_name)
+        kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
+        sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
     elif over:
         file = ModelFile(path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
@@ -146,6 +148,7 @@ def _sweep_from_options(
     measure: dict[str, Any] | None,
     of: list[str] | None = None,
     integrator: Any = None,
+    kind: str = "sweep",
 ) -> Sweep:
     from beamdae.studies.sweeps.sweep import create_sweep
 
@@ -162,7 +165,7 @@ def _sweep_from_options(
             )
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
-    folder = results_folder_name("_".join([model.name, "sweep", *ranges]), constants)
+    folder = results_folder_name("_".join([model.name, kind, *ranges]), constants)
     return create_sweep(model, values, folder, of or (), integrator, measure=measure)
 
 

@@ -66,7 +66,8 @@ def run_task(serialized: bytes) -> Outcome:
                 )
             except BaseException as problem:  # An exception of a model ends only its case.
                 outcome = Outcome.failed(describe_exception(problem))
-            outcome = replace(outcome, read=digest_reads(reads, home))
+        # The reads of modules are included when the block ends.
+        outcome = replace(outcome, read=digest_reads(reads, home))
     finally:
         if not is_deleted:
             with suppress(OSError):

@@ -168,6 +168,8 @@ class SweepResults:
         row = self._find_row(parameters)
         if row not in self._runs_by_row:
             reason = str(self.table[REASON].iloc[row]).removesuffix(".")
+            if self.sweep.is_measured:
+                reason = reason or "the model was measured, not run"
             tag = self.sweep.tag(self.sweep.cases[row])
             raise BeamdaeError(f"{self.sweep.name}: the case {tag} has no rows: {reason}.")
         return self._runs_by_row[row]
@@ -355,7 +357,12 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
     """
     columns = [*swept.parameters, *swept.response_columns]
     grid = swept.sweep.grid
-    content = create_study_page(swept.results, swept.table[columns], grid.sample(MAX_CURVES))
+    content = create_study_page(
+        swept.results,
+        swept.table[columns],
+        grid.sample(MAX_CURVES),
+        is_stored=TRAJECTORY in swept.table,
+    )
     content["columns"][0] |= {"label": "case"}
     units = {extra_column_key(parameter_column(x)): u for x, u in swept.sweep.units.items()}
     for column in content["columns"]:
