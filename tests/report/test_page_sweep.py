@@ -78,6 +78,81 @@ def test_the_map_colors_cells_and_selects_cases(show):
     assert tab.locator("#map .color-bar").get_attribute("aria-label") == "speed [rad/s], 1 to 4"
 
 
+def three_parameter_page():
+    """Return the sweep over speed and height at two masses, whose responses differ by 100."""
+    page = sweep_page()
+    page["sliders"].append({"label": "mass", "unit": "kg", "values": [0.5, 2.0], "isNumeric": True})
+    cases = page["cases"]
+    page["cases"] = [
+        case
+        | {
+            "id": f"case {k + 9 * m}",
+            "label": f"{case['label']}, mass={mass:g}",
+            "at": [*case["at"], m],
+            "values": case["values"] | {"tip.y max [m]": 100.0 * m + k},
+        }
+        for m, mass in enumerate((0.5, 2.0))
+        for k, case in enumerate(cases)
+    ]
+    return page
+
+
+@pytest.mark.slow(reason="opens two pages")
+def test_the_map_of_three_parameters_follows_the_position_and_the_keyboard(show):
+    tab = show(three_parameter_page())
+    bar = tab.locator("#map .color-bar")
+    plane = tab.get_by_label("mass of the map")
+    assert tab.inner_text("#map-title").endswith("at mass = \n0.5 kg\n2 kg")
+    assert bar.get_attribute("aria-label") == "tip.y max [m], 0 to 8"
+    slide(tab, 2, 1)
+    assert plane.locator("option:checked").inner_text() == "2 kg"
+    assert bar.get_attribute("aria-label") == "tip.y max [m], 100 to 108"
+    assert "at mass = 2 kg" in tab.locator("#map .plot").get_attribute("aria-label")
+    plane.focus()
+    plane.select_option("0.5 kg")
+    assert plane.evaluate("select => select === document.activeElement")
+    assert tab.locator("#sliders output").all_inner_texts()[2] == "0.5"
+
+    page = three_parameter_page()
+    for case in page["cases"]:
+        case["frames"] = None
+    tab = show(page)
+    tab.click("#clear")
+    find_row(tab, 13).locator("td.label").click()
+    assert plane_cells(tab) == [f"case {k}" for k in range(9, 18)]
+    tab.get_by_label("mass of the map").select_option("0.5 kg")
+    assert plane_cells(tab) == [f"case {k}" for k in range(9)]
+    # The Tab key reaches one cell, and arrow keys the adjacent ones.
+    assert tab.locator("#map .cell[tabindex='0']").count() == 1
+    tab.locator("#map .cell[tabindex='0']").focus()
+    for key, number in [
+        ("ArrowRight", 3),
+        ("ArrowUp", 4),
+        ("Enter", 4),
+        ("ArrowLeft", 1),
+        ("ArrowLeft", 1),
+        (" ", 1),
+        ("ArrowDown", 0),
+    ]:
+        tab.keyboard.press(key)
+        focused = tab.evaluate("document.activeElement.dataset.case")
+        assert focused == f"case {number}", key
+        assert tab.locator("#map .cell[tabindex='0']").count() == 1
+    pressed = tab.locator("#map .cell[aria-pressed='true']")
+    assert sorted(pressed.evaluate_all("all => all.map((cell) => cell.dataset.case)")) == [
+        "case 1",
+        "case 4",
+    ]
+    tab.locator("#map .cell[data-case='case 8']").click()
+    assert tab.evaluate("document.activeElement.dataset.case") == "case 8"
+
+
+def plane_cells(tab):
+    """Return the cases of the map in ascending order."""
+    cells = tab.locator("#map .cell").evaluate_all("all => all.map((cell) => cell.dataset.case)")
+    return sorted(cells, key=lambda name: int(name.split()[1]))
+
+
 def test_a_case_without_curves_says_why_and_names_the_nearest(show):
     tab = show(sweep_page(without={4}))
     tab.click("#clear")

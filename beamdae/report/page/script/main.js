@@ -14,6 +14,7 @@ const state = {
   order: null, // sorting column and direction of the case table
   axes: {}, // keys of the quantities of the scatter plot
   mapped: null, // key of the quantity of the map
+  plane: [], // values of the parameters outside the map, as indices
   choices: {}, // label of the selected choice, by panel
   differences: {}, // by panel, true to show the difference from the reference
   charts: new Map(), // by id

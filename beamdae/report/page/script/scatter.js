@@ -201,22 +201,25 @@ function createCaseTooltip(run) {
   return [html("strong", {}, run.label), html("table", {}, ...rows)];
 }
 
-// Arrow keys move the focus from point to point; Enter and Space select.
+// Arrow keys move the focus from point to point, or to the adjacent cell of the map; Enter and Space select.
 function handlePointKey(event) {
-  const points = [...event.currentTarget.querySelectorAll(".run")];
+  const points = [...event.currentTarget.querySelectorAll(".run, .cell")];
   const current = points.indexOf(document.activeElement);
   const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-  if (current < 0 && step) moveFocus(points, 0, 0);
+  const isMap = points[0]?.matches(".cell");
+  if (current < 0 && step) moveFocus(points, points.find((point) => point.tabIndex === 0) ?? points[0]);
   else if (event.key === "Enter" || event.key === " ") points[current] && toggleCase(points[current].dataset.case);
-  else if (step) moveFocus(points, current, (current + step + points.length) % points.length);
+  else if (step && isMap) moveFocus(points, adjacentCell(points, points[current], event.key));
+  else if (step) moveFocus(points, points[(current + step + points.length) % points.length]);
   else return;
   event.preventDefault();
 }
 
-function moveFocus(points, from, to) {
-  points[from]?.setAttribute("tabindex", "-1");
-  points[to]?.setAttribute("tabindex", "0");
-  points[to]?.focus();
+// The focused point is the only one that the Tab key reaches.
+function moveFocus(points, target) {
+  if (!target) return;
+  points.forEach((point) => point.setAttribute("tabindex", point === target ? "0" : "-1"));
+  target.focus();
 }
 
 // List below the plot: failed cases, and the number of cases without values.

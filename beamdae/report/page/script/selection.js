@@ -102,12 +102,12 @@ function createCurveNote(run) {
   return html("p", {}, text, button);
 }
 
-// Case with the most similar parameters, of those listed.
-function nearestCase(run, others) {
+// Case with the most similar parameters, of those listed; `axes` are the indices of the compared parameters.
+function nearestCase(run, others, axes = Object.keys(run.at ?? [])) {
   const gap = (other) =>
-    (run.at ?? []).reduce((sum, k, axis) => {
+    axes.reduce((sum, axis) => {
       const count = Math.max(page.sliders[axis].values.length - 1, 1);
-      return sum + ((k - other.at[axis]) / count) ** 2;
+      return sum + ((run.at[axis] - other.at[axis]) / count) ** 2;
     }, 0);
   return others.reduce((best, other) => (gap(other) < gap(best) ? other : best));
 }
@@ -124,11 +124,17 @@ function markSelection(root) {
     // The name of a point contains its visible number.
     const { label: name } = element.dataset;
     if (name) element.setAttribute("aria-label", isSelected ? `${number}: ${name}` : name);
-    // The frame of a selected cell lies above its neighbors.
-    if (isSelected && element.matches(".cell")) element.parentNode.append(element);
+    if (isSelected && element.matches(".cell")) raiseCell(element);
     if (element.matches(".run, .cell")) element.setAttribute("aria-pressed", isSelected);
     else element.querySelector("input").checked = isSelected;
   }
+}
+
+// The frame of a selected cell lies above its neighbors. Moving an element takes its focus away.
+function raiseCell(cell) {
+  const isFocused = cell === document.activeElement;
+  cell.parentNode.append(cell);
+  if (isFocused) cell.focus({ preventScroll: true });
 }
 
 function drawSelectionLegend() {

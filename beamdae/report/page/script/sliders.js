@@ -57,16 +57,20 @@ function selectPosition() {
     selectCase(run);
     state.sliderSlot = state.slots.findIndex((entry) => entry?.run.id === run.id);
   }
+  updateMap();
   showSelection();
 }
 
-// Show the motion of a case, and move the sliders to it.
+// Show the motion of a case, and move the sliders and the map to it.
 function showCase(run) {
+  if (run.at) {
+    state.position = [...run.at];
+    updateMap();
+  }
   if (!run.at || !groupCases().some((other) => other.frames)) {
     showOwnFrames(run);
     return;
   }
-  state.position = [...run.at];
   showPosition();
 }
 
