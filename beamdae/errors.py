@@ -98,9 +98,11 @@ class KernelWarning(UserWarning):
     """
 
 
-# Kinds of warnings that were shown, and the filters that showed them.
-_shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any]]] = {}
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?|\b(?:nan|inf)\b")
+# Kinds of warnings that were shown: the filters that showed them, and the key of the message in
+# Python's registry of shown warnings.
+_shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, ...]]] = {}
+# Digits in names such as "link1" distinguish parts.
+_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
 
 def warn_user(message: str) -> None:
@@ -122,16 +124,18 @@ def warn_user(message: str) -> None:
     part, colon, rest = message.partition(": ")
     kind = part + colon + _NUMBER.sub("0", rest), file, line
     filters: list[Any] = warnings.filters  # type: ignore[assignment]
-    shown = _shown_kinds.get(kind)
-    # The list is another one inside `catch_warnings`, and changes if a filter is added.
-    if shown is not None and shown[0] is filters and shown[1] == filters:
-        return
     registry = frame.f_globals.setdefault("__warningregistry__", {})
+    shown = _shown_kinds.get(kind)
+    # The list is another one inside `catch_warnings`, and changes if a filter is added. Notebooks
+    # clear the registry before each cell.
+    if shown and shown[0] is filters and shown[1] == filters and shown[2] in registry:
+        return
     module = frame.f_globals.get("__name__") or "<unknown>"
     warnings.warn_explicit(message, BeamdaeWarning, file, line, module, registry)
-    if (message, BeamdaeWarning, line) in registry:
+    key = message, BeamdaeWarning, line
+    if key in registry:
         # Python showed the warning and will not repeat it.
-        _shown_kinds[kind] = filters, list(filters)
+        _shown_kinds[kind] = filters, list(filters), key
 
 
 # Messages of `warn_once` issued in this process.

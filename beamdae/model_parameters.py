@@ -47,7 +47,8 @@ _PREFIXES = {
 _WITHOUT_PREFIX = {"deg", "°", "rpm", "%", "1", "-"}
 _FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
 _SUPERSCRIPTS = str.maketrans("²³", "23")
-_VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)")
+# The number is the longest one: "2.0" is no "2." with the unit "0".
+_VALUE = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 _MAX_UNIT_LENGTH = 40
 
 _PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
@@ -195,7 +196,7 @@ def read_docstring(docstring: str, names: tuple[str, ...]) -> Mapping[str, tuple
     text = " ".join(docstring.split())
     units: dict[str, set[str]] = {name: set() for name in names}
     for name, unit in _PROSE.findall(text):
-        if name in units and parse_unit(unit.strip()) is not None:
+        if name in units and _is_unit(unit.strip()):
             units[name].add(unit.strip())
     sentences = _SENTENCE_END.split(text)
     for name in names:
@@ -209,6 +210,11 @@ def read_docstring(docstring: str, names: tuple[str, ...]) -> Mapping[str, tuple
     return documented
 
 
+def _is_unit(text: str) -> bool:
+    # "[1]" is a citation.
+    return text != "1" and parse_unit(text) is not None
+
+
 def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, str]]:
     """Return the unit and description of each entry of a section "Parameters" or "Args"."""
     entries: dict[str, tuple[str, str]] = {}
@@ -218,7 +224,7 @@ def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, 
     def close() -> None:
         text = " ".join(" ".join(lines).split())
         units = [x.strip() for x in _IN_BRACKETS.findall(text)]
-        unit = next((x for x in units if parse_unit(x) is not None), "")
+        unit = next((x for x in units if _is_unit(x)), "")
         colon = text.partition(":")[2].strip()
         # "radius : float" is followed by the description, "radius [m]: the radius" contains it.
         description = " ".join(" ".join(lines[1:]).split()) or colon
@@ -252,7 +258,11 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
     exponents: dict[str, int] = {}
     numerator, *denominators = unit.translate(_SUPERSCRIPTS).split("/")
     for sign, product in [(1, numerator), *((-1, x) for x in denominators)]:
-        for text in re.split(r"[ *·]+", product.strip().removeprefix("(").removesuffix(")")):
+        factors = product.strip()
+        if factors.startswith("(") and factors.endswith(")"):
+            factors = factors[1:-1]
+        # Other parentheses are in no factor, so that units such as N/(m/s) are unknown.
+        for text in re.split(r"[ *·]+", factors):
             match = _FACTOR.fullmatch(text)
             symbol = None if match is None else _parse_symbol(match[1])
             if match is None or symbol is None:
@@ -311,8 +321,11 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
     if not math.isfinite(value) or value == 0.0:
         return value
     ratio = source[0] / target[0]
-    # The exact product: 850 mm are the float 0.85.
-    return float(Fraction(number) * ratio) if isinstance(ratio, Fraction) else value * ratio
+    try:
+        # The exact product: 850 mm are the float 0.85.
+        return float(Fraction(number) * ratio) if isinstance(ratio, Fraction) else value * ratio
+    except OverflowError:
+        return math.copysign(math.inf, value)
 
 
 def format_with_unit(value: Any, unit: str) -> str:

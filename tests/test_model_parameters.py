@@ -86,6 +86,22 @@ def test_values_with_units():
         assert number == pytest.approx(value, rel=1e-15), text
 
 
+def test_regression_texts_that_are_no_numbers_with_a_unit():
+    for text in ("2.0", "5 m)", "5 (m", "5 N/(m/s)"):
+        with pytest.raises(bd.BeamdaeError, match="swing: "):
+            swing.complete({"copies": text})
+    assert parse_value("swing", "length", "1e308 km", "m") == math.inf
+    assert parse_value("swing", "rate", "5 1/s", "1/s") == 5.0
+
+
+def test_regression_citations_are_no_units():
+    text = "Damping after Rayleigh by `damping` [1], of a beam of `length` [m] and `length` [1]."
+    units = {
+        n: x.unit for n, x in describe_parameters(text, {"damping": 1.0, "length": 1.0}, {}).items()
+    }
+    assert units == {"damping": "", "length": "m"}
+
+
 def test_prefixes_are_exact():
     assert parse_value("swing", "length", "850mm", "m") == 0.85
     assert parse_value("swing", "length", "0.3 um", "m") == 0.3e-6

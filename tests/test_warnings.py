@@ -1,5 +1,8 @@
 """Warnings that differ only in numbers are shown once per line."""
 
+import re
+import subprocess
+import sys
 import warnings
 
 import pytest
@@ -41,3 +44,25 @@ def test_regression_a_loop_over_models_warns_once_of_each_kind():
                 warnings.simplefilter("ignore")
     assert [str(x.message)[:37] for x in records] == ["beam: the curve turns by 2.5 rad with"]
     assert records[0].filename == __file__
+
+
+def test_regression_numbers_of_names_distinguish_parts():
+    messages = ["run: error of x1 is 3 %.", "run: error of x2 is 900 %.", "run: link1 is bad."]
+    assert shown("default", messages) == messages
+
+
+def test_regression_warnings_are_shown_again_in_a_new_run_of_a_cell():
+    """Notebooks clear the registry of shown warnings before they run a cell."""
+    program = """
+import warnings
+warnings.simplefilter("default")
+from beamdae.errors import warn_user
+for t in (1.0, 2.0):
+    globals().pop("__warningregistry__", None)
+    for k in (1, 2):
+        warn_user(f"arm: stopped at t = {t * k:g} s.")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert re.findall(r"at t = (\d)", run.stderr) == ["1", "2"]

@@ -316,7 +316,10 @@ class _RunInProgress:
             except BeamdaeError as problem:
                 return self._failure(problem)
             if (resumed := self._resume_after_sample(start, state)) is not None:
-                self._history.append_jump(resumed)
+                try:
+                    self._history.append_jump(resumed)
+                except MemoryError as problem:
+                    return self._out_of_memory(problem)
                 status = self._integrate_to(self._interval_ends[0], is_resumed=True)
                 continue
             try:
@@ -332,6 +335,9 @@ class _RunInProgress:
         `state` contains the new held values.
         """
         if not self._sampler.controllers or start in self._equations.breakpoints:
+            return None
+        if self._history.count == 1:
+            # An event at the time of the sample has begun this segment: the method has not.
             return None
         resume = getattr(self.method, "resume", None)
         return None if resume is None else resume(start, self._interval_ends[0], state.q)
@@ -428,9 +434,12 @@ class _RunInProgress:
                 raise
             return self._failure(problem)
         except MemoryError as problem:
-            reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
-            return Status("limited", f"stopped at t = {history.end:.6g} s: {reason}")
+            return self._out_of_memory(problem)
         return REACHED_END
+
+    def _out_of_memory(self, problem: MemoryError) -> Status:
+        reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY
+        return Status("limited", f"stopped at t = {self._history.end:.6g} s: {reason}")
 
     def _truncate_at_table(self, first: int, end: float) -> tuple[float, str]:
         """Drop the steps after an argument left a table, or a step passed over a peak of a table.

@@ -16,6 +16,8 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.model_hash import hash_model
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -307,8 +309,9 @@ def _find_model(mechanism: Mechanism) -> Model | Mechanism:
     model = model_of(mechanism)
     if model is None:
         return mechanism
-    rebuilt = model()
-    is_same = list(rebuilt.parts) == list(mechanism.parts) and list(rebuilt.observables) == list(
-        mechanism.observables
-    )
-    return model if is_same else mechanism
+    try:
+        hashes = {hash_model(equations_of_motion(x)) for x in (model(), mechanism)}
+    except BeamdaeError:
+        # The drawing reports the mistake.
+        return mechanism
+    return model if len(hashes) == 1 else mechanism

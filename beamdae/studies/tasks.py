@@ -21,6 +21,9 @@ from beamdae.results.outcome import REACHED_END, Status
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_table
 
+# Status of a case whose model was measured; it has no rows.
+MEASURED = Status("ok", "measured without a run")
+
 
 @dataclass(frozen=True)
 class Limits:

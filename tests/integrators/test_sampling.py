@@ -107,3 +107,25 @@ def test_long_runs_with_samples_are_thinned_and_saved(method, monkeypatch, tmp_p
     assert run.trajectory.steps == whole.trajectory.steps
     assert_array_equal(run.table(), whole.table())
     assert run.quality == whole.quality
+
+
+@pytest.mark.parametrize(
+    "method", [bd.GeneralizedAlpha(0.1), bd.Radau(1e-6), bd.Ida(1e-6)], ids=type
+)
+@pytest.mark.parametrize("distance", [6e-13, 2e-12])
+def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
+    """The method continued with the velocity before the impact."""
+    mech = bd.Mechanism(gravity=(0.0, -20.0))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0 - distance), velocity=(0.0, 9.0)))
+    push = mech.input("push", unit="N")
+    mech.add(bd.Force("load", ball.point, (push, 0.0)))
+    height = mech.sensor("height", ball.point, "y")
+    mech.add(bd.Controller("servo", 1.0, [height], [push], lambda sample: 0.0))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
+    gap = floor.gap(ball.point)
+    mech.when(gap, 0.0, "down", bd.impact(gap, 1.0), name="bounce")
+    mech.observe("ball", ball.point)
+    run = bd.simulate(mech, method, 1.2)
+    assert run.status.success, run.status.sentence
+    # After the impact at 1 s: 11 m/s upward.
+    assert_allclose(run["ball.y"].iloc[-1], 11.0 * 0.2 - 10.0 * 0.04, atol=0.02)

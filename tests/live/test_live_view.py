@@ -192,6 +192,11 @@ def test_mechanisms_have_the_sliders_of_their_model_unless_changed():
     assert changed.session.controls == []
     assert len(ask(changed, "draw")["frames"]["symbols"]) > 1
     changed.close()
+    heavier = swing()
+    heavier.gravity = (0.0, -20.0)
+    changed = heavier.view()
+    assert changed.session.controls == []
+    changed.close()
     alone = bd.Mechanism()
     alone.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
     with pytest.raises(bd.BeamdaeError, match="view: the mechanism has no end time; pass t_end="):

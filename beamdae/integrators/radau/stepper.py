@@ -256,6 +256,9 @@ class RadauStepper:
             return None
         run.end = end
         run.y[:], run.yp[:] = self._form.pack(state)
+        size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
+        # The last step may have been cut down by the end of a short interval.
+        size.next_step = max(size.next_step, size.smallest)
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
         return state
 

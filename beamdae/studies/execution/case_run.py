@@ -35,9 +35,8 @@ from beamdae.studies.store.file_reads import (
     record_file_reads,
 )
 from beamdae.studies.store.trajectory_csv import format_trajectory
-from beamdae.studies.tasks import Limits, Outcome, Task, describe_exception
+from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
 
-_MEASURED = Status("ok", "measured without a run")
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
 
@@ -91,7 +90,7 @@ def _measure_case(task: Task) -> Outcome:
                 sentences[str(warning.message)] = None
     if by_kind[BeamdaeWarning]:
         values["warnings"] = " ".join(by_kind[BeamdaeWarning])
-    return Outcome(_MEASURED, values, kernel_warnings=tuple(by_kind[KernelWarning]))
+    return Outcome(MEASURED, values, kernel_warnings=tuple(by_kind[KernelWarning]))
 
 
 def _run_case(task: Task, reads: FileReads) -> Outcome:

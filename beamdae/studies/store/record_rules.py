@@ -43,7 +43,7 @@ from beamdae.studies.run_values import (
     is_output,
 )
 from beamdae.studies.store.trajectory_csv import parse_trajectory, read_times
-from beamdae.studies.tasks import Limits
+from beamdae.studies.tasks import MEASURED, Limits
 
 _ROUNDING_OF_TIMES = 1e-9  # relative difference of the end time and the last row
 _MIN_TIME_COLUMNS = (MIN_WALL_TIME_COLUMN, MAX_WALL_TIME_COLUMN, MEASURING_TIME_COLUMN)
@@ -148,8 +148,7 @@ def check_outcome(content: Any) -> None:
     """Raise FieldError unless a record has the fields and types that `Store.save` writes."""
     _OUTCOME(content)
     rows = content["rows"]
-    # Measures of a model, which have no time reached, have no rows.
-    was_run = REACHED_COLUMN in content["values"]
+    was_run = content["status"]["sentence"] != MEASURED.sentence
     if rows is None and content["status"]["kind"] == "ok" and was_run:
         raise FieldError("must not be null because the run succeeded", "rows")
     if rows is not None and len(set(rows["columns"])) < len(rows["columns"]):
