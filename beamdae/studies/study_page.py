@@ -148,9 +148,8 @@ def _create_notes(results: StudyResults, with_curves: set[int], is_stored: bool)
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )
-    # Measured cases have no rows.
-    n_cases = int((results.table["trajectory"] != "").sum())
-    if n_cases > len(with_curves):
+    n_cases, is_measured = len(results.table), (results.table["trajectory"] == "").all()
+    if n_cases > len(with_curves) and not is_measured:
         note = f"The page contains the curves of {len(with_curves)} of {n_cases} cases"
         place = "; the rows of all cases are in trajectories/" if is_stored else ""
         notes.append(f"{note}{place}.")
