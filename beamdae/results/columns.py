@@ -129,7 +129,8 @@ def select_column(part: str, headers: Iterable[str], name: Any) -> str:
         If no column or several columns have this name; `part` is the calling function.
     """
     headers, name = list(headers), plain_text(name)
-    for candidates in (headers, [header.rpartition(" [")[0] for header in headers]):
+    without_unit = [header.rpartition(" [")[0] for header in headers]
+    for candidates in (headers, without_unit) if isinstance(name, str) else ():
         matches = [x for x, y in zip(headers, candidates, strict=True) if y == name]
         if len(matches) == 1:
             return matches[0]

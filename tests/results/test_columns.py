@@ -18,3 +18,18 @@ def test_a_single_column_is_selected_with_or_without_its_unit():
 def test_names_of_no_column_or_of_several_are_rejected(name):
     with pytest.raises(bd.BeamdaeError, match=r"^peaks: column must be "):
         select_column("peaks", HEADERS, name)
+
+
+class _Hostile:
+    def __eq__(self, other):
+        raise RuntimeError("no comparison")
+
+    __hash__ = None
+
+    def __repr__(self):
+        raise RuntimeError("no text")
+
+
+def test_regression_a_name_that_raises_when_compared_is_rejected():
+    with pytest.raises(bd.BeamdaeError, match=r"^peaks: column must be "):
+        select_column("peaks", HEADERS, _Hostile())
