@@ -5,6 +5,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from beamdae.report.page.page_file import CurveBlock
+
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference
 ODD_LABEL = '</script><b>"it\'s" & <!-- Ida(rtol=0.01)'
@@ -193,6 +195,23 @@ def sweep_page(without=()):
         "sequential": True,
         "cases": cases,
     }
+
+
+def curve_block(*numbers, key="first"):
+    """Return the curves of cases as a file beside the page."""
+    return CurveBlock(
+        tuple(f"case {k}" for k in numbers),
+        key,
+        lambda: {f"case {k}": build_curves(k) for k in numbers},
+    )
+
+
+def page_with_files():
+    """Return a sweep with the curves of the cases 4 and 7 in one file and those of 5 in another."""
+    page = sweep_page(without={4, 5, 7})
+    for number, block in ((4, 0), (7, 0), (5, 1)):
+        page["cases"][number]["block"] = block
+    return page | {"curve_files": [curve_block(4, 7), curve_block(5)]}
 
 
 def visible_labels(tab):

@@ -200,6 +200,10 @@ class WrittenFiles:
                 continue
             try:
                 path.unlink()
+                if path.suffix == ".html":
+                    from beamdae.report.page.page_file import remove_curve_files
+
+                    remove_curve_files(path)
             except OSError as problem:
                 reason = f"shows earlier results and cannot be removed ({problem.strerror})"
                 print_error(f"failed: {path}: the file {reason}; remove it.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,9 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_data import compute_row_limit, select_curves
+from beamdae.report.page.page_file import CurveBlock
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
-from beamdae.studies.case import Case
 from beamdae.studies.case_table import ERROR_COLUMN
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
@@ -25,10 +25,14 @@ from beamdae.studies.run_values import (
     MIN_WALL_TIME_COLUMN,
     WALL_TIME_COLUMN,
 )
-from beamdae.studies.tasks import shared_table
+from beamdae.studies.tasks import read_table, shared_measures, shared_table
 from beamdae.studies.unique_names import number_duplicates
 
-MAX_CURVES = 200  # cases with curves; pages with more take long to open
+# Cases with curves in the page; pages with more take long to open. Those of the other cases are in
+# files that the page loads.
+MAX_CURVES = 200
+_CASES_PER_FILE = 10
+_ROWS_IN_FILES = 400  # per curve
 _NO_ERRORS = "These cases have no errors: no other case has the same parameters."
 # Columns about the solver, which the page shows on request.
 _SOLVER_COLUMNS = {
@@ -82,7 +86,8 @@ def create_study_page(
         Columns shown instead of the parameters, with one row per case (in sweeps, the parameters
         and the default responses).
     with_curves
-        Rows of the cases whose curves the page contains. Defaults to the first 200.
+        Rows of the cases whose curves the page contains. Defaults to the first 200. The curves of
+        the other cases are in files that the page loads.
     is_stored
         False if the rows of the cases are in no folder beside the page.
     """
@@ -100,11 +105,12 @@ def create_study_page(
     failures = int((table["status"] != "ok").sum())
     # All cases without a reference are in one group with the name of the study.
     group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
+    in_files = _list_cases_in_files(results, with_curves)
     return {
         "title": results.study.name,
         "subtitle": f"{len(table)} cases, {failures} failed",
         "made": versions(),
-        "notes": _create_notes(results, with_curves, is_stored),
+        "notes": _create_notes(results, len(in_files)),
         "groups": _create_groups(results, group_without_reference),
         "columns": [
             {
@@ -124,8 +130,46 @@ def create_study_page(
             is_labeled_by_tag=extra_columns is not None,
             with_curves=with_curves,
             is_stored=is_stored,
+            blocks={row: k // _CASES_PER_FILE for k, row in enumerate(in_files)},
         ),
+        "curve_files": _create_curve_files(results, table, in_files),
     }
+
+
+def _list_cases_in_files(results: StudyResults, with_curves: set[int]) -> list[int]:
+    """Return the rows of the cases that have curves, but not in the page."""
+    return [
+        k
+        for k, case in enumerate(results.study.cases)
+        if k not in with_curves and shared_measures(results.outcome(case))
+    ]
+
+
+def _create_curve_files(
+    results: StudyResults, table: pd.DataFrame, in_files: list[int]
+) -> list[CurveBlock]:
+    def create_curves(rows: list[int]) -> Callable[[], dict[str, dict[str, Any] | None]]:
+        return lambda: {
+            str(k): _create_curves(
+                results,
+                read_table(results.outcome(results.study.cases[k])),
+                str(table["group"].iloc[k]),
+                _ROWS_IN_FILES,
+            )
+            for k in rows
+        }
+
+    # The curves are those of the last time if the values of the cases and the measures of their
+    # columns are.
+    texts = {
+        k: repr((table.iloc[k].to_dict(), shared_measures(results.outcome(results.study.cases[k]))))
+        for k in in_files
+    }
+    batches = [in_files[k : k + _CASES_PER_FILE] for k in range(0, len(in_files), _CASES_PER_FILE)]
+    return [
+        CurveBlock(tuple(map(str, rows)), "\n".join(texts[k] for k in rows), create_curves(rows))
+        for rows in batches
+    ]
 
 
 def extra_column_key(name: str) -> str:
@@ -139,7 +183,7 @@ def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, st
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
-def _create_notes(results: StudyResults, with_curves: set[int], is_stored: bool) -> list[str]:
+def _create_notes(results: StudyResults, n_in_files: int) -> list[str]:
     notes = []
     if results.references:
         notes.append(
@@ -148,11 +192,11 @@ def _create_notes(results: StudyResults, with_curves: set[int], is_stored: bool)
             f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
             "bounds; their markers are hollow."
         )
-    n_cases, is_measured = len(results.table), (results.table["trajectory"] == "").all()
-    if n_cases > len(with_curves) and not is_measured:
-        note = f"The page contains the curves of {len(with_curves)} of {n_cases} cases"
-        place = "; the rows of all cases are in trajectories/" if is_stored else ""
-        notes.append(f"{note}{place}.")
+    if n_in_files:
+        notes.append(
+            f"The curves of {n_in_files} of {len(results.table)} cases are in a folder beside this "
+            "page, which loads them when you select the cases."
+        )
     if results.interrupted:
         notes.append("The study was interrupted; run the study again to resume.")
     return notes
@@ -205,6 +249,7 @@ def _create_cases(
     is_labeled_by_tag: bool,
     with_curves: set[int],
     is_stored: bool,
+    blocks: Mapping[int, int],
 ) -> list[dict[str, Any]]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
@@ -229,9 +274,12 @@ def _create_cases(
                 "cost": _as_json_value(row.get(WALL_TIME_COLUMN)),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(results, case, row, max_rows)
+                "curves": _create_curves(
+                    results, shared_table(results.outcome(case)), group, max_rows
+                )
                 if k in with_curves
                 else None,
+                "block": blocks.get(k),
                 "file": row["trajectory"] if is_stored else "",
             }
         )
@@ -263,12 +311,11 @@ def _as_json_value(value: Any) -> Any:
 
 
 def _create_curves(
-    results: StudyResults, case: Case, row: Mapping[Any, Any], max_rows: int
+    results: StudyResults, table: pd.DataFrame | None, group: str, max_rows: int
 ) -> dict[str, Any] | None:
-    table = shared_table(results.outcome(case))
     if table is None:
         return None
-    reference = results.references.get(str(row["group"]))
+    reference = results.references.get(group)
     exact = None if reference is None else reference.table
     columns = {TIME: table.index.to_numpy(), **_column_arrays(table)}
     if reference is None or exact is None or not set(reference.columns) <= set(table):

@@ -176,6 +176,12 @@ def shared_table(outcome: Outcome) -> pd.DataFrame | None:
     return cast("pd.DataFrame | None", rows)
 
 
+def read_table(outcome: Outcome) -> pd.DataFrame | None:
+    """Return `outcome.table` without a copy; a table that must be read is not kept in memory."""
+    rows = vars(outcome)["_rows"]
+    return cast("pd.DataFrame | None", rows() if callable(rows) else rows)
+
+
 def shared_measures(outcome: Outcome) -> dict[str, list[float]]:
     """Return the measures of the observed columns of an outcome; empty without a trajectory."""
     measures = vars(outcome)["_measures"]

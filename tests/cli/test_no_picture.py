@@ -82,12 +82,16 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     mine.parent.mkdir(parents=True)
     for path in (*old, mine):
         path.touch()
+    curves = old[0].with_name(f"{old[0].stem}_curves") / f"curves_{16 * '0'}.js"
+    curves.parent.mkdir()
+    curves.touch()
     result, _ = call(tmp_path, command, *options)
     assert result.exit_code == 0, result.output
     assert mine.exists()
     for path in old:
         assert not path.exists()
         assert f"removed: {path} showed earlier results" in result.output
+    assert curves.exists() == (old[0].suffix != ".html")
 
 
 def test_earlier_results_that_cannot_be_removed_are_reported(tmp_path, monkeypatch, capsys):

@@ -7,14 +7,26 @@ import json
 import math
 import re
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import ODD_NAMES, T, bar_frames, build_case, odd_page, study_page
+from pages import (
+    ODD_NAMES,
+    T,
+    bar_frames,
+    build_case,
+    build_curves,
+    curve_block,
+    odd_page,
+    page_with_files,
+    study_page,
+    sweep_page,
+)
 
 import beamdae as bd
-from beamdae.report.page.page_file import write_page
+from beamdae.report.page.page_file import CurveBlock, write_page
 
 HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
 MISSING_CODE = 65535
@@ -44,7 +56,7 @@ def test_pages_store_all_entries(tmp_path):
     data = read_data(path)
     for name in ("title", "subtitle", "made", "notes", "columns"):
         assert data[name] == page[name]
-    ignored = dict.fromkeys(("curves", "series", "rank", "frames", "at", "file"))
+    ignored = dict.fromkeys(("curves", "series", "rank", "frames", "at", "file", "block"))
     for actual, expected in zip(data["cases"], page["cases"], strict=True):
         assert actual | ignored == expected | ignored
     actual, expected = data["cases"][0]["curves"], page["cases"][0]["curves"]
@@ -187,3 +199,38 @@ def test_odd_names_are_stored_unchanged(tmp_path):
     data = json.loads(json_text)
     assert data["title"] == "".join(ODD_NAMES)
     assert data["cases"][4]["values"]["u16"] == "u16"
+
+
+def test_files_of_curves_are_kept_replaced_and_removed(tmp_path):
+    path, folder = tmp_path / "a #1.html", tmp_path / "a #1_curves"
+    page = page_with_files()
+    assert "file:" in write_page(path, page).read_text()
+    names = [block.name for block in page["curve_files"]]
+    assert sorted(x.name for x in folder.iterdir()) == sorted(names)
+    addresses = ",".join(f'"a%20%231_curves/{name}"' for name in names)
+    assert f'"curve_files":[{addresses}]' in path.read_text()
+
+    def fail():
+        raise AssertionError("the file is unchanged")
+
+    (folder / "mine.js").write_text("")
+    kept = [replace(block, create=fail) for block in page["curve_files"]]
+    write_page(path, page | {"curve_files": kept})
+    changed = [kept[0], curve_block(5, key="second")]
+    write_page(path, page | {"curve_files": changed})
+    assert sorted(x.name for x in folder.iterdir()) == sorted(
+        [*(block.name for block in changed), "mine.js"]
+    )
+    (folder / "mine.js").unlink()
+    assert "file:" not in write_page(path, sweep_page()).read_text()
+    assert not folder.exists()
+
+
+def test_names_in_files_of_curves_are_plain_text(tmp_path):
+    curves = build_curves(1.0) | {"observed": dict.fromkeys(ODD_NAMES, T), "error": None}
+    block = CurveBlock(("__proto__",), "key", lambda: {"__proto__": curves})
+    block.write(tmp_path)
+    text = (tmp_path / block.name).read_text()
+    assert text.isascii()
+    stored = json.loads(json.loads(text.removeprefix("addCurves(").removesuffix(");\n")))
+    assert list(stored["__proto__"]["observed"]) == ODD_NAMES

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import build_case, find_row, sweep_page, visible_labels
+from pages import build_case, find_row, page_with_files, sweep_page, visible_labels, wait_until
 
 
 def bar_length(tab):
@@ -162,6 +162,36 @@ def test_a_case_without_curves_says_why_and_names_the_nearest(show):
     assert "trajectories/4.csv" in note
     tab.locator("#selection-notes button").click()
     assert tab.locator("[data-panel=observed] path.curve").count() == 1
+
+
+def test_curves_are_loaded_from_files_when_a_case_is_selected(show):
+    tab = show(page_with_files())
+    tab.click("#clear")
+    find_row(tab, 7).locator("td.label").click()
+    wait_until(tab, "document.querySelectorAll('[data-panel=observed] path.curve').length === 1")
+    assert tab.inner_text("#selection-notes") == ""
+    # The file also contains the curves of the case 4.
+    assert tab.evaluate("page.cases.filter((run) => run.curves).length") == 8
+    find_row(tab, 4).locator("td.label").click()
+    assert tab.locator("[data-panel=observed] path.curve").count() == 2
+    tab.get_by_label("Observed: quantity").select_option("hinge.F [N]")
+    last = "state.charts.get('observed').spec.lines.map(({values}) => values.at(-1))"
+    assert_allclose(tab.evaluate(last), [5.0 + 2.0 * 7, 5.0 + 2.0 * 4], rtol=1e-4)
+
+
+def test_a_missing_file_of_curves_is_named(show):
+    tab = show(page_with_files())
+    tab.click("#clear")
+    # Without a request, which the browser would report.
+    selected = "{ run: page.cases[5], number: 1, color: 'color-0' }"
+    tab.evaluate(f"curveFiles.set(1, 'missing'); state.slots = [{selected}]; showSelection()")
+    note = tab.inner_text("#selection-notes")
+    assert "The curves of speed=2, height=0.3 cannot be loaded; keep the folder page_curves" in note
+    assert "trajectories/5.csv" in note
+    # Selecting the case again tries again.
+    tab.click("#clear")
+    find_row(tab, 5).locator("td.label").click()
+    wait_until(tab, "document.querySelectorAll('[data-panel=observed] path.curve').length === 1")
 
 
 def test_many_families_have_a_color_scale_instead_of_switches(show):

@@ -240,5 +240,8 @@ def test_regression_pages_of_sweeps_that_are_not_stored_name_no_files(monkeypatc
     monkeypatch.setattr(sweep_results, "MAX_CURVES", 1)
     swept = bd.sweep(oscillator, {"length": [0.5, 1.0]}, t_end=0.1)
     page = create_sweep_page(swept)
-    assert page["notes"] == ["The page contains the curves of 1 of 2 cases."]
+    assert page["notes"] == [
+        "The curves of 1 of 2 cases are in a folder beside this page, which loads them when you "
+        "select the cases."
+    ]
     assert {case["file"] for case in page["cases"]} == {""}

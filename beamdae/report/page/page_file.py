@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import html
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.page.page_data import encode_curves, encode_frames
 from beamdae.report.text import make_printable
-from beamdae.results.storage.files import write_text
+from beamdae.results.storage.files import versions, write_text
 
 # Files in the order of concatenation; all scripts share one global scope.
 _STYLES = ("page", "charts", "tables", "mechanism", "media")
@@ -29,6 +33,7 @@ _SCRIPTS = (
     "export",
     "chart",
     "cases",
+    "curve_files",
     "scatter",
     "curves",
     "cursor",
@@ -62,6 +67,7 @@ _CASE_DEFAULTS: dict[str, Any] = {
     "below": False,
     "limited": False,
     "curves": None,
+    "block": None,
     "frames": None,
     "at": None,
     "file": "",
@@ -82,7 +88,51 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "noun": "cases",
     "tables": [],
     "cases": [],
+    "curve_files": [],
 }
+
+# Sources of scripts, in addition to those in the page: files beside the page, opened from a folder
+# or from a server.
+_FILE_SOURCES = " 'self' file:"
+_CURVE_FILE_NAME = re.compile(r"curves_[0-9a-f]{16}\.js")
+
+
+@dataclass(frozen=True)
+class CurveBlock:
+    """Curves of some cases, which a page loads from a file beside it when one is selected.
+
+    A page that is opened from a folder may load scripts but no data, so the file is a script.
+
+    Attributes
+    ----------
+    ids
+        Identifiers of the cases.
+    key
+        Text that changes if the curves change; an existing file with the same key is kept.
+    create
+        Function that returns the curves by identifier, as returned by
+        `beamdae.report.page.page_data.select_curves`.
+    """
+
+    ids: tuple[str, ...]
+    key: str
+    create: Callable[[], Mapping[str, Mapping[str, Any] | None]]
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        text = json.dumps([versions(), self.ids, self.key])
+        return f"curves_{hashlib.sha256(text.encode()).hexdigest()[:16]}.js"
+
+    def write(self, folder: Path) -> None:
+        """Write the file, unless it exists."""
+        path = folder / self.name
+        if path.is_file():
+            return
+        curves = {name: encode_curves(x) for name, x in self.create().items()}
+        text = json.dumps(_replace_nonfinite(curves), allow_nan=False, separators=(",", ":"))
+        # As text, because "__proto__" as a name in a script is not a name of a quantity.
+        write_text(path, f"addCurves({json.dumps(text)});\n")
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:
@@ -128,10 +178,13 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           the error is below the resolution of the reference); "limited" (True if a limit stopped
           the run); "at" (index of its value for each slider); "frames", its own animation, or None;
           "file" (name of the file with its rows); and "curves", as returned by
-          `beamdae.report.page.page_data.select_curves`.
+          `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
+          "curve_files", from which the curves are loaded when the case is selected.
           Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.
+        - "curve_files": list of `CurveBlock`, written to a folder beside the page that has the name
+          of the page and "_curves".
 
         A page with one case and without columns is the page of a run: it has no case table. The
         order of every page is motion, curves, results, error budget, solver.
@@ -149,7 +202,31 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     """
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)
-    return write_text(path, fill_template("page", _STYLES, _SCRIPTS, content, title=title))
+    blocks = content["curve_files"]
+    folder = _curve_folder(path)
+    content["curve_files"] = [f"{quote(folder.name)}/{block.name}" for block in blocks]
+    sources = _FILE_SOURCES if blocks else ""
+    for block in blocks:
+        block.write(folder)
+    page_text = fill_template("page", _STYLES, _SCRIPTS, content, title=title, sources=sources)
+    write_text(path, page_text)
+    remove_curve_files(path, {block.name for block in blocks})
+    return path
+
+
+def _curve_folder(page: Path) -> Path:
+    return page.with_name(f"{page.stem}_curves")
+
+
+def remove_curve_files(page: Path, used: Collection[str] = ()) -> None:
+    """Remove the files of curves of an earlier page, and their folder if it is empty then."""
+    folder = _curve_folder(page)
+    with suppress(OSError):
+        for file in folder.iterdir():
+            if _CURVE_FILE_NAME.fullmatch(file.name) and file.name not in used:
+                file.unlink()
+        if not used:
+            folder.rmdir()
 
 
 def fill_template(

@@ -21,7 +21,7 @@ function drawPanels() {
   for (const { key } of PANELS) state.charts.delete(key);
   for (const { section } of PANELS) byId(section).replaceChildren();
   if (!panels.length || !selectedCases().length) {
-    const hint = groupCases().some((run) => run.curves)
+    const hint = groupCases().some(mayHaveCurves)
       ? "Select cases in the plot or in the table to see their trajectories, errors, energies and drifts."
       : "No case of this model has curves.";
     byId("panels").replaceChildren(createPlaceholder(hint));

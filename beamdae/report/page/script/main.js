@@ -38,7 +38,7 @@ function drawHeader() {
   const isMoving = page.groups.some((group) => group.frames) || page.cases.some((run) => run.frames);
   byId("motion").hidden = !isMoving;
   document.querySelector("main").classList.toggle("without-motion", !isMoving);
-  const hasCurves = page.cases.some((run) => run.curves);
+  const hasCurves = page.cases.some(mayHaveCurves);
   byId("curves").hidden = isMoving && !hasCurves;
   document.querySelector("main").classList.toggle("without-curves", byId("curves").hidden);
   if (page.sequential) document.head.append(createShadeStyles());

@@ -27,6 +27,7 @@ function selectCase(run) {
   const freeSlot = state.slots.indexOf(null);
   const slot = freeSlot >= 0 ? freeSlot : state.slots.length;
   state.slots[slot] = { run, number: slot + 1, color: leastUsedColor(run) };
+  loadCurves(run);
 }
 
 // Candidates are the color of the family, followed by the colors not used by any family.
@@ -86,20 +87,22 @@ function showSelection() {
 
 // Below the selection: why curves of a selected case are missing, and the most similar case with curves.
 function explainMissingCurves() {
-  const hasCurves = groupCases().some((run) => run.curves);
+  const hasCurves = groupCases().some(mayHaveCurves);
   const missing = hasCurves ? selectedCases().filter(({ run }) => !run.curves) : [];
   byId("selection-notes").replaceChildren(...missing.map(({ run }) => createCurveNote(run)));
 }
 
 function createCurveNote(run) {
-  if (hasFailed(run)) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
+  const fileState = describeCurveFile(run);
+  if (hasFailed(run) && !fileState) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
   const others = groupCases().filter((other) => other.curves);
+  if (isLoading(run) || !others.length) return html("p", {}, fileState);
   const count = `${others.length} of ${groupCases().length} cases`;
   const nearest = nearestCase(run, others);
   const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);
   const file = run.file ? ` The rows of this case are in ${run.file}.` : "";
-  const text = `${run.label} has no curves on this page, which stores those of ${count}.${file} Nearest: `;
-  return html("p", {}, text, button);
+  const reason = fileState ?? `${run.label} has no curves on this page, which stores those of ${count}.`;
+  return html("p", {}, `${reason}${file} Nearest: `, button);
 }
 
 // Case with the most similar parameters, of those listed; `axes` are the indices of the compared parameters.
