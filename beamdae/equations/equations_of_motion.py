@@ -64,25 +64,20 @@ class RangeTerm:
 
         Each entry is the maximum over the rows of q and the copies of the kernel.
         """
-        function = self.statement.kernel.function
-        values = (
-            function(self._local_coordinates(rows), self._data_of_rows(len(rows))).max(axis=0)
-            for rows in self._row_blocks(q)
-        )
-        return np.max(list(values), axis=0)
+        return np.max([self._largest_values(x) for x in self._column_blocks(q)], axis=0)
+
+    def largest_and_rotations(self, q: Array) -> tuple[Array, Array]:
+        """Return `largest_deformation` and `rotations` for the same rows of `q`."""
+        blocks = [(self._largest_values(x), self._rotations(x)) for x in self._column_blocks(q)]
+        values, rotations = zip(*blocks, strict=True)
+        return np.max(values, axis=0), np.concatenate(rotations)
 
     def rotations(self, q: Array) -> Array:
         """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.
 
         The `defect` of `statement` must not be None.
         """
-        rotations = self._defect.rotations
-        return np.concatenate(
-            [
-                self._deformations(rows)[..., rotations].reshape(len(rows), -1)
-                for rows in self._row_blocks(q)
-            ]
-        )
+        return np.concatenate([self._rotations(x) for x in self._column_blocks(q)])
 
     def deformation_changes(self, q: Array) -> tuple[Array, Array]:
         """Return the deformations, and their changes due to exact strains, for k rows of `q`.
@@ -150,9 +145,23 @@ class RangeTerm:
         assert defect is not None
         return defect
 
-    def _row_blocks(self, q: Array) -> Iterator[Array]:
-        """Return blocks of rows of `q`, whose local coordinates and data take little memory."""
-        return _split_rows(q, self.operator.shape[0] + self.statement.data.size)
+    def _largest_values(self, columns: Array) -> Array:
+        values = self.statement.kernel.function.on_copies(columns, self.statement.data)
+        return values.max(axis=(1, 2))
+
+    def _rotations(self, columns: Array) -> Array:
+        """Return the section rotations (k, nodes) of local coordinates (copies, size, k)."""
+        deformations = columns[:, self._defect.deformations]
+        return deformations[:, self._defect.rotations].reshape(-1, columns.shape[2]).T
+
+    def _column_blocks(self, q: Array) -> Iterator[Array]:
+        """Yield the local coordinates (copies, size, k) of blocks of rows of `q`.
+
+        The local coordinates and data of a block take little memory.
+        """
+        size = self.statement.kernel.local.size
+        for rows in _split_rows(q, self.operator.shape[0] + self.statement.data.size):
+            yield np.asarray(self.operator @ rows.T).reshape(-1, size, len(rows))
 
     def _local_coordinates(self, q: Array) -> Array:
         """Return the local coordinates (k * copies, size) of coordinates q (k, n)."""

@@ -341,19 +341,35 @@ class Interval:
         # Short pieces have polynomials of lower degree: further nodes have no weight.
         through, is_used = first + np.minimum(order, degrees), order <= degrees
         x = self.nodes[through]
-        weights, slopes = is_used.astype(float), np.zeros_like(x)
-        for k, j in np.ndindex(degree + 1, degree + 1):
-            if j != k:
-                factor = np.where(is_used[j], t - x[j], 1.0)
-                distance = np.where(is_used[j] & is_used[k], x[k] - x[j], 1.0)
-                if derivative:  # Product rule, before the product contains this factor.
-                    slopes[k] = (slopes[k] * factor + is_used[j] * weights[k]) / distance
-                weights[k] *= factor / distance
-        if derivative:
-            weights = slopes
+        if is_used.all() and not derivative:
+            weights = _multiply_lagrange_factors(t, x)
+        else:
+            weights, slopes = is_used.astype(float), np.zeros_like(x)
+            for k, j in np.ndindex(degree + 1, degree + 1):
+                if j != k:
+                    factor = np.where(is_used[j], t - x[j], 1.0)
+                    distance = np.where(is_used[j] & is_used[k], x[k] - x[j], 1.0)
+                    if derivative:  # Product rule, before the product contains this factor.
+                        slopes[k] = (slopes[k] * factor + is_used[j] * weights[k]) / distance
+                    weights[k] *= factor / distance
+            if derivative:
+                weights = slopes
         ends = np.arange(len(t) + 1) * (degree + 1)
         shape = (len(t), len(self.nodes))
         return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
+
+
+def _multiply_lagrange_factors(t: Array, x: Array) -> Array:
+    """Return the Lagrange weights (d + 1, j) at times t (j,) of the nodes x (d + 1, j).
+
+    Same bits as the loop in `Interval._lagrange_weights`, in less than half of its time.
+    """
+    factors, weights = t - x, np.ones_like(x)
+    for k, weight in enumerate(weights):
+        for j, factor in enumerate(factors):
+            if j != k:
+                weight *= factor / (x[k] - x[j])
+    return weights
 
 
 def _preceding_node(nodes: Array, t: Array) -> Array:

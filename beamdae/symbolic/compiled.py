@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.row_programs import RowProgram, can_vectorize
+from beamdae.symbolic.table_lookups import has_lookups, jacobian, weighted_derivative
 
 Array = np.ndarray
 _Mapped = TypeVar("_Mapped")
@@ -19,6 +20,10 @@ _MAX_MAPPED_ROWS = 128
 _MIN_PROGRAM_ROWS = 200
 # Number of rows of a program, whose columns then stay in the processor cache.
 _MAX_PROGRAM_ROWS = 1024
+# Numbers of points of a program for copies, and of rows among them. Copies share nothing but few
+# operations on their data, so that more points are faster.
+_MAX_COPY_POINTS = 4096
+_MAX_COPY_ROWS = 512
 # Number of mapped functions that are cached per function: runs differ in their last, shorter block.
 MAX_MAPPED_FUNCTIONS = 16
 
@@ -90,8 +95,8 @@ class _EvaluatorPool:
     Each evaluator is used by one thread at a time.
     """
 
-    def __init__(self, create: type[Any], function: ca.Function, count: int) -> None:
-        self._recipe = create, function, count
+    def __init__(self, create: type[Any], function: ca.Function, shape: Any) -> None:
+        self._recipe = create, function, shape
         self._idle: list[Any] = []
 
     def __reduce__(self) -> Any:
@@ -103,8 +108,8 @@ class _EvaluatorPool:
             # Not a test of the length, because a concurrent thread may take the last one.
             return self._idle.pop()
         except IndexError:
-            create, function, count = self._recipe
-            return create(function, count)
+            create, function, shape = self._recipe
+            return create(function, shape)
 
     def release(self, evaluator: Any) -> None:
         """Let other callers use the evaluator."""
@@ -117,7 +122,7 @@ class RowFunction:
     def __init__(self, function: ca.Function) -> None:
         self._function = function
         self._mapped_functions: dict[tuple[int, ...], _EvaluatorPool] = {}
-        self._programs: dict[int, _EvaluatorPool] = {}
+        self._programs: dict[Any, _EvaluatorPool] = {}
         self._derivatives: dict[int, RowFunction] = {}
         self._weighted_gradient: RowFunction | None = None
 
@@ -134,7 +139,8 @@ class RowFunction:
             return result
         is_program = rows >= _MIN_PROGRAM_ROWS and self._can_vectorize
         count = min(rows, _MAX_PROGRAM_ROWS if is_program else _MAX_MAPPED_ROWS)
-        pool = self._program(count) if is_program else self._map(count, shared)
+        shapes = ((count,),) * len(arguments)
+        pool = self._program(shapes) if is_program else self._map(count, shared)
         evaluator = pool.acquire()
         # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
@@ -142,6 +148,41 @@ class RowFunction:
             values = [a if np.ndim(a) == 1 else a[chunk] for a in arguments]
             result[chunk] = evaluator.evaluate(values)
         pool.release(evaluator)
+        return result
+
+    def on_copies(self, columns: Array, data: Array) -> Array:
+        """Return the output entries of c copies of a function of (q, data) at k rows.
+
+        Parameters
+        ----------
+        columns
+            First argument of each copy at each row, (c, size, k).
+        data
+            Second argument of each copy, (n_data, c), the same at all rows.
+
+        Returns
+        -------
+        ndarray
+            Output entries (n, c, k), with the bits of a call with one row per copy and row.
+        """
+        copies, size, rows = columns.shape
+        if rows < _MIN_PROGRAM_ROWS or not self._can_vectorize:
+            values = self(columns.transpose(2, 0, 1).reshape(-1, size), np.tile(data.T, (rows, 1)))
+            return values.reshape(rows, copies, -1).transpose(2, 1, 0)
+        result = np.empty((self._function.nnz_out(0), copies, rows))
+        n_rows = min(rows, _MAX_COPY_ROWS)
+        n_copies = min(copies, max(_MAX_COPY_POINTS // n_rows, 1))
+        pool = self._program(((n_copies, n_rows), (n_copies, 1)))
+        program = pool.acquire()
+        # The last blocks overlap the previous blocks.
+        for copy in [*range(0, copies - n_copies, n_copies), copies - n_copies]:
+            block = slice(copy, copy + n_copies)
+            program.inputs[1][..., 0] = data[:, block]
+            for row in [*range(0, rows - n_rows, n_rows), rows - n_rows]:
+                chunk = slice(row, row + n_rows)
+                program.inputs[0][:] = columns[block, :, chunk].swapaxes(0, 1)
+                result[:, block, chunk] = program()
+        pool.release(program)
         return result
 
     @cached_property
@@ -164,7 +205,11 @@ class RowFunction:
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
             (value,) = self._function.call(inputs)
-            entries = ca.densify(ca.vec(ca.jacobian(value, inputs[argument])))
+            if has_lookups(self._function):
+                by_argument = jacobian(ca.vec(value), inputs[argument])
+            else:
+                by_argument = ca.jacobian(value, inputs[argument])
+            entries = ca.densify(ca.vec(by_argument))
             function = ca.Function(self._function.name(), inputs, [entries])
             self._derivatives[argument] = RowFunction(function)
         return self._derivatives[argument]
@@ -180,7 +225,11 @@ class RowFunction:
             (value,) = function.call(inputs)
             weights = ca.SX.sym("weights", function.numel_out(0))
             arguments = ca.vertcat(*map(ca.vec, inputs[1:]))
-            by_arguments = ca.gradient(ca.dot(weights, ca.densify(ca.vec(value))), arguments)
+            value = ca.densify(ca.vec(value))
+            if has_lookups(function):
+                by_arguments = weighted_derivative(value, arguments, weights)
+            else:
+                by_arguments = ca.gradient(ca.dot(weights, value), arguments)
             inputs = [*inputs, weights]
             entries = [ca.densify(by_arguments)]
             gradient = ca.Function(f"{function.name()}_gradient", inputs, entries)
@@ -199,17 +248,21 @@ class RowFunction:
             keep_latest(self._mapped_functions, key, mapped)
         return mapped
 
-    def _program(self, count: int) -> _EvaluatorPool:
-        """Return programs over `count` rows; cached, because building one takes milliseconds."""
-        programs = self._programs.get(count)
+    def _program(self, shapes: tuple[tuple[int, ...], ...]) -> _EvaluatorPool:
+        """Return programs for these shapes; cached, because building one takes milliseconds."""
+        programs = self._programs.get(shapes)
         if programs is None:
-            programs = _EvaluatorPool(RowProgram, self._function, count)
-            keep_latest(self._programs, count, programs)
+            programs = _EvaluatorPool(RowProgram, self._function, shapes)
+            keep_latest(self._programs, shapes, programs)
         return programs
 
     def jacobians(self, *arguments: Array) -> list[Array]:
         """Return the dense Jacobians at one point: an array (size, k) per argument (k,)."""
         function = self._function
+        if has_lookups(function):
+            points = [np.reshape(x, (1, -1)) for x in arguments]
+            derivatives = [self.derivative(k)(*points)[0] for k in range(len(points))]
+            return [x.reshape(-1, function.numel_out(0)).T for x in derivatives]
         unused_value = np.zeros(function.numel_out(0))
         derivatives = function.jacobian()(*map(np.ravel, arguments), unused_value)
         blocks = derivatives if isinstance(derivatives, tuple) else (derivatives,)

@@ -39,43 +39,50 @@ _MAX_OPERATIONS = 1000
 
 
 class RowProgram:
-    """A function with one dense output, evaluated for `count` rows at a time.
+    """A function with one dense output, evaluated at many points at a time.
 
     Parameters
     ----------
     function
         Function that `can_vectorize` accepts.
-    count
-        Number of rows of a call.
+    shapes
+        Shape of the points at which each argument is given, such as (count,) for `count` rows. The
+        shapes are broadcast: operations on arguments with few points are evaluated at few points.
 
     Attributes
     ----------
     inputs
-        One buffer (size, count) per argument, column k being row k of the argument.
+        One buffer (size, *shape) per argument.
     output
-        Buffer (size, count) of the results.
+        Buffer (size, *shape) of the results at all points.
     """
 
-    def __init__(self, function: ca.Function, count: int) -> None:
-        self.inputs = [np.zeros((function.nnz_in(i), count)) for i in range(function.n_in())]
-        self.output = np.zeros((function.nnz_out(0), count))
-        work = list(np.zeros((function.sz_w(), count)))
-        # Columns that the slots of the work vector stand for; constants and inputs have their own.
-        values: list[Array] = list(work)
+    def __init__(self, function: ca.Function, shapes: Sequence[tuple[int, ...]]) -> None:
+        self.inputs = [np.zeros((function.nnz_in(i), *shape)) for i, shape in enumerate(shapes)]
+        all_points = np.broadcast_shapes(*shapes)
+        one_point = (1,) * len(all_points)
+        self.output = np.zeros((function.nnz_out(0), *all_points))
+        # Results that the slots of the work vector stand for; constants and inputs have their own.
+        values = [np.zeros(one_point)] * function.sz_w()
+        work: dict[Any, Array] = {}
         self._steps: list[tuple[Callable[..., Any], tuple[Array, ...]]] = []
         operation: Callable[..., Any]
         for k in range(function.n_instructions()):
             code = function.instruction_id(k)
             operands, results = function.instruction_input(k), function.instruction_output(k)
             if code == ca.OP_CONST:
-                values[results[0]] = np.full(count, function.instruction_constant(k))
+                values[results[0]] = np.full(one_point, function.instruction_constant(k))
             elif code == ca.OP_INPUT:
                 values[results[0]] = self.inputs[operands[0]][operands[1]]
             elif code == ca.OP_OUTPUT:
                 self._steps.append((np.positive, (values[operands[0]], self.output[results[1]])))
             else:
                 arguments = [values[i] for i in operands]
-                values[results[0]] = work[results[0]]
+                shape = np.broadcast_shapes(*(x.shape for x in arguments))
+                slot = results[0], shape
+                if slot not in work:
+                    work[slot] = np.zeros(shape)
+                values[results[0]] = work[slot]
                 if code == ca.OP_TWICE:
                     operation, arguments = np.add, arguments * 2
                 else:
@@ -90,7 +97,10 @@ class RowProgram:
         return self.output
 
     def evaluate(self, arguments: Sequence[Array]) -> Array:
-        """Return the results (count, size) at arguments (count, k), or (k,) for all rows."""
+        """Return the results (count, size) at arguments (count, k), or (k,) for all rows.
+
+        All shapes must be (count,).
+        """
         for buffer, argument in zip(self.inputs, arguments, strict=True):
             buffer[:] = argument[:, None] if np.ndim(argument) == 1 else argument.T
         return self().T

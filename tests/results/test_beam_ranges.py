@@ -12,6 +12,7 @@ from beamdae.equations.equations_of_motion import State
 from beamdae.results.diagnostics.beam_ranges import (
     MAX_UNREPORTED_ERROR,
     BeamRange,
+    _find_peaks,
     count_oscillations,
     measure_beam_ranges,
     relative_change_by_exact_strains,
@@ -121,6 +122,14 @@ def test_ranges_are_maxima_over_elements_and_rows():
     deflection, rotation, strain = equations.ranges[0].largest_deformation(q)
     assert (deflection, rotation) == pytest.approx((0.3, 0.2))
     assert strain > 0.01
+
+
+@pytest.mark.parametrize("count", [1, 5, 400, 801, 2001])
+def test_peaks_are_the_largest_values_of_equal_sections(count):
+    values = np.round(np.random.default_rng(count).random(count), 2)
+    sections = np.array_split(np.arange(count), min(count, 400))
+    expected = [section[np.argmax(values[section])] for section in sections]
+    assert _find_peaks(values, len(sections)).tolist() == expected
 
 
 def test_exact_strains_cannot_change_a_beam_that_does_not_rotate():

@@ -40,6 +40,17 @@ def test_rows_can_share_an_argument():
     np.testing.assert_array_equal(values, expected)
 
 
+@pytest.mark.parametrize(("copies", "rows"), [(8, 2001), (3, 300), (300, 513), (5, 7)])
+def test_copies_have_the_bits_of_the_virtual_machine(copies, rows):
+    rng = np.random.default_rng(copies)
+    columns, data = rng.standard_normal((copies, 3, rows)), rng.standard_normal((2, copies))
+    values = RowFunction(FUNCTION).on_copies(columns, data)
+    assert values.shape == (6, copies, rows)
+    for copy in {0, copies // 2, copies - 1}:
+        expected = evaluate_by_row(FUNCTION, columns[copy].T, np.tile(data[:, copy], (rows, 1)))
+        np.testing.assert_array_equal(values[:, copy].T, expected)
+
+
 def test_divisions_by_zero_are_silent():
     reciprocal = ca.Function("f", [X, Y], [1.0 / X[0]])
     values = RowFunction(reciprocal)(np.zeros((300, 3)), np.zeros((300, 2)))
@@ -61,6 +72,6 @@ def test_long_functions_and_functions_of_matrices_are_left_to_the_virtual_machin
 
 
 def test_the_next_call_overwrites_the_output():
-    program = RowProgram(FUNCTION, 4)
+    program = RowProgram(FUNCTION, ((4,), (4,)))
     first = program.evaluate([np.ones((4, 3)), np.ones(2)])
     assert np.shares_memory(first, program.evaluate([np.zeros((4, 3)), np.zeros(2)]))

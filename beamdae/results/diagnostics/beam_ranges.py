@@ -158,22 +158,25 @@ def strain_warnings(
 
 
 def _beam_range(
-    term: RangeTerm, q: Array, estimate_error: Callable[[RangeTerm, Array], float]
+    term: RangeTerm, q: Array, estimate_error: Callable[[RangeTerm, Array, Array], float]
 ) -> BeamRange:
-    statement = term.statement
-    deflection, rotation, strain = map(float, term.largest_deformation(q))
-    error = None if statement.defect is None else estimate_error(term, q)
+    statement, error = term.statement, None
+    if statement.defect is None:
+        values = term.largest_deformation(q)
+    else:
+        values, rotations = term.largest_and_rotations(q)
+        error = estimate_error(term, q, rotations)
+    deflection, rotation, strain = map(float, values)
     return BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
 
 
-def _estimate_error_of_run(term: RangeTerm, q: Array) -> float:
-    rotations = term.rotations(q)
+def _estimate_error_of_run(term: RangeTerm, q: Array, rotations: Array) -> float:
     factor = _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
     return factor * relative_change_by_exact_strains(term, q, rotations)
 
 
-def _estimate_error_of_equilibria(term: RangeTerm, q: Array) -> float:
-    return _ERROR_OF_EQUILIBRIUM * relative_change_by_exact_strains(term, q)
+def _estimate_error_of_equilibria(term: RangeTerm, q: Array, rotations: Array) -> float:
+    return _ERROR_OF_EQUILIBRIUM * relative_change_by_exact_strains(term, q, rotations)
 
 
 def relative_change_by_exact_strains(
@@ -188,12 +191,24 @@ def relative_change_by_exact_strains(
     rotations = term.rotations(q) if rotations is None else rotations
     largest = np.max(np.abs(rotations), axis=1)
     # Peaks of sections of the run: adjacent times of one peak have almost the same deformation.
-    sections = np.array_split(np.arange(len(q)), min(len(q), _MIN_SAMPLE_COUNT))
-    peaks = np.array([times[np.argmax(largest[times])] for times in sections])
+    peaks = _find_peaks(largest, min(len(q), _MIN_SAMPLE_COUNT))
     samples = peaks[np.argsort(largest[peaks])[-_DEFECT_SAMPLE_COUNT:]]
     deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(q[samples]))
     deformed = deformations > 0.0
     return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))
+
+
+def _find_peaks(values: Array, count: int) -> Array:
+    """Return the index of the largest value in each of `count` sections, as of np.array_split."""
+    length, n_longer = divmod(len(values), count)
+    end = n_longer * (length + 1)
+    longer, shorter = values[:end].reshape(-1, length + 1), values[end:].reshape(-1, length)
+    return np.concatenate(
+        [
+            np.argmax(longer, axis=1) + (length + 1) * np.arange(len(longer)),
+            np.argmax(shorter, axis=1) + end + length * np.arange(len(shorter)),
+        ]
+    )
 
 
 def count_oscillations(rotations: Array) -> float:
