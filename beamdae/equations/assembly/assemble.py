@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ Array = np.ndarray
 
 _MAX_DRAWING_ERROR = 1e-2  # due to interpolated curves; relative to the mechanism
 _PLACEMENT_COORDINATES = 3  # position and angle
+_MAX_CACHED_NAMES = 256  # parts with different names or coordinates
 _BYTES_PER_COORDINATE = 1e4  # lower bound of the memory of a run; measured without joints: 14 kB
 
 
@@ -131,7 +133,9 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
     equations = build_equations(
         coordinates=tuple(
-            Variable(f"{part.name}.{c.name}", c.unit) for part in parts for c in part.coordinates
+            variable
+            for part in parts
+            for variable in _name_coordinates(part.name, tuple(part.coordinates))
         ),
         q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),
@@ -161,6 +165,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             )
         equations = replace(equations, redundant=True)
     return apply_initial_conditions(equations, start)
+
+
+@lru_cache(maxsize=_MAX_CACHED_NAMES)
+def _name_coordinates(part: str, coordinates: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    return tuple(Variable(f"{part}.{x.name}", x.unit) for x in coordinates)
 
 
 def _prepare_parts(mechanism: Mechanism, start: Any) -> None:

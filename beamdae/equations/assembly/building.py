@@ -66,6 +66,8 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
+_MAX_CACHED_CHECKS = 64  # models with different coordinates or multipliers
+
 
 def build_equations(
     *,
@@ -340,6 +342,14 @@ def require_unique_headers(
     """Reject duplicate headers of observed columns, and of coordinates and multipliers."""
     observed_headers = [header for observable in observed for header in observable.headers]
     require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
+    _require_unique_coordinates(tuple(coordinates), tuple(multipliers))
+
+
+# Models are often built again with the same coordinates.
+@lru_cache(maxsize=_MAX_CACHED_CHECKS)
+def _require_unique_coordinates(
+    coordinates: tuple[Variable, ...], multipliers: tuple[Variable, ...]
+) -> None:
     rates = [coordinate.rate for coordinate in coordinates]
     lam = [Variable(f"lam.{multiplier.name}", multiplier.unit) for multiplier in multipliers]
     headers = [column.header for column in (*coordinates, *rates, *lam)]

@@ -17,6 +17,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, Formula
+from beamdae.symbolic.sparse_operators import assemble_csr
 from beamdae.symbolic.statements import SX, Piece
 
 Array = np.ndarray
@@ -60,12 +61,13 @@ class CoordinateMap:
         data = [operator.data for operator, _ in operators]
         indices = [operator.indices + offset for operator, offset in operators]
         starts = [op.indptr[:-1] + first for (op, _), first in zip(operators, ends, strict=False)]
-        arrays = (
+        indptr = np.concatenate([*starts, ends[-1:]])
+        return assemble_csr(
             np.concatenate([np.zeros(0), *data]),
             np.concatenate([np.zeros(0, np.int32), *indices]),
-            np.concatenate([*starts, ends[-1:]]),
+            indptr,
+            (len(indptr) - 1, self.n),
         )
-        return sp.csr_array(arrays, shape=(len(arrays[2]) - 1, self.n))
 
 
 def _as_csr(operator: Any) -> sp.csr_array:

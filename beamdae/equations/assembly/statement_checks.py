@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,13 +31,25 @@ T = TypeVar("T")
 Sizes = Mapping[int, int]
 Statement = ForceStatement | ConstraintStatement | RangeStatement
 
+_MAX_CACHED_CHECKS = 256  # parts with different names or coordinates
+
 
 def require_coordinates_fit(part: Part) -> list[Variable]:
     """Return the coordinates of the part; reject those that do not conform to `Part`."""
-    coordinates = _require_list(part.name, "coordinates", part.coordinates, Variable)
+    coordinates = part.coordinates
+    if type(coordinates) is tuple and set(map(type, coordinates)) <= {Variable}:
+        # Models are often built again with the same coordinates.
+        with suppress(TypeError):
+            return list(_require_coordinates(part.name, coordinates))
+    return list(_require_coordinates.__wrapped__(part.name, coordinates))
+
+
+@lru_cache(maxsize=_MAX_CACHED_CHECKS)
+def _require_coordinates(part: str, value: Any) -> list[Variable]:
+    coordinates = _require_list(part, "coordinates", value, Variable)
     for coordinate in coordinates:
-        require_unit(part.name, coordinate.unit)
-    require_unique(part.name, "coordinates", [coordinate.name for coordinate in coordinates])
+        require_unit(part, coordinate.unit)
+    require_unique(part, "coordinates", [coordinate.name for coordinate in coordinates])
     return coordinates
 
 
