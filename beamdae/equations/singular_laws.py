@@ -36,6 +36,8 @@ _FINITE_OPERATIONS = frozenset(
     for name in (
         *("ASSIGN", "ADD", "SUB", "MUL", "NEG", "TWICE", "SQ", "SIN", "COS", "TANH", "ATAN"),
         *("FABS", "FMIN", "FMAX", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO"),
+        # Lookups in tables.
+        "CALL",
     )
 )
 

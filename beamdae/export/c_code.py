@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
+
+from beamdae.native.table_functions import FIND, PICK
+from beamdae.symbolic.table_lookups import has_lookups
 
 Array = np.ndarray
 
@@ -89,6 +93,7 @@ def write_kernel(name: str, function: ca.Function) -> str:
         function = function.expand()
     work: dict[int, str] = {}
     lines = []
+    calls = function.instructions_sx() if has_lookups(function) else None
     for k in range(function.n_instructions()):
         code, sources = function.instruction_id(k), function.instruction_input(k)
         targets = function.instruction_output(k)
@@ -100,6 +105,19 @@ def write_kernel(name: str, function: ca.Function) -> str:
             continue
         if code == ca.OP_INPUT:
             expression = f"{('shared', 'local')[sources[0]]}[{sources[1]}]"
+            if calls is not None:
+                # Rows of tables are not read before their lookup.
+                work[targets[0]] = expression
+                continue
+        elif calls is not None and code == ca.OP_CALL:
+            operation = calls.nz[k].which_function().name()
+            operands = [work[i] for i in sources]
+            for i, (target, value) in enumerate(
+                zip(targets, _write_call(operation, operands, len(targets)), strict=True)
+            ):
+                lines.append(f"const double v{k}_{i} = {value};")
+                work[target] = f"v{k}_{i}"
+            continue
         elif code in _EXPRESSIONS:
             operands = [work[i] for i in sources]
             expression = _EXPRESSIONS[code].format(x=operands[0], y=operands[-1])
@@ -110,6 +128,18 @@ def write_kernel(name: str, function: ca.Function) -> str:
     body = "\n".join(f"    {line}" for line in lines)
     head = f"static void {name}(const double *shared, const double *local, double *out) {{"
     return f"{head}\n    (void)shared, (void)local, (void)out;\n{body}\n}}\n"
+
+
+def _write_call(name: str, operands: Sequence[str], count: int) -> list[str]:
+    """Return the results of a call of a function of `beamdae.native.table_functions`."""
+    argument, rows = operands[0], operands[1:]
+    match = re.fullmatch(r"local\[(\d+)\]", rows[0])
+    first = int(match[1]) if match else 0
+    if name not in (FIND, PICK) or list(rows) != [f"local[{first + i}]" for i in range(len(rows))]:
+        raise UnsupportedOperationError(f"call of {name}")
+    if name == FIND:
+        return [f"find_row(local + {first}, {len(rows)}, {argument})"]
+    return [f"local[{first + i} + (int)({argument})]" for i in range(count)]
 
 
 def format_number(value: float) -> str:

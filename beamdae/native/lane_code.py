@@ -18,6 +18,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from beamdae.native.llvm import MachineCodeError, library_address
+from beamdae.native.table_functions import FIND, PICK, SPREAD, write_lane_functions
 
 # Copies per vector.
 LANE_WIDTH = 8
@@ -218,7 +219,10 @@ def write_lane_module(function: ca.Function) -> str:
     """
     require_lane_form(function)
     writer = _LaneWriter(function.name())
-    is_complete = _write_instructions(function, writer)
+    try:
+        is_complete = _write_instructions(function, writer)
+    except _UnsupportedCallError:
+        is_complete = False
     if not is_complete or any(f"libm.{x}" not in library_imports() for x in writer.library):
         raise ValueError(f"{function.name()}: the function has operations that cannot be compiled.")
     return writer.module
@@ -236,13 +240,21 @@ def library_imports() -> dict[str, int]:
 
 @cache
 def describe_writer() -> str:
-    """Return the source of this module, which determines the IR of a function."""
-    return Path(__file__).read_text("utf-8")
+    """Return the text that determines the IR of a function, such as the source of this module."""
+    return Path(__file__).read_text("utf-8") + write_lane_functions(LANES.number, LANE_WIDTH)
 
 
 class _Operand(NamedTuple):
     is_vector: bool
     text: str
+    # Row of a local input, which is loaded by its first operation; rows of tables are not loaded.
+    row: int | None = None
+    # Call of SPREAD and number of the result, which is written by its output.
+    spread: tuple[int, int] | None = None
+
+
+class _UnsupportedCallError(Exception):
+    """Raised for a call that cannot be compiled, such as of a table with constant rows."""
 
 
 @dataclass
@@ -258,13 +270,19 @@ class _LaneWriter:
         group of `LANE_WIDTH` copies.
     library
         Names of the C library functions that the function calls.
+    has_tables
+        True if the function calls functions of `table_functions`.
     """
 
     name: str
     before: list[str] = field(default_factory=list)
     group: list[str] = field(default_factory=list)
     library: set[str] = field(default_factory=set)
+    has_tables: bool = False
     _broadcast: dict[str, str] = field(default_factory=dict)
+    _loaded: set[str] = field(default_factory=set)
+    _spreads: dict[int, tuple[_Operand, list[_Operand], int]] = field(default_factory=dict)
+    _spread_rows: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
     def load_shared(self, result: str, row: int) -> _Operand:
         self.before += [
@@ -274,11 +292,13 @@ class _LaneWriter:
         return _Operand(False, result)
 
     def load_local(self, result: str, row: int) -> _Operand:
-        self._locate_row(result, "%local", row)
-        self.group.append(f"{result} = load {LANES.number}, ptr {result}.p, align 8")
-        return _Operand(True, result)
+        return _Operand(True, result, row)
 
     def store_output(self, result: str, row: int, value: _Operand) -> None:
+        if value.spread is not None:
+            call, number = value.spread
+            self._spread_rows.setdefault(call, []).append((row, number))
+            return
         text = self._broadcast_lanes(value)
         self._locate_row(result, "%out", row)
         self.group.append(f"store {LANES.number} {text}, ptr {result}.p, align 8")
@@ -286,12 +306,59 @@ class _LaneWriter:
     def apply(self, operation: int, result: str, x: _Operand, y: _Operand) -> _Operand:
         if operation in _LIBRARY_NAMES:
             self.library.add(_LIBRARY_NAMES[operation])
+        if x.spread is not None or y.spread is not None:
+            raise _UnsupportedCallError
         if x.is_vector or y.is_vector:
             lanes_of_x, lanes_of_y = self._broadcast_lanes(x), self._broadcast_lanes(y)
             self.group.append(write_operation(LANES, operation, result, lanes_of_x, lanes_of_y))
             return _Operand(True, result)
         self.before.append(write_operation(SCALAR, operation, result, x.text, y.text))
         return _Operand(False, result)
+
+    def call(self, name: str, number: int, operands: list[_Operand], count: int) -> list[_Operand]:
+        """Write a call of a function of `table_functions`; return its `count` results."""
+        self.has_tables = True
+        if name == SPREAD:
+            self._spreads[number] = operands[0], operands[1:], count
+            return [_Operand(True, "", spread=(number, i)) for i in range(count)]
+        if name not in (FIND, PICK):
+            raise _UnsupportedCallError
+        argument, result, rows = self._broadcast_lanes(operands[0]), f"%v{number}", operands[1:]
+        first = rows[0].row
+        if first is None or [x.row for x in rows] != list(range(first, first + len(rows))):
+            raise _UnsupportedCallError
+        results = []
+        for i in range(count):
+            text = f"{result}.{i}"
+            self._locate_row(text, "%local", first + i)
+            rest = f"i64 {len(rows)}, " if name == FIND else ""
+            self.group.append(
+                f"{text} = call {LANES.number} @lanes.{'find' if name == FIND else 'pick'}"
+                f"(ptr {text}.p, i64 %padded, {rest}{LANES.number} {argument})"
+            )
+            results.append(_Operand(True, text))
+        return results
+
+    def write_spreads(self) -> None:
+        """Write the results of the calls of SPREAD, which must be successive outputs."""
+        for number, (row, values, count) in self._spreads.items():
+            rows = sorted(self._spread_rows.get(number, []), key=lambda pair: pair[1])
+            if not rows:
+                continue
+            first = rows[0][0]
+            if rows != [(first + i, i) for i in range(count)]:
+                raise _UnsupportedCallError
+            name, lane = f"%spread{number}", f"{LANES.number} {self._broadcast_lanes(row)}"
+            self._locate_row(name, "%out", first)
+            start = f"(ptr {name}.p, i64 %padded, "
+            self.group.append(f"call void @lanes.clear{start}i64 {count})")
+            for i, value in enumerate(values):
+                text = self._broadcast_lanes(value)
+                self._locate_row(f"{name}.{i}", "%out", first + i)
+                self.group.append(
+                    f"call void @lanes.put(ptr {name}.{i}.p, i64 %padded, {lane}, "
+                    f"{LANES.number} {text})"
+                )
 
     def _locate_row(self, result: str, base: str, row: int) -> None:
         self.group += [
@@ -302,7 +369,13 @@ class _LaneWriter:
 
     def _broadcast_lanes(self, value: _Operand) -> str:
         text = value.text
+        if value.spread is not None:
+            raise _UnsupportedCallError
         if value.is_vector:
+            if value.row is not None and text not in self._loaded:
+                self._loaded.add(text)
+                self._locate_row(text, "%local", value.row)
+                self.group.append(f"{text} = load {LANES.number}, ptr {text}.p, align 8")
             return text
         if text not in self._broadcast:
             name = f"%b{len(self._broadcast)}"
@@ -320,6 +393,7 @@ class _LaneWriter:
         return "\n".join(
             [
                 *(write_lane_wrapper(name) for name in sorted(self.library)),
+                *([write_lane_functions(LANES.number, LANE_WIDTH)] if self.has_tables else []),
                 f"define void @{self.name}(ptr noalias readonly %shared, "
                 "ptr noalias readonly %local, ptr noalias %out, i64 %padded) nounwind {",
                 "before:",
@@ -343,13 +417,22 @@ class _LaneWriter:
 def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:
     """Write the instructions of a function; return False if one of them is not supported."""
     work: dict[int, _Operand] = {}
+    calls = None
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation == ca.OP_OUTPUT:
             (_, row), (source,) = function.instruction_output(k), function.instruction_input(k)
             writer.store_output(f"%v{k}", row, work[source])
             continue
-        (target,) = function.instruction_output(k)
+        targets = function.instruction_output(k)
+        if operation == ca.OP_CALL:
+            calls = function.instructions_sx() if calls is None else calls
+            name = calls.nz[k].which_function().name()
+            operands = [work[i] for i in function.instruction_input(k)]
+            results = writer.call(name, k, operands, len(targets))
+            work |= dict(zip(targets, results, strict=True))
+            continue
+        (target,) = targets
         if operation == ca.OP_CONST:
             work[target] = _Operand(False, format_constant(function.instruction_constant(k)))
         elif operation == ca.OP_INPUT:
@@ -364,6 +447,7 @@ def _write_instructions(function: ca.Function, writer: _LaneWriter) -> bool:
             work[target] = writer.apply(operation, f"%v{k}", operands[0], operands[-1])
         else:
             return False
+    writer.write_spreads()
     return True
 
 

@@ -154,6 +154,9 @@ class Law:
 
     def __call__(self, time: SX) -> SX:
         """Return the value at time[0] of the piece that is valid at time[1]."""
+        if (function := _common_function(self.pieces)) is not None:
+            # One expression for all pieces, however many rows its tables have.
+            return _evaluate_locked(function, time[0], time[1])
         return _select_piece(self.pieces, self.breakpoints, time)
 
     @property
@@ -255,10 +258,16 @@ class _ShiftedKind:
 
 def shift_law(law: Law, since: float) -> Law:
     """Return the law whose value at t is the value of `law` at t - `since` [s]."""
+    shifted_functions: dict[int, _ShiftedFunction] = {}
 
     def shift_piece(piece: Callable[[Any], Any]) -> Callable[[Any], Any]:
         if isinstance(piece, Formula):
             return Formula(_ShiftedKind(piece.kind), (since, *piece.numbers))
+        if isinstance(piece, _LockedPiece):
+            function = shifted_functions.setdefault(
+                id(piece.function), _ShiftedFunction(piece.function, since)
+            )
+            return _LockedPiece(function, since + piece.at)
         return lambda t: piece(t - since)
 
     pieces = tuple(shift_piece(piece) for piece in law.pieces)
@@ -267,6 +276,17 @@ def shift_law(law: Law, since: float) -> Law:
         for x in law.ranges
     )
     return Law(pieces, tuple(since + b for b in law.breakpoints), law.time_scale, ranges)
+
+
+@dataclass(frozen=True)
+class _ShiftedFunction:
+    """The function of t whose value is that of `function` at t - `since` [s]."""
+
+    function: Callable[[Any], Any]
+    since: float
+
+    def __call__(self, t: Any) -> Any:
+        return self.function(t - self.since)
 
 
 def as_law(part: str, value: Any, start: float = 0.0) -> Law:
@@ -307,7 +327,8 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
         initial_value = law.at(start)
     else:
         time = SX.sym("t", 2)
-        for piece in law.pieces:
+        is_table = _common_function(law.pieces) is not None
+        for piece in law.pieces[:1] if is_table else law.pieces:
             _require_formula_in_time(part, piece, time[0], start)
         function = ca.Function("law", [time], [with_references(law(time))])
         if law is not value:
@@ -536,12 +557,22 @@ class _LockedPiece:
     def __call__(self, t: Any) -> Any:
         if not isinstance(t, SX):
             return self.function(t)
-        if not t.is_symbolic():
-            # A law that was shifted in time.
-            symbol = SX.sym("t")
-            return ca.substitute(SX(self(symbol)), symbol, t)
-        with locked_pieces(t, self.at):
-            return self.function(t)
+        return _evaluate_locked(self.function, t, SX(self.at))
+
+
+def _common_function(pieces: Sequence[Callable[[Any], Any]]) -> Callable[[Any], Any] | None:
+    """Return the function of which all pieces are locked pieces, or None."""
+    functions = [piece.function for piece in pieces if isinstance(piece, _LockedPiece)]
+    is_common = len(functions) == len(pieces) and all(f is functions[0] for f in functions)
+    return functions[0] if is_common else None
+
+
+def _evaluate_locked(function: Callable[[Any], Any], t: SX, at: SX) -> Any:
+    """Return the value at t of a function whose tables are continued from t = `at`."""
+    symbol = SX.sym("t")
+    with locked_pieces(symbol, at):
+        value = _evaluate_piece(function, symbol)
+    return ca.substitute(SX(value), symbol, t)
 
 
 def _law_label(piece: Callable[[Any], Any]) -> str:

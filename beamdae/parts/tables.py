@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -32,6 +33,7 @@ from beamdae.read_only import read_only
 from beamdae.symbolic.signals import Signal, as_expression
 from beamdae.symbolic.statements import SX, Local
 from beamdae.symbolic.table_calls import record_call, uses_symbols_for_numbers
+from beamdae.symbolic.table_lookups import find_row, pick_numbers
 
 Array = np.ndarray
 
@@ -96,12 +98,13 @@ _SI_FACTORS = {
 }
 
 
-# Argument t of a time law and a time at which tables select one smooth piece, or None.
-_LOCK: ContextVar[tuple[SX, float] | None] = ContextVar("_LOCK", default=None)
+# Argument t of a time law and the time, a number or symbol, at which tables select one smooth
+# piece, or None.
+_LOCK: ContextVar[tuple[SX, SX] | None] = ContextVar("_LOCK", default=None)
 
 
 @contextmanager
-def locked_pieces(t: SX, at: float) -> Iterator[None]:
+def locked_pieces(t: SX, at: SX) -> Iterator[None]:
     """Let tables of the symbol `t` return the smooth piece that is valid at t = `at`."""
     token = _LOCK.set((t, at))
     try:
@@ -143,25 +146,16 @@ class _Numbers(NamedTuple):
     ----------
     axes
         Values of each argument.
-    coefficients
-        One row per function of `Table._clamped_basis` of the first argument, one column per
-        function of the second argument.
+    polynomials
+        Columns of coefficients: for each power of each argument, one number per interval of the
+        first argument and of the second.
     values
-        Values at all points.
+        Values at the ends of the only axis.
     """
 
     axes: Sequence[SX]
-    coefficients: SX
+    polynomials: Sequence[SX]
     values: SX
-
-
-def _combine(x: _Numbers, bases: Sequence[SX]) -> SX:
-    by_first = ca.mtimes(x.coefficients.T, bases[0])
-    return by_first if len(bases) == 1 else ca.dot(by_first, bases[1])
-
-
-def _as_matrix(coefficients: Array) -> Array:
-    return coefficients.reshape(len(coefficients), -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,7 +182,7 @@ class Table:
     kind: str
     outside: str
     arguments: tuple[str, ...]
-    # One entry per function of `_clamped_basis` of each axis.
+    # One entry per function of `_evaluate` of each axis: 1 and powers of depths in all intervals.
     coefficients: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -298,75 +292,73 @@ class Table:
         lock, x = _LOCK.get(), self._numbers
         if lock is not None:
             return self._express_piece(x, arguments, *lock)
-        bases = [self._clamped_basis(*pair) for pair in zip(arguments, x.axes, strict=True)]
-        return record_call(self, arguments, _combine(x, bases))
+        rows, depths = [], []
+        for argument, knots in zip(arguments, x.axes, strict=True):
+            # Outside the table, the value at its edge.
+            inside = ca.fmin(ca.fmax(argument, knots[0]), knots[-1])
+            rows.append(find_row(inside, knots))
+            depths.append(inside - pick_numbers(rows[-1], knots))
+        return record_call(self, arguments, self._evaluate_polynomial(x, rows, depths))
 
     @property
     def _numbers(self) -> _Numbers:
         """Numbers of the table, or symbols in their place."""
         data = self._signal.value_symbol if uses_symbols_for_numbers() else SX(self._signal.data)
-        sizes = [*map(len, self.axes), self.coefficients.size, self.values.size]
-        *axes, coefficients, values = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
-        return _Numbers(
-            axes, ca.reshape(coefficients, *_as_matrix(self.coefficients).shape), values
-        )
+        n_intervals = math.prod(len(axis) - 1 for axis in self.axes)
+        n_polynomials = (self.degree + 1) ** len(self.axes)
+        sizes = [*map(len, self.axes), *[n_intervals] * n_polynomials, 2]
+        columns = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
+        n = len(self.axes)
+        return _Numbers(columns[:n], columns[n:-1], columns[-1])
 
     @cached_property
     def _signal(self) -> _TableNumbers:
-        coefficients = _as_matrix(self.coefficients).ravel(order="F")
-        return _TableNumbers(np.concatenate([*self.axes, coefficients, self.values.ravel()]))
+        polynomials = self.values
+        for axis, knots in enumerate(self.axes):
+            # (powers of the first argument, intervals, powers of the second argument, intervals)
+            values = np.moveaxis(polynomials, 2 * axis, 0)
+            rows = _fit_axis(knots, values, self.kind)[1:]
+            pieces = [values[:-1], *np.split(rows, self.degree)]
+            polynomials = np.moveaxis(np.array(pieces), (0, 1), (2 * axis, 2 * axis + 1))
+        if len(self.axes) > 1:
+            polynomials = np.moveaxis(polynomials, 2, 1)
+        return _TableNumbers(
+            np.concatenate([*self.axes, polynomials.ravel(), self.values.flat[[0, -1]]])
+        )
 
-    def _express_piece(self, x: _Numbers, arguments: tuple[SX, ...], t: SX, at: float) -> SX:
-        """Return the smooth piece of a time law that is valid around t = `at`."""
-        places = ca.Function("arguments", [t], [ca.vertcat(*arguments)])(at)
-        intervals = [
-            int(np.searchsorted(knots, float(place))) - 1
-            for knots, place in zip(self.axes, ca.vertsplit(places), strict=True)
-        ]
-        if len(intervals) == 1 and self._is_one_piece(0, intervals[0]):
-            # The sum over all intervals before this one would have larger rounding errors.
-            (k,), n = intervals, len(self.axes[0]) - 1
-            if not 0 <= k < n:
-                return x.values[max(k, 0)]
-            depth = arguments[0] - x.axes[0][k]
-            terms = (x.coefficients[1 + k + n * p] * depth ** (p + 1) for p in range(self.degree))
-            return sum(terms, start=x.values[k])
-        bases = zip(arguments, x.axes, range(len(intervals)), intervals, strict=True)
-        return _combine(x, [self._smooth_basis(*values) for values in bases])
+    def _evaluate_polynomial(self, x: _Numbers, rows: Sequence[SX], depths: Sequence[SX]) -> SX:
+        """Return the polynomial of one interval of each argument, given distances from its row."""
+        row = rows[0] if len(rows) == 1 else rows[0] * (len(self.axes[1]) - 1) + rows[1]
+        coefficients = [pick_numbers(row, column) for column in x.polynomials]
+        for depth in depths[::-1]:
+            step = self.degree + 1
+            groups = [coefficients[k : k + step] for k in range(0, len(coefficients), step)]
+            coefficients = [_evaluate_powers(group, depth) for group in groups]
+        return coefficients[0]
 
-    def _is_one_piece(self, axis: int, interval: int) -> bool:
-        """Return True if one polynomial, not a sum over intervals, defines a time law there."""
-        return self.kind == "linear" or not 0 <= interval < len(self.axes[axis]) - 1
+    def _express_piece(self, x: _Numbers, arguments: tuple[SX, ...], t: SX, at: SX) -> SX:
+        """Return the smooth piece of a time law that is valid around t = `at`.
 
-    def _clamped_basis(self, x: SX, knots: SX) -> SX:
-        """Return 1 and the powers of max(0, min(x - x_k, h_k)) for all intervals k, by power.
-
-        The sum of these terms, each with the coefficients of the polynomial on its interval, is the
-        interpolating function, constant outside the table. A formula with comparisons would have
-        jumps, which only cancel up to rounding.
-        """
-        return self._powers(ca.fmin(ca.fmax(x - knots[:-1], 0.0), knots[1:] - knots[:-1]))
-
-    def _smooth_basis(self, x: SX, knots: SX, axis: int, interval: int) -> SX:
-        """Return the functions of `_clamped_basis` for a time law in an interval.
-
-        Before and after the table, they are constant. Within the table, the polynomials at its ends
+        Before and after the table, it is constant. Within the table, the polynomials at its ends
         are continued; derivatives at a row are those to its right.
         """
-        n = len(self.axes[axis]) - 1
-        lengths, depths = knots[1:] - knots[:-1], x - knots[:-1]
-        if self._is_one_piece(axis, interval):
-            fixed = lengths * ca.DM((np.arange(n) < interval).astype(float))
-            if 0 <= interval < n:
-                fixed[interval] = depths[interval]
-            return self._powers(fixed)
-        is_before, is_after = x < knots[:-1], x >= knots[1:]
-        # The first and the last polynomial are continued.
-        is_before[0] = is_after[n - 1] = 0.0
-        return self._powers(ca.if_else(is_after, lengths, ca.if_else(is_before, 0.0, depths)))
-
-    def _powers(self, depths: SX) -> SX:
-        return ca.vertcat(1.0, *(ca.power(depths, p) for p in range(1, self.degree + 1)))
+        rows, depths = [], []
+        for argument, knots in zip(arguments, x.axes, strict=True):
+            place = ca.substitute(argument, t, at)
+            is_before, is_after = place < knots[0], place >= knots[-1]
+            row = find_row(place if self.kind == "linear" else argument, knots)
+            # The row is arbitrary outside the table.
+            row = ca.if_else(is_after, knots.numel() - 2.0, ca.if_else(is_before, 0.0, row))
+            first, last = ca.vertsplit(pick_numbers(row, knots, 2))
+            depth = ca.if_else(is_before, 0.0, argument - first)
+            rows.append(row)
+            depths.append(ca.if_else(is_after, last - first, depth))
+        value = self._evaluate_polynomial(x, rows, depths)
+        if len(arguments) > 1:
+            return value
+        # Without the rounding errors of the polynomial.
+        value = ca.if_else(is_before, x.values[0], value)
+        return ca.if_else(is_after, x.values[1], value)
 
     def kinks(self, axis: int) -> Array:
         """Return the arguments on an axis at which the slope of the table jumps."""
@@ -389,8 +381,16 @@ class Table:
         )
 
 
+def _evaluate_powers(coefficients: Sequence[SX], x: SX) -> SX:
+    """Return the polynomial with these coefficients, in ascending order of powers."""
+    value = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        value = coefficient + x * value
+    return value
+
+
 def _fit_axis(knots: Array, values: Array, kind: str) -> Array:
-    """Return the coefficients of the functions of `Table._clamped_basis` along the first axis."""
+    """Return the coefficients of the functions of `Table._evaluate` along the first axis."""
     if kind == "linear":
         lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
         return np.concatenate([values[:1], np.diff(values, axis=0) / lengths])

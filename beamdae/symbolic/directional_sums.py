@@ -16,6 +16,12 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.table_lookups import (
+    directional_derivative,
+    has_lookups,
+    repeat_call,
+    repeat_operation,
+)
 
 Array = np.ndarray
 SX = ca.SX
@@ -151,7 +157,8 @@ def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
     shared = SX.sym("shared", function.numel_in(0))
     local, tangent = SX.sym("local", kernel.n_local), SX.sym("tangent", kernel.n_local)
     value = expand_powers(function, shared, local)
-    derivative = ca.densify(ca.jtimes(value, local, tangent))
+    differentiate = directional_derivative if has_lookups(function) else ca.jtimes
+    derivative = ca.densify(differentiate(value, local, tangent))
     results = ca.vertcat(derivative, value) if with_value else derivative
     (results,) = ca.cse([results])
     directional = ca.Function(
@@ -171,6 +178,7 @@ def expand_powers(function: ca.Function, *arguments: SX) -> SX:
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
     if ca.OP_POW not in codes:
         return ca.densify(ca.vec(function(*arguments)))
+    calls = function.instructions_sx() if ca.OP_CALL in codes else None
     work, value = [SX(0)] * function.sz_w(), SX.zeros(function.numel_out(0))
     for k, code in enumerate(codes):
         sources, targets = function.instruction_input(k), function.instruction_output(k)
@@ -180,11 +188,15 @@ def expand_powers(function: ca.Function, *arguments: SX) -> SX:
             work[targets[0]] = arguments[sources[0]].nz[sources[1]]
         elif code == ca.OP_CONST:
             work[targets[0]] = SX(function.instruction_constant(k))
-        elif len(sources) == 1:
-            work[targets[0]] = SX.unary(code, work[sources[0]])
+        elif calls is not None and code == ca.OP_CALL:
+            results = repeat_call(calls.nz[k], [work[i] for i in sources])
+            for target, result in zip(targets, results, strict=True):
+                # Unused results have no place.
+                if target >= 0:
+                    work[target] = result
         else:
-            one, other = (work[i] for i in sources)
+            operands = [work[i] for i in sources]
             if code == ca.OP_POW:
-                one = one + _TINY_BASE * (one == 0.0)
-            work[targets[0]] = SX.binary(code, one, other)
+                operands[0] += _TINY_BASE * (operands[0] == 0.0)
+            work[targets[0]] = repeat_operation(code, operands)
     return value

@@ -24,6 +24,7 @@ from beamdae.symbolic.statements import (
     Local,
     QuantityKernel,
 )
+from beamdae.symbolic.table_lookups import LOOKUPS, has_lookups, look_up
 
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
@@ -73,7 +74,7 @@ def _form_group(key: Any, members: list[int], statements: Sequence[Statement]) -
 def generalize_quantity(kernel: QuantityKernel) -> tuple[Any, Array]:
     """Return the kernel with the numbers in it as additional data, and these numbers.
 
-    A kernel that calls other functions is returned unchanged, with no numbers.
+    A kernel that calls functions other than lookups is returned unchanged, with no numbers.
     """
     recipe = _describe_kernel(kernel)
     if recipe is None:
@@ -91,7 +92,7 @@ class _KernelRecipe(NamedTuple):
     shapes
         Shapes of the outputs.
     steps
-        (operation, operands, results) of each instruction.
+        (operation or name of a lookup, operands, results) of each instruction.
     """
 
     type: type[AnyKernel]
@@ -99,7 +100,7 @@ class _KernelRecipe(NamedTuple):
     n_data: int
     n_multipliers: int
     shapes: tuple[tuple[int, int], ...]
-    steps: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
+    steps: tuple[tuple[int | str, tuple[int, ...], tuple[int, ...]], ...]
 
 
 def _to_function(kernel: AnyKernel) -> ca.Function:
@@ -111,11 +112,18 @@ def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
     if kernel.reused:
         return None
     f, x = _to_function(kernel), kernel.local
+    calls = f.instructions_sx() if has_lookups(f) else None
+
+    def describe_operation(k: int) -> int | str:
+        code = f.instruction_id(k)
+        is_call = calls is not None and code == ca.OP_CALL
+        return calls.nz[k].which_function().name() if is_call else code
+
     steps = tuple(
-        (f.instruction_id(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
+        (describe_operation(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
         for k in range(f.n_instructions())
     )
-    if any(operation == ca.OP_CALL for operation, _, _ in steps):
+    if any(isinstance(operation, str) and operation not in LOOKUPS for operation, _, _ in steps):
         return None
     shapes = tuple(output.shape for output in kernel.outputs)
     return _KernelRecipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
@@ -150,6 +158,10 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
             values[results[0]] = inputs[operands[0]][operands[1]]
         elif operation == ca.OP_CONST:
             values[results[0]] = local.data[next(data_index)]
+        elif isinstance(operation, str):
+            column = ca.vertcat(*(values[k] for k in operands[1:]))
+            found = look_up(operation, values[operands[0]], column, len(results))
+            values.update(zip(results, ca.vertsplit(found), strict=True))
         elif len(operands) == 1:
             values[results[0]] = SX.unary(operation, values[operands[0]])
         else:

@@ -36,6 +36,7 @@ from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, keep_latest
 from beamdae.symbolic.lane_tiles import BatchRows, Tiles, find_tiles
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
+from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.vector_sines import expand_sines
 
 Array = np.ndarray
@@ -138,7 +139,10 @@ class Kernel:
         entries = ca.densify(ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs)))
         if has_repetitions:
             (entries,) = ca.cse([entries])
-        return cls(ca.Function(name, [shared, local], [entries]), tuple(map(SX.sparsity, outputs)))
+        function = ca.Function(name, [shared, local], [entries])
+        if has_lookups(function):
+            function = remove_zero_lookups(function)
+        return cls(function, tuple(map(SX.sparsity, outputs)))
 
 
 @dataclass(slots=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from beamdae.symbolic.directional_sums import expand_powers, group_by_batch
 from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.table_lookups import has_lookups, weighted_derivative
 
 Array = np.ndarray
 SX = ca.SX
@@ -140,7 +141,11 @@ def _transposed_kernel(kernel: Kernel) -> Kernel:
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
     value = expand_powers(function, shared, local)
-    (gradient,) = ca.cse([ca.densify(ca.jtimes(value, local, weights, True))])
+    if has_lookups(function):
+        gradient = weighted_derivative(value, local, weights)
+    else:
+        gradient = ca.jtimes(value, local, weights, True)
+    (gradient,) = ca.cse([ca.densify(gradient)])
     transposed = ca.Function(
         f"{function.name()}_transposed", [shared, ca.vertcat(local, weights)], [gradient]
     )

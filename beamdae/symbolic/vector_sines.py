@@ -11,6 +11,7 @@ from functools import cache
 import casadi as ca
 
 from beamdae.symbolic.local_symbols import SX
+from beamdae.symbolic.table_lookups import repeat_call, repeat_operation
 
 # Coefficients of (sin x - x) / x^3 and of (cos x - 1 + x^2 / 2) / x^4, in powers of x^2, for
 # |x| < pi / 4: fdlibm (Sun Microsystems, 1993), k_sin.c and k_cos.c.
@@ -95,6 +96,7 @@ def expand_sines(function: ca.Function) -> ca.Function | None:
     arguments = function.sx_in()
     work, outputs = [SX(0)] * function.sz_w(), [SX(0)] * function.numel_out(0)
     pairs: dict[int, tuple[SX, SX]] = {}
+    calls = function.instructions_sx() if ca.OP_CALL in codes else None
     for k, code in enumerate(codes):
         sources, targets = function.instruction_input(k), function.instruction_output(k)
         if code == ca.OP_OUTPUT:
@@ -110,8 +112,12 @@ def expand_sines(function: ca.Function) -> ca.Function | None:
                 sine, cosine = _sine_and_cosine_function().call([angle])
                 pairs[key] = sine, cosine
             work[targets[0]] = pairs[key][code == ca.OP_COS]
-        elif len(sources) == 1:
-            work[targets[0]] = SX.unary(code, work[sources[0]])
+        elif calls is not None and code == ca.OP_CALL:
+            results = repeat_call(calls.nz[k], [work[i] for i in sources])
+            for target, result in zip(targets, results, strict=True):
+                # Unused results have no place.
+                if target >= 0:
+                    work[target] = result
         else:
-            work[targets[0]] = SX.binary(code, *(work[i] for i in sources))
+            work[targets[0]] = repeat_operation(code, [work[i] for i in sources])
     return ca.Function(function.name(), arguments, [ca.vertcat(*outputs)])

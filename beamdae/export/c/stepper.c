@@ -119,6 +119,19 @@ static int fail(Instance *s, const char *text, double t) {
     return -1;
 }
 
+/* Last row k < count - 1 of a table with axis[k] <= x, or 0. */
+Index find_row(const double *axis, Index count, double x) {
+    Index start = 0, stop = count - 1;
+    while (stop - start > 1) {
+        const Index pivot = (start + stop) / 2;
+        if (x < axis[pivot])
+            stop = pivot;
+        else
+            start = pivot;
+    }
+    return start;
+}
+
 /* Sums of kernels */
 
 static void copy_data(const Sum *sum, const double *p, Index first) {

@@ -16,6 +16,9 @@ typedef uint32_t Index;
 /* Outputs of one copy from the numbers that all copies share and from its own numbers. */
 typedef void (*Kernel)(const double *shared, const double *local, double *out);
 
+/* Last row k < count - 1 of a table with axis[k] <= x, or 0; called by kernels. */
+Index find_row(const double *axis, Index count, double x);
+
 /* Copies of a kernel; their inputs begin at `start` in the local numbers. The ends are those of
    the entries of the batch in the tables of the plan. */
 typedef struct {

@@ -1,0 +1,184 @@
+"""Lookups in tables within expressions, and derivatives of expressions with lookups.
+
+A lookup finds the row of an argument by bisection and picks the numbers of this row, from which an
+expression that is smooth within the row is formed. Derivatives with respect to the argument regard
+the numbers as constant. With respect to the numbers of the table, picking is linear, and its
+transpose is spreading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+
+from beamdae.native.table_functions import (
+    FIND,
+    PICK,
+    SPREAD,
+    find_function,
+    pick_function,
+    spread_function,
+)
+
+SX = ca.SX
+
+LOOKUPS = (FIND, PICK)
+# CasADi's name of the derivative of a function along a direction, its last inputs.
+_DERIVATIVE = "fwd"
+
+
+def find_row(x: SX, axis: SX) -> SX:
+    """Return the last row k with axis[k] <= x, but at least 0 and at most len(axis) - 2."""
+    return find_function(axis.numel())(x, axis)
+
+
+def pick_numbers(row: SX, numbers: SX, width: int = 1) -> SX:
+    """Return `width` entries of a column, starting at `row`."""
+    return pick_function(numbers.numel(), width)(row, numbers)
+
+
+def look_up(name: str, argument: SX, numbers: SX, count: int) -> SX:
+    """Return `find_row` or `pick_numbers`, by a name among `LOOKUPS`."""
+    if name == FIND:
+        return find_row(argument, numbers)
+    return pick_numbers(argument, numbers, count)
+
+
+def has_lookups(function: ca.Function) -> bool:
+    """Return True if a function contains calls, of which lookups are the only ones."""
+    return bool(function.find_functions(0))
+
+
+def repeat_call(call: SX, operands: Sequence[SX]) -> list[SX]:
+    """Return the results of a call, an entry of `Function.instructions_sx`, with other operands."""
+    function = call.which_function()
+    columns, first = [], 0
+    for i in range(function.n_in()):
+        end = first + function.nnz_in(i)
+        columns.append(ca.vertcat(*operands[first:end]))
+        first = end
+    return [x for column in function.call(columns) for x in ca.vertsplit(column)]
+
+
+def remove_zero_lookups(function: ca.Function) -> ca.Function:
+    """Return a function of one output without derivatives of lookups that are zero.
+
+    CasADi calls the derivative of a lookup even if the numbers of its table are constant.
+    """
+    inputs = function.sx_in()
+    value, _ = _repeat_instructions(function, inputs, separates=False)
+    return ca.Function(function.name(), inputs, [value])
+
+
+class _Lookup(NamedTuple):
+    """A call that is linear in `numbers`; `symbols` stand for its results."""
+
+    is_spread: bool
+    row: SX
+    numbers: SX
+    symbols: SX
+
+    def apply(self, numbers: SX) -> SX:
+        """Return the results for other numbers."""
+        if self.is_spread:
+            return spread_function(self.symbols.numel(), numbers.numel())(self.row, numbers)
+        return pick_numbers(self.row, numbers, self.symbols.numel())
+
+    def transpose(self, weights: SX) -> SX:
+        """Return the derivatives of weights . results with respect to the numbers."""
+        if self.is_spread:
+            return pick_numbers(self.row, weights, self.numbers.numel())
+        return spread_function(self.numbers.numel(), weights.numel())(self.row, weights)
+
+
+def directional_derivative(value: SX, x: SX, direction: SX) -> SX:
+    """Return the derivative of a column with respect to symbols x along a direction."""
+    value, lookups = _separate_lookups(value)
+    for lookup in lookups:
+        change = ca.densify(ca.jtimes(lookup.numbers, x, direction))
+        x, direction = ca.vertcat(x, lookup.symbols), ca.vertcat(direction, lookup.apply(change))
+    return _insert_lookups(ca.jtimes(value, x, direction), lookups)
+
+
+def weighted_derivative(value: SX, x: SX, weights: SX) -> SX:
+    """Return the gradient of weights . value with respect to symbols x."""
+    value, lookups = _separate_lookups(value)
+    size, every = x.numel(), ca.vertcat(x, *(lookup.symbols for lookup in lookups))
+    gradient, end = ca.densify(ca.jtimes(value, every, weights, True)), every.numel()
+    for lookup in reversed(lookups):
+        first = end - lookup.symbols.numel()
+        by_numbers = lookup.transpose(gradient[first:end])
+        gradient += ca.jtimes(lookup.numbers, every, by_numbers, True)
+        end = first
+    return _insert_lookups(gradient[:size], lookups)
+
+
+def jacobian(value: SX, x: SX) -> SX:
+    """Return the Jacobian of a column with respect to symbols x."""
+    rows = ca.vertsplit(ca.densify(value))
+    return ca.vertcat(*(ca.densify(weighted_derivative(row, x, SX(1.0))).T for row in rows))
+
+
+def _separate_lookups(value: SX) -> tuple[SX, list[_Lookup]]:
+    """Return an expression with symbols for the results of lookups, and these lookups in order."""
+    symbols = ca.vertcat(*ca.symvar(value))
+    function = ca.Function("value", [symbols], [ca.densify(value)])
+    if not has_lookups(function):
+        return value, []
+    return _repeat_instructions(function, [symbols], separates=True)
+
+
+def _repeat_instructions(
+    function: ca.Function, inputs: Sequence[SX], separates: bool
+) -> tuple[SX, list[_Lookup]]:
+    """Return the output of a function, and the lookups in it if symbols replace their results."""
+    calls, lookups = function.instructions_sx(), []
+    work, output = [SX(0)] * function.sz_w(), SX.zeros(function.size_out(0))
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        sources, targets = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            output.nz[targets[1]] = work[sources[0]]
+        elif code == ca.OP_INPUT:
+            work[targets[0]] = inputs[sources[0]].nz[sources[1]]
+        elif code == ca.OP_CONST:
+            work[targets[0]] = SX(function.instruction_constant(k))
+        elif code != ca.OP_CALL:
+            work[targets[0]] = repeat_operation(code, [work[i] for i in sources])
+        else:
+            call, operands = calls.nz[k], [work[i] for i in sources]
+            called = call.which_function()
+            name = called.name()
+            if name.startswith(_DERIVATIVE) and _is_zero(
+                operands[-called.nnz_in(called.n_in() - 1) :]
+            ):
+                results = [SX(0.0)] * len(targets)
+            elif separates and name in (PICK, SPREAD):
+                symbols = SX.sym("lookup", len(targets))
+                numbers = ca.vertcat(*operands[1:])
+                lookups.append(_Lookup(name == SPREAD, operands[0], numbers, symbols))
+                results = ca.vertsplit(symbols)
+            else:
+                results = repeat_call(call, operands)
+            for target, result in zip(targets, results, strict=True):
+                # Unused results have no place.
+                if target >= 0:
+                    work[target] = result
+    return output, lookups
+
+
+def _is_zero(operands: Sequence[SX]) -> bool:
+    return all(x.is_constant() and x.is_zero() for x in operands)
+
+
+def _insert_lookups(value: SX, lookups: Sequence[_Lookup]) -> SX:
+    for lookup in reversed(lookups):
+        value = ca.substitute(value, lookup.symbols, lookup.apply(lookup.numbers))
+    return value
+
+
+def repeat_operation(code: int, operands: Sequence[SX]) -> SX:
+    """Return the result of a unary or binary operation of CasADi."""
+    return SX.unary(code, *operands) if len(operands) == 1 else SX.binary(code, *operands)
