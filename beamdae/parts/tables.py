@@ -149,12 +149,15 @@ class _Numbers(NamedTuple):
     polynomials
         Columns of coefficients: for each power of each argument, one number per interval of the
         first argument and of the second.
+    limits
+        First and last value of each argument.
     values
-        Values at the ends of the only axis.
+        Values at the limits of the only argument.
     """
 
     axes: Sequence[SX]
     polynomials: Sequence[SX]
+    limits: Sequence[SX]
     values: SX
 
 
@@ -293,9 +296,9 @@ class Table:
         if lock is not None:
             return self._express_piece(x, arguments, *lock)
         rows, depths = [], []
-        for argument, knots in zip(arguments, x.axes, strict=True):
+        for argument, knots, limits in zip(arguments, x.axes, x.limits, strict=True):
             # Outside the table, the value at its edge.
-            inside = ca.fmin(ca.fmax(argument, knots[0]), knots[-1])
+            inside = ca.fmin(ca.fmax(argument, limits[0]), limits[1])
             rows.append(find_row(inside, knots))
             depths.append(inside - pick_numbers(rows[-1], knots))
         return record_call(self, arguments, self._evaluate_polynomial(x, rows, depths))
@@ -306,10 +309,11 @@ class Table:
         data = self._signal.value_symbol if uses_symbols_for_numbers() else SX(self._signal.data)
         n_intervals = math.prod(len(axis) - 1 for axis in self.axes)
         n_polynomials = (self.degree + 1) ** len(self.axes)
-        sizes = [*map(len, self.axes), *[n_intervals] * n_polynomials, 2]
-        columns = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
         n = len(self.axes)
-        return _Numbers(columns[:n], columns[n:-1], columns[-1])
+        sizes = [*map(len, self.axes), *[n_intervals] * n_polynomials, *[2] * (n + 1)]
+        columns = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
+        end = n + n_polynomials
+        return _Numbers(columns[:n], columns[n:end], columns[end:-1], columns[-1])
 
     @cached_property
     def _signal(self) -> _TableNumbers:
@@ -322,8 +326,10 @@ class Table:
             polynomials = np.moveaxis(np.array(pieces), (0, 1), (2 * axis, 2 * axis + 1))
         if len(self.axes) > 1:
             polynomials = np.moveaxis(polynomials, 2, 1)
+        # Limits are separate numbers, so that derivatives with respect to an axis are lookups.
+        limits = [axis[[0, -1]] for axis in self.axes]
         return _TableNumbers(
-            np.concatenate([*self.axes, polynomials.ravel(), self.values.flat[[0, -1]]])
+            np.concatenate([*self.axes, polynomials.ravel(), *limits, self.values.flat[[0, -1]]])
         )
 
     def _evaluate_polynomial(self, x: _Numbers, rows: Sequence[SX], depths: Sequence[SX]) -> SX:
@@ -343,9 +349,9 @@ class Table:
         are continued; derivatives at a row are those to its right.
         """
         rows, depths = [], []
-        for argument, knots in zip(arguments, x.axes, strict=True):
+        for argument, knots, limits in zip(arguments, x.axes, x.limits, strict=True):
             place = ca.substitute(argument, t, at)
-            is_before, is_after = place < knots[0], place >= knots[-1]
+            is_before, is_after = place < limits[0], place >= limits[1]
             row = find_row(place if self.kind == "linear" else argument, knots)
             # The row is arbitrary outside the table.
             row = ca.if_else(is_after, knots.numel() - 2.0, ca.if_else(is_before, 0.0, row))
