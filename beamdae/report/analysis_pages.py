@@ -1,4 +1,4 @@
-"""HTML pages of equilibrium paths, natural modes, buckling modes and periodic motions."""
+"""HTML pages of equilibria, modes, buckling, Campbell diagrams, periodic motions, responses."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
@@ -17,12 +18,13 @@ from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.mode_shapes import ModeScenes
 from beamdae.report.run_page import build_run_page, export_table
-from beamdae.report.scene.frame_export import export_frames
+from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import CoordinatePoses
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.frequency_response import FrequencyResponse
 from beamdae.results.periodic_motion import PeriodicMotion
 from beamdae.results.storage.files import versions
 
@@ -33,14 +35,27 @@ _LOAD_FACTOR = "load factor [-]"
 _MAX_FRAMES = 120
 _FRAMES_PER_PERIOD = 32
 _PRINTED_MULTIPLIERS = 4
+_MAX_RESPONSE_MOTIONS = 25  # motions on the page of a response; others are interpolated
+_MAX_CAMPBELL_MOTIONS = 120  # modes with a motion on the page of a Campbell diagram
+_SPEED = "speed [rad/s]"
+_FREQUENCY = "frequency [Hz]"
+_GROWTH_RATE = "growth rate [1/s]"
+_COUNTS = ("mode", "multiple")
+_GUIDE_POINTS = 101
+# Columns with smaller half ranges, relative to the largest one in their unit, are rounding noise.
+_NOISE_RANGE = 1e-9
 
 
 def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
-    """Write the page of an equilibrium path, modes, buckling or a periodic motion."""
+    """Write the page of the result of an analysis, such as modes or a response curve."""
     if isinstance(result, Equilibrium):
         page = build_path_page(result, title or str(result.model.get("name", "equilibria")))
     elif isinstance(result, PeriodicMotion):
         page = build_periodic_page(result, title or "periodic motion")
+    elif isinstance(result, FrequencyResponse):
+        page = build_response_page(result, title or f"response over {result.parameter}")
+    elif isinstance(result, Campbell):
+        page = build_campbell_page(result, title or "Campbell diagram")
     else:
         page = build_modes_page(result, title or f"modes about {result.about}")
     return write_page(path, page)
@@ -196,6 +211,259 @@ def build_periodic_page(motion: PeriodicMotion, title: str) -> dict[str, Any]:
     tables = [table for table in page["tables"] if table["title"] != "Observed"]
     subtitle = f"{motion.status.sentence}; {motion.stability}"
     return page | {"subtitle": subtitle, "tables": [*added, *tables]}
+
+
+def build_response_page(response: FrequencyResponse, title: str) -> dict[str, Any]:
+    """Return the page content of a response curve: one case per periodic motion along the curve.
+
+    The scatter plot shows a half range over the parameter, with peaks marked and lines to unstable
+    motions dashed.
+    """
+    table, count = response.table(), len(response.points)
+    for name in {"stable", "fold"} & set(table):
+        table[name] = np.where(table[name], "yes", "no")
+    observed = list(response.points[0].solution.columns) if count else []
+    amplitudes = {name: response.curve(name)[1] for name in observed}
+    lengths = [name for name in observed if Header.of(name).unit == "m"]
+    largest = max(lengths or observed, key=lambda name: amplitudes[name].max(), default=None)
+    rows = [_plain_values(row) for row in table.to_dict("records")]
+    moving = _sample_evenly(count, _MAX_RESPONSE_MOTIONS)
+    max_rows = compute_row_limit(count * len(observed))
+    peaks = find_response_peaks(response)
+    return {
+        "title": title,
+        "subtitle": f"periodic motions over {response.parameter}: {response.status.sentence}",
+        "made": versions(),
+        "groups": [{"id": _ID}],
+        "noun": "motions",
+        "leads": True,
+        "columns": [
+            {"key": "label", "label": "motion", "unit": "", "kind": "text"},
+            *(_describe_mode_column(str(name), table[name]) for name in table),
+        ],
+        "axes": {"x": response.parameter, "y": largest and _half_range_column(largest)},
+        "overlays": [
+            {
+                "x": response.parameter,
+                "y": _half_range_column(name),
+                "lines": [],
+                "marks": [{"label": f"{x:.4g}", "x": x, "y": y} for x, y in points],
+            }
+            for name, points in peaks.items()
+        ],
+        "sliders": [
+            {
+                "label": response.parameter,
+                "unit": "",
+                "values": [point.parameter for point in response.points],
+                "isNumeric": True,
+            }
+        ],
+        "tables": [
+            {"title": "Response", "rows": list(response_facts(response).items())},
+            {
+                "title": "Peaks",
+                "head": ["column", response.parameter, "half range"],
+                "rows": [
+                    [name, f"{x:.7g}", f"{y:.7g}"]
+                    for name, points in peaks.items()
+                    for x, y in points
+                ],
+            },
+        ],
+        "cases": [
+            {
+                "id": str(k),
+                "group": _ID,
+                "label": f"{response.parameter} = {point.parameter:.6g}",
+                "family": "stable" if point.stable else "unstable",
+                "series": "curve",
+                "rank": k,
+                "at": [k],
+                "dashed": not point.stable,
+                "values": rows[k],
+                "curves": select_curves(
+                    {TIME: point.solution.t, **point.solution.columns}, max_rows
+                ),
+                "frames": export_run_frames(point.solution, _FRAMES_PER_PERIOD)
+                if k in moving
+                else None,
+            }
+            for k, point in enumerate(response.points)
+        ],
+    }
+
+
+def find_response_peaks(response: FrequencyResponse) -> dict[str, list[tuple[float, float]]]:
+    """Return (parameter, half range) at the peaks of the observed columns that move."""
+    observed = response.points[0].solution.columns if response.points else {}
+    largest = {name: float(response.curve(name)[1].max()) for name in observed}
+    units = {name: Header.of(name).unit for name in observed}
+    return {
+        name: response.peaks(name)
+        for name in observed
+        if largest[name]
+        > _NOISE_RANGE * max(largest[other] for other in observed if units[other] == units[name])
+    }
+
+
+def _half_range_column(header: str) -> str:
+    """Return the name of the column of `FrequencyResponse.table` with the half ranges."""
+    name, _, unit = header.partition(" [")
+    return f"{name} half range [{unit}"
+
+
+def _sample_evenly(count: int, limit: int) -> set[int]:
+    """Return at most `limit` of the numbers below `count`, the first and the last included."""
+    return set(np.linspace(0, count - 1, min(count, limit)).round().astype(int).tolist())
+
+
+def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
+    """Return the page content of a Campbell diagram: one case per mode and speed.
+
+    The scatter plot shows the frequencies over the speed, with the multiples of the speed as lines
+    and the resonances as marks.
+    """
+    order = np.argsort(diagram.speeds)
+    speeds = diagram.speeds[order]
+    frequencies, rates = diagram.frequencies[order], diagram.eigenvalues.real[order]
+    n_modes = frequencies.shape[1]
+    frames = _export_campbell_frames(diagram, order.tolist())
+    resonances = diagram.resonances()
+    marks = resonances.to_dict("records")
+    number = {"kind": "number"}
+    return {
+        "title": title,
+        "subtitle": f"{n_modes} modes at {len(speeds)} speeds",
+        "made": versions(),
+        "notes": list(diagram.warnings),
+        "groups": [{"id": _ID}],
+        "time": {"name": "phase", "unit": "periods"},
+        "noun": "modes",
+        "leads": True,
+        "columns": [
+            {"key": "label", "label": "mode", "unit": "", "kind": "text"},
+            {"key": _SPEED, "label": "speed", "unit": "rad/s", **number},
+            {"key": _FREQUENCY, "label": "frequency", "unit": "Hz", **number},
+            {"key": _GROWTH_RATE, "label": "growth rate", "unit": "1/s", **number},
+        ],
+        "axes": {"x": _SPEED, "y": _FREQUENCY},
+        "overlays": [
+            {
+                "x": _SPEED,
+                "y": _FREQUENCY,
+                "lines": [
+                    {
+                        "label": f"{multiple}\u00d7",
+                        "x": np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS).tolist(),
+                        "y": _excitation(
+                            multiple, np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
+                        ).tolist(),
+                    }
+                    for multiple in SPEED_MULTIPLES
+                ],
+                "marks": [{"label": "", "x": x[_SPEED], "y": x[_FREQUENCY]} for x in marks],
+            }
+        ],
+        "sliders": [
+            {
+                "label": "speed",
+                "unit": "rad/s",
+                "values": speeds.tolist(),
+                "isNumeric": len(speeds) > 1,
+            },
+            {
+                "label": "mode",
+                "unit": "",
+                "values": list(range(1, n_modes + 1)),
+                "isNumeric": False,
+            },
+        ],
+        "tables": [
+            {
+                "title": "Resonances",
+                "head": ["speed [rad/s]", "frequency [Hz]", "mode", "excitations per revolution"],
+                "rows": [
+                    [f"{x[_SPEED]:.6g}", f"{x[_FREQUENCY]:.6g}", *(str(x[k]) for k in _COUNTS)]
+                    for x in marks
+                ],
+            }
+        ],
+        "cases": [
+            {
+                "id": f"{i}-{k}",
+                "group": _ID,
+                "label": f"mode {k + 1} at {speeds[i]:.6g} rad/s",
+                "family": f"mode {k + 1}",
+                "series": f"mode {k + 1}",
+                "rank": i,
+                "at": [i, k],
+                "values": {
+                    _SPEED: float(speeds[i]),
+                    _FREQUENCY: float(frequencies[i, k]),
+                    _GROWTH_RATE: float(rates[i, k]),
+                },
+                "frames": frames.get((i, k)),
+            }
+            for k in range(n_modes)
+            for i in range(len(speeds))
+        ],
+    }
+
+
+def _excitation(multiple: int, speeds: Array) -> Array:
+    """Return the frequency [Hz] of `multiple` excitations per revolution at speeds [rad/s]."""
+    return multiple * np.abs(speeds) / (2.0 * np.pi)
+
+
+def _export_campbell_frames(
+    diagram: Campbell, order: list[int]
+) -> dict[tuple[int, int], dict[str, Any]]:
+    """Return one animation per mode at evenly sampled speeds, by position of speed and mode.
+
+    Shapes have the phase of the shape at the speed before, so that animations can be interpolated.
+    """
+    n_modes = diagram.eigenvalues.shape[1]
+    positions = sorted(_sample_evenly(len(order), max(_MAX_CAMPBELL_MOTIONS // max(n_modes, 1), 2)))
+    shares = np.linspace(0.0, 1.0, _FRAMES_PER_PERIOD + 1)
+    phases = np.exp(2j * np.pi * (shares - 0.25))
+    frames: dict[tuple[int, int], dict[str, Any]] = {}
+    before: dict[int, Array] = {}
+    for i in positions:
+        modes = diagram.modes[order[i]]
+        try:
+            scenes = ModeScenes("page", modes)
+        except BeamdaeError:
+            return {}
+        for k, number in enumerate(_find_modes(modes, diagram.eigenvalues[order[i]])):
+            product = np.vdot(modes.shapes[number], before.get(k, modes.shapes[number]))
+            turn = product / abs(product) if product else 1.0
+            before[k] = turn * modes.shapes[number]
+            frames[i, k] = export_frames(scenes.vibrating(number, turn * phases), shares)
+    return frames
+
+
+def _find_modes(modes: Modes, eigenvalues: Array) -> list[int]:
+    """Return the numbers of the modes with these eigenvalues; equal ones in ascending order."""
+    free = list(range(len(modes)))
+    numbers = []
+    for eigenvalue in eigenvalues:
+        numbers.append(min(free, key=lambda k: abs(modes.eigenvalues[k] - eigenvalue)))
+        free.remove(numbers[-1])
+    return numbers
+
+
+def response_facts(response: FrequencyResponse) -> dict[str, str]:
+    """Return descriptions of a response curve, keyed by topic."""
+    values = [point.parameter for point in response.points]
+    n_unstable = sum(not point.stable for point in response.points)
+    span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
+    return {
+        "status": response.status.sentence,
+        "curve": f"{len(values)} point{'s' * (len(values) != 1)}{span}",
+        "unstable": f"{n_unstable} of {len(values)} points",
+        "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
+    }
 
 
 def path_facts(result: Equilibrium) -> dict[str, str]:

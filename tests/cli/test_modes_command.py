@@ -57,6 +57,7 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     assert max(table["growth rate 1 [1/s]"][1], table["growth rate 2 [1/s]"][1]) > 0.1
     assert "warning: at 5.5 rad/s, the state is unstable" in result.stdout
     assert (tmp_path / "results/cross_modes.png").exists()
+    assert (tmp_path / "results/cross_modes.html").stat().st_size > 10_000
 
 
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):

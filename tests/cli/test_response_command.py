@@ -53,14 +53,16 @@ def test_a_table_and_a_picture_are_written(response):
     assert "reached the end of the range" in result.stdout
     assert "peak of" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000
+    assert Path("results/oscillator_response.html").stat().st_size > 10_000
 
 
 @pytest.mark.slow(reason="a curve")
 def test_json_of_an_angular_frequency(response):
-    options = ("--over", "frequency=1.9:2.1", "--angular", "--set", "angular=True")
+    options = ("--over", "frequency=1.9:2.1", "--angular", "--set", "angular=True", "--no-page")
     result = response(*options, "--longest-step", "0.4", "--json")
     document = json.loads(result.stdout)
     assert document["status"] == "ok"
+    assert not Path("results/oscillator_response.html").exists()
     assert document["folds"] == []
     first = document["points"][0]
     assert first["period [s]"] == pytest.approx(2.0 * np.pi / 1.9)

@@ -1,12 +1,20 @@
-"""Pages of equilibria, modes, buckling and periodic motions."""
+"""Pages of equilibria, modes, buckling, periodic motions, responses and Campbell diagrams."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import visible_labels
+from pages import find_violations, visible_labels
 
 import beamdae as bd
-from beamdae.report.analysis_pages import build_modes_page, build_path_page, build_periodic_page
+from beamdae.report.analysis_pages import (
+    build_campbell_page,
+    build_modes_page,
+    build_path_page,
+    build_periodic_page,
+    build_response_page,
+)
+from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.results.outcome import Status
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +126,150 @@ def test_the_page_of_modes_in_a_browser(column, show):
     assert tab.locator("#sliders output").inner_text() == "3"
     tab.locator("#frame").fill("8")
     assert tab.inner_text("#time") == "phase = 0.25 periods"
+
+
+@pytest.fixture(scope="module")
+def response():
+    """Return a response curve of four motions, which has a peak and unstable motions."""
+    points = ((1.0, 0.1, 0.5), (2.0, 0.2, 2.0), (3.0, 0.5, 2.0), (4.0, 0.3, 0.5))
+    return FrequencyResponse(
+        "force",
+        tuple(
+            ResponsePoint(force, 0.5, shake(amplitude), np.array([multiplier]))
+            for force, amplitude, multiplier in points
+        ),
+        Status("ok", "reached the end of the range"),
+    )
+
+
+def shake(amplitude):
+    """Return one period of a mass that is moved along a line, observed with its guide."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    drive = bd.sine(amplitude, 2.0)
+    mech.add(bd.TranslationalDriver("drive", mech.ground.at(0.0, 0.0), mass.point, drive))
+    mech.observe("mass", mass.point)
+    return bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), 0.5)
+
+
+def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
+    page = build_response_page(response, "shaken")
+    assert page["subtitle"] == "periodic motions over force: reached the end of the range"
+    assert page["axes"] == {"x": "force", "y": "mass.x half range [m]"}
+    (overlay,) = (x for x in page["overlays"] if x["y"] == page["axes"]["y"])
+    # The vertex of a parabola over the arc length, next to the largest motion.
+    ((x, y),) = response.peaks("mass.x")
+    assert overlay["marks"] == [{"label": f"{x:.4g}", "x": x, "y": y}]
+    cases = page["cases"]
+    assert [case["values"]["mass.x half range [m]"] for case in cases] == pytest.approx(
+        response.curve("mass.x")[1]
+    )
+    assert [case["family"] for case in cases] == ["stable", "unstable", "unstable", "stable"]
+    assert [case["values"]["stable"] for case in cases] == ["yes", "no", "no", "yes"]
+    assert all(len(case["frames"]["t"]) == 32 for case in cases)
+    tables = {table["title"]: table for table in page["tables"]}
+    # The guided coordinate moves by rounding alone.
+    assert {row[0] for row in tables["Peaks"]["rows"]} == {"mass.x [m]", "mass.x_dot [m/s]"}
+    assert dict(tables["Response"]["rows"])["unstable"] == "2 of 4 points"
+    assert response.page(tmp_path / "response.html").stat().st_size > 10_000
+
+
+def test_the_page_of_an_empty_response_has_its_status(tmp_path):
+    status = Status("failed", "no first motion was found")
+    response = FrequencyResponse("force", (), status)
+    page = build_response_page(response, "none")
+    assert page["subtitle"] == "periodic motions over force: no first motion was found"
+    assert response.page(tmp_path / "none.html").is_file()
+
+
+def test_the_page_of_a_response_in_a_browser(response, show):
+    tab = show(build_response_page(response, "shaken"))
+    assert tab.inner_text("#selected-title") == "Selected motions"
+    # The curve comes before the motions over time.
+    scatter, panels = (tab.locator(x).bounding_box()["y"] for x in ("#precision", "#panels"))
+    assert scatter < panels
+    assert tab.locator("#precision .mark").count() == 1
+    dashed = tab.locator("#precision .series.dashed")
+    assert dashed.count() == 3
+    tab.locator("#slider-0").evaluate(
+        "slider => { slider.value = 1.5; slider.dispatchEvent(new Event('input')); }"
+    )
+    assert tab.locator("#sliders output").inner_text() == "2.5"
+    axis = tab.get_by_label("y axis")
+    axis.focus()
+    axis.select_option("mass.x_dot half range [m/s]")
+    assert axis.evaluate("select => select === document.activeElement")
+    assert tab.locator("#precision .mark").count() == 1
+    tab.get_by_label("x axis").select_option("period [s]")
+    assert tab.locator("#precision .mark").count() == 0
+
+
+@pytest.fixture(scope="module")
+def rotor():
+    """Return a mass on an isotropic bearing: whirl frequencies (10 - speed) and (10 + speed)."""
+    mech = bd.Mechanism()
+    rotor = mech.add(bd.RigidBody("rotor", 2.0, 0.1, center=(0.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), rotor.at(0.0, 0.0)
+    mech.add(bd.Bushing("bearing", *ends, kx=200.0, ky=200.0, ktheta=0.0))
+    return bd.campbell(mech, [6.0, 1.0, 3.0], n=3)
+
+
+def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_path):
+    page = build_campbell_page(rotor, "rotor")
+    cases = {(case["rank"], case["family"]): case for case in page["cases"]}
+    assert len(cases) == 9
+    for i, speed in enumerate((1.0, 3.0, 6.0)):
+        frequencies = sorted(cases[i, f"mode {k}"]["values"]["frequency [Hz]"] for k in (1, 2, 3))
+        expected = np.array([0.0, 10.0 - speed, 10.0 + speed]) / (2.0 * np.pi)
+        assert_allclose(frequencies, expected, atol=1e-6)
+    assert page["sliders"][0]["values"] == [1.0, 3.0, 6.0]
+    (overlay,) = page["overlays"]
+    assert [line["label"] for line in overlay["lines"]] == [f"{k}\u00d7" for k in (1, 2, 3, 4)]
+    assert_allclose(overlay["lines"][1]["y"][-1], 2.0 * 6.0 / (2.0 * np.pi))
+    # 10 - speed equals the speed at 5, twice the speed at 10 / 3, and four times the speed at 2.
+    marks = sorted(mark["x"] for mark in overlay["marks"])
+    assert_allclose(marks, [2.0, 2.5, 10.0 / 3.0, 10.0 / 3.0, 5.0, 5.0], rtol=1e-6)
+    assert all(case["frames"] is not None for case in page["cases"])
+    assert rotor.page(tmp_path / "campbell.html").stat().st_size > 10_000
+
+
+def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (1.1, 0.0)), section, elements=2))
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
+    mech.add(bd.Weld("root", hub.at(0.1, 0.0), beam.start))
+    mech.add(bd.Revolute("axle", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    diagram = bd.campbell(mech, [0.0, 20.0, 40.0, 60.0], n=3)
+    page = build_campbell_page(diagram, "blade")
+    for mode in ("mode 2", "mode 3"):
+        tips = []
+        for case in page["cases"]:
+            if case["family"] == mode:
+                (blade,) = (x for x in case["frames"]["bodies"] if x["name"] == "blade")
+                tips.append(np.array(blade["y"])[8, -1])
+        assert np.abs(tips).min() > 0.05
+        assert len(set(np.sign(tips))) == 1
+
+
+def test_the_page_of_a_campbell_diagram_in_a_browser(rotor, show):
+    tab = show(build_campbell_page(rotor, "rotor"))
+    assert tab.locator("#precision path.guide").count() == 4
+    assert tab.locator("#precision .mark").count() == 6
+    assert tab.inner_text("#selected-title") == "Selected modes"
+    assert tab.locator("#panels").inner_text() == ""
+    shown = tab.inner_text("#shown")
+    tab.locator("#precision .run").last.click()
+    assert tab.inner_text("#shown") != shown
+    assert tab.locator("#sliders output").first.inner_text() == "6"
+
+
+@pytest.mark.slow(reason="opens four pages in two color schemes")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_of_curves_have_no_violations(response, rotor, open_page, scheme):
+    for page in (build_response_page(response, "shaken"), build_campbell_page(rotor, "rotor")):
+        for size in ({"width": 1366, "height": 768}, {"width": 390, "height": 844}):
+            tab = open_page(page, viewport=size, color_scheme=scheme, bypass_csp=True)
+            assert find_violations(tab) == []
+            assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]

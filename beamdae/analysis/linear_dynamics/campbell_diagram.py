@@ -17,6 +17,7 @@ from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.rotation import rotation
 from beamdae.read_only import read_only_data
+from beamdae.results.displays import HasPage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +36,7 @@ _DECAY_WEIGHT = 0.5
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Campbell:
+class Campbell(HasPage):
     """Modes as functions of the rotation speed; see `campbell`.
 
     Attributes

@@ -63,7 +63,7 @@ def modes_command(
 ) -> None:
     """Compute natural modes of a model; write a table (CSV), a picture (PNG) and a page.
 
-    With several speeds, the picture is a Campbell diagram, and there is no page.
+    With several speeds, picture and page show a Campbell diagram.
 
     Exits with 0 on success, 1 if the page or a picture failed, and 2 for a usage or model error.
     """
@@ -76,8 +76,7 @@ def modes_command(
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
-    has_page = page and len(speeds) < 2
-    kinds = ("csv", *["html"] * has_page, *["png"] * picture)
+    kinds = ("csv", *["html"] * page, *["png"] * picture)
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))

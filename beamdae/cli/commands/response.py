@@ -15,6 +15,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Picture,
     RelativeTolerance,
     Settings,
@@ -65,13 +66,14 @@ def response_command(
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
     most_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
+    page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
 ) -> None:
-    """Follow a periodic motion over a parameter, past folds; write the curve as CSV and PNG.
+    """Follow a periodic motion over a parameter, past folds; write the curve as CSV, PNG and page.
 
     Exits with 0 if the curve reached an end of the range, 1 if it did not (partial results are
-    written) or the picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
+    written) or the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -79,7 +81,8 @@ def response_command(
     model = load_configured_model(file, model_name, settings)
     parameter, ends = _parse_range(over)
     method = create_periodic_integrator("response", integrator, rtol, file)
-    table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture)
+    table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture, page)
+    page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_continuation import frequency_response
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.path_plots import create_response_figure
@@ -101,8 +104,12 @@ def response_command(
             partial="return",
         )
     table = escape_table(result.table())
-    files = WrittenFiles([write_text(table_path, table.to_csv(index=False))], (picture_path,))
+    files = WrittenFiles(
+        [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
+    )
     _print_results(result, model.name)
+    if page and result.points and result.status.kind != "interrupted":
+        files.write(page_path.name, lambda: [result.page(page_path)])
     if picture and result.points and result.status.kind != "interrupted":
         title = f"{model.name}, periodic motions"
         files.write(
@@ -135,21 +142,23 @@ def _period_function(angular: bool, period: float | None) -> Callable[[float], f
 
 
 def _print_results(result: FrequencyResponse, name: str) -> None:
+    from beamdae.report.analysis_pages import response_facts
     from beamdae.report.terminal import text_tables
 
     peaks = _find_peaks(result)
-    console = print_facts(name, _describe_curve(result), lambda: _json_results(result, peaks))
+    console = print_facts(name, response_facts(result), lambda: _json_results(result, peaks))
     if peaks:
         console.print(text_tables.peaks_table(result.parameter, peaks))
 
 
 def _find_peaks(result: FrequencyResponse) -> list[dict[str, Any]]:
     """Return the column, the parameter and the half range at each peak of observed columns."""
-    columns = result.points[0].solution.columns if result.points else {}
+    from beamdae.report.analysis_pages import find_response_peaks
+
     return [
         {"observed": column, result.parameter: value, "half range": amplitude}
-        for column in columns
-        for value, amplitude in result.peaks(column)
+        for column, points in find_response_peaks(result).items()
+        for value, amplitude in points
     ]
 
 
@@ -160,17 +169,4 @@ def _json_results(result: FrequencyResponse, peaks: list[dict[str, Any]]) -> dic
         "points": result.table().to_dict("records"),
         "folds": result.folds,
         "peaks": peaks,
-    }
-
-
-def _describe_curve(result: FrequencyResponse) -> dict[str, str]:
-    """Return descriptions of a response curve, keyed by topic."""
-    values = [point.parameter for point in result.points]
-    n_unstable = sum(not point.stable for point in result.points)
-    span = f", {result.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
-    return {
-        "status": result.status.sentence,
-        "curve": f"{len(values)} point{'s' * (len(values) != 1)}{span}",
-        "unstable": f"{n_unstable} of {len(values)} points",
-        "folds": ", ".join(f"{fold:.6g}" for fold in result.folds) or "none",
     }

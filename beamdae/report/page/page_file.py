@@ -71,6 +71,7 @@ _CASE_DEFAULTS: dict[str, Any] = {
     "frames": None,
     "at": None,
     "file": "",
+    "dashed": False,
 }
 _PAGE_DEFAULTS: dict[str, Any] = {
     "title": "",
@@ -85,6 +86,8 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "sequential": False,
     "time": {},
     "portrait": None,
+    "overlays": [],
+    "leads": False,
     "noun": "cases",
     "tables": [],
     "cases": [],
@@ -169,6 +172,9 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           the load factor of an equilibrium path.
         - "portrait": columns "x" and "y" that a chart initially shows over each other, and "marks"
           with "t" and "label"; None for no such chart.
+        - "overlays" of the scatter plot, for pairs of axes "x" and "y" (keys of columns): "lines"
+          and "marks" with "label", "x" and "y" (lists of numbers for lines, numbers for marks).
+        - "leads": True if the scatter plot is the main result, shown first beside the motion.
         - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
           (default), "errors" or "solver".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
@@ -176,10 +182,11 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           default None); "rank", a number that orders the cases of a series and the table by label;
           "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
           the error is below the resolution of the reference); "limited" (True if a limit stopped
-          the run); "at" (index of its value for each slider); "frames", its own animation, or None;
-          "file" (name of the file with its rows); and "curves", as returned by
-          `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
-          "curve_files", from which the curves are loaded when the case is selected.
+          the run); "dashed" (True if lines to it are dashed); "at" (index of its value for each
+          slider); "frames", its own animation, or None; "file" (name of the file with its rows);
+          and "curves", as returned by `beamdae.report.page.page_data.select_curves`; or "block",
+          the index of an entry of "curve_files", from which the curves are loaded when the case is
+          selected.
           Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.

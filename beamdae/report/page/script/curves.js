@@ -24,7 +24,7 @@ function drawPanels() {
     const hint = groupCases().some(mayHaveCurves)
       ? "Select cases in the plot or in the table to see their trajectories, errors, energies and drifts."
       : "No case of this model has curves.";
-    byId("panels").replaceChildren(createPlaceholder(hint));
+    if (!page.leads || page.cases.some(mayHaveCurves)) byId("panels").replaceChildren(createPlaceholder(hint));
   } else {
     for (const panel of panels) byId(panel.section).append(createPanel(panel));
     panels.forEach(drawPanel);

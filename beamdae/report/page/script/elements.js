@@ -35,6 +35,15 @@ function createLegendSwitch(key, isOn, change, ...children) {
   return html("button", attributes, ...children);
 }
 
+// Position of the select with the focus among those of an element. Redrawn selects get it back by `focusSelect`.
+function findFocusedSelect(element) {
+  return [...element.querySelectorAll("select")].indexOf(document.activeElement);
+}
+
+function focusSelect(element, position) {
+  element.querySelectorAll("select")[position]?.focus();
+}
+
 function toggleMember(set, value) {
   if (!set.delete(value)) set.add(value);
 }

@@ -34,13 +34,15 @@ function drawHeader() {
     .join(", ");
   byId("group").replaceChildren(...page.groups.map((group) => html("option", {}, group.label || group.id)));
   if (!isStudyPage()) byId("selected-title").textContent = isTime() ? "Over time" : "Curves";
+  else byId("selected-title").textContent = `Selected ${page.noun}`;
   byId("cases-title").textContent = `All ${page.noun}`;
   const isMoving = page.groups.some((group) => group.frames) || page.cases.some((run) => run.frames);
   byId("motion").hidden = !isMoving;
   document.querySelector("main").classList.toggle("without-motion", !isMoving);
   const hasCurves = page.cases.some(mayHaveCurves);
-  byId("curves").hidden = isMoving && !hasCurves;
+  byId("curves").hidden = isMoving && !hasCurves && !page.leads;
   document.querySelector("main").classList.toggle("without-curves", byId("curves").hidden);
+  if (page.leads) byId("curves").prepend(byId("precision"));
   if (page.sequential) document.head.append(createShadeStyles());
 }
 

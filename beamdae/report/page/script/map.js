@@ -46,7 +46,7 @@ function formatParameter({ unit, values }, k) {
 // Title with the response and the values of the parameters outside the map. The redrawn select keeps the focus.
 function drawMapTitle(responses, response) {
   const title = byId("map-title");
-  const focused = [...title.querySelectorAll("select")].indexOf(document.activeElement);
+  const focused = findFocusedSelect(title);
   const change = (event) => {
     state.mapped = responses[event.target.selectedIndex].key;
     drawMap();
@@ -57,7 +57,7 @@ function drawMapTitle(responses, response) {
     html("label", {}, "of ", html("select", { "aria-label": "response of the map", change }, ...options)),
     ...outerAxes().map((axis, k) => createPlaneSelect(axis, state.plane[k])),
   );
-  title.querySelectorAll("select")[focused]?.focus();
+  focusSelect(title, focused);
 }
 
 function createPlaneSelect(axis, selected) {

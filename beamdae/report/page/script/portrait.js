@@ -17,7 +17,9 @@ function drawPortrait() {
   chart.plot.addEventListener("pointerleave", hideTooltip);
   state.charts.set("portrait", chart);
   const selects = ["y", "x"].map((axis) => createPortraitSelect(axis, choices));
+  const focused = findFocusedSelect(holder);
   holder.replaceChildren(html("div", { class: "heading" }, html("h3", {}, "Curve"), ...selects), chart.element);
+  focusSelect(holder, focused);
   drawChart(chart);
 }
 

@@ -13,8 +13,10 @@ function isStudyPage() {
 function drawScatter() {
   byId("precision").hidden = !isStudyPage() || page.axes === null;
   const [x, y] = axisQuantities();
+  const focused = findFocusedSelect(byId("scatter-title"));
   const cases = x && y ? groupCases().filter((run) => isPlottable(run, x) && isPlottable(run, y)) : [];
   byId("scatter-title").replaceChildren(...createScatterTitle(x, y));
+  focusSelect(byId("scatter-title"), focused);
   byId("families").replaceChildren(...(cases.length ? createFamilyLegend(cases, y) : []));
   if (!cases.length) {
     const both = x && y ? `${y.label} and ${x.label}` : "an error and a wall time";
@@ -95,9 +97,12 @@ function describeScatter(cases, x, y) {
     view: state.views.scatter,
     height: (width) => clamp(0.625 * width, 260, 460),
     drawBackground: (box, _, yScale) => (showsErrors ? createUnresolvedBand(box, yScale) : []),
-    drawClipped: (_, xScale, yScale) =>
-      createSeriesLines(visible, (run) => position(run, xScale, yScale), showsErrors),
+    drawClipped: (_, xScale, yScale) => [
+      ...createOverlayLines(x, y, xScale, yScale),
+      ...createSeriesLines(visible, (run) => position(run, xScale, yScale), showsErrors),
+    ],
     drawForeground: (box, xScale, yScale) => [
+      ...createOverlayMarks(x, y, box, xScale, yScale),
       ...(showsErrors ? createResolutionLine(box, yScale) : []),
       ...createPoints(box, xScale, yScale),
     ],
@@ -162,10 +167,42 @@ function createSeriesLines(cases, position, showsErrors) {
       const previous = members[k];
       const [[x1, y1], [x2, y2]] = [position(previous), position(run)];
       const isBound = showsErrors && (previous.below || run.below);
-      const classes = `series ${familyColor(run.family)} ${isBound ? "dashed" : ""}`;
+      const isDashed = isBound || previous.dashed || run.dashed;
+      const classes = `series ${familyColor(run.family)} ${isDashed ? "dashed" : ""}`;
       return svg("line", { class: classes, x1, y1, x2, y2 });
     });
   });
+}
+
+// Lines and marks that belong to these axes.
+function findOverlay(x, y) {
+  const overlay = page.overlays.find((each) => each.x === x.key && each.y === y.key);
+  return overlay ?? { lines: [], marks: [] };
+}
+
+function createOverlayLines(x, y, xScale, yScale) {
+  return findOverlay(x, y).lines.map((line) => {
+    const place = ([u, v]) => `${xScale.toPosition(u).toFixed(1)} ${yScale.toPosition(v).toFixed(1)}`;
+    return svg("path", { class: "guide", d: formatPath(line.x.map((u, k) => [u, line.y[k]]), place) });
+  });
+}
+
+// Circles at the marks, and labels of lines where these leave the plot.
+function createOverlayMarks(x, y, box, xScale, yScale) {
+  const { lines, marks } = findOverlay(x, y);
+  const isInside = ([u, v]) => isWithin(u, [box.left - 1, box.right + 1]) && isWithin(v, [box.top - 1, box.bottom + 1]);
+  const place = (u, v) => [xScale.toPosition(u), yScale.toPosition(v)];
+  const labels = lines.flatMap(({ label, x: xs, y: ys }) => {
+    const last = xs.map((u, k) => place(u, ys[k])).findLast(isInside);
+    return last ? [svg("text", { class: "halo", x: last[0] - 4, y: last[1] - 6, "text-anchor": "end" }, label)] : [];
+  });
+  const circles = marks.flatMap(({ label, x: u, y: v }) => {
+    const [cx, cy] = place(u, v);
+    if (!isInside([cx, cy])) return [];
+    const circle = svg("circle", { class: "mark", cx, cy, r: 7 });
+    return [circle, ...(label ? [svg("text", { class: "halo", x: cx, y: cy - 12, "text-anchor": "middle" }, label)] : [])];
+  });
+  return [...labels, ...circles];
 }
 
 function createPoint(run, [x, y], showsErrors) {
