@@ -243,6 +243,9 @@ class _RunInProgress:
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
+        # Segments and number of rows before the last sample, and the history and number of rows
+        # after it.
+        self._last_sample: tuple[list[RunSegment], int, StepHistory, int] | None = None
         self.thinning = StepThinning(output_times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
@@ -283,6 +286,7 @@ class _RunInProgress:
         return self._collect(Status("interrupted", sentence))
 
     def _collect(self, status: Status) -> tuple[Trajectory, Status]:
+        self._undo_sample_without_steps()
         if not self._history.drop_nonfinite():
             status = self._failure(_NOT_FINITE)
         self.thinning.finish(self._segments)
@@ -311,6 +315,7 @@ class _RunInProgress:
             self._interval_ends = tuple(ends)
             self._stop_at_next_sample(start)
             branch = branch_time(start, self._interval_ends[0])
+            before = list(self._segments), self._history.count
             try:
                 state = self._sampled_state(start, branch, self._history.last_state)
             except BeamdaeError as problem:
@@ -320,6 +325,7 @@ class _RunInProgress:
                     self._history.append_jump(resumed)
                 except MemoryError as problem:
                     return self._out_of_memory(problem)
+                self._record_sample(*before)
                 status = self._integrate_to(self._interval_ends[0], is_resumed=True)
                 continue
             try:
@@ -327,7 +333,21 @@ class _RunInProgress:
             except BeamdaeError as problem:
                 return Status("failed", f"no consistent restart at t = {start:g} s: {problem}")
             self._begin_segment(start, branch, state)
+            self._record_sample(*before)
             status = self._integrate_to(self._interval_ends[0])
+
+    def _record_sample(self, segments: list[RunSegment], count: int) -> None:
+        """Record that samples follow the given segments, the last of which has `count` rows."""
+        self._last_sample = segments, count, self._history, self._history.count
+
+    def _undo_sample_without_steps(self) -> None:
+        """Drop the state after a sample without further steps: a continued run samples there."""
+        if not self._sampler.controllers or self._last_sample is None:
+            return
+        segments, count, history, sampled_count = self._last_sample
+        if history is self._history and history.count == sampled_count:
+            self._segments[:] = segments
+            self._history.drop_jump(count)
 
     def _resume_after_sample(self, start: float, state: State) -> State | None:
         """Return the state after a sample at `start` [s] if the method continues without a restart.
@@ -361,8 +381,10 @@ class _RunInProgress:
         if sampled is not state:
             time, starter = np.array([start, branch]), self._plan.starter
             state = starter.state(time, sampled.q, sampled.v)
+        before = list(self._segments), self._history.count
         self._segments.clear()
         self._begin_segment(start, branch, state)
+        self._record_sample(*before)
 
     def _stop_at_next_sample(self, t: float) -> None:
         """End the interval that begins at `t` [s] at the next sample of a controller."""

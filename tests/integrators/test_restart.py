@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose
 from test_events import FALL, HIT, falling, pendulum
 
 import beamdae as bd
+from beamdae.integrators import drive
+from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.results.storage.checkpoint import Checkpoint
 
 RUNS, COARSE = integrators(1e-7, 1e-4), integrators(1e-7, 1e-2)
@@ -299,3 +301,39 @@ def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
     for start in (first, path):
         with pytest.raises(bd.BeamdaeError, match="a run with other numbers or formulas; use the"):
             bd.simulate(other, bd.Radau(), 1.0, start=start)
+
+
+@pytest.mark.parametrize("resumes", [True, False], ids=["resumed", "restarted"])
+@pytest.mark.parametrize("number", [0, 2])
+def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes, monkeypatch):
+    """A law that counts its samples: an interrupt before the next step counted one twice."""
+
+    def count(sample):
+        sample.state[0] += 1.0
+        return sample.state[0]
+
+    def counter():
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        force = mech.input("force", unit="N")
+        mech.add(bd.Force("push", mass.point, (force, 0.0)))
+        mech.add(bd.Controller("count", 0.1, [], [force], count, state=[0.0]))
+        return mech
+
+    if not resumes:
+        monkeypatch.setattr(RadauStepper, "resume", lambda *_: None)
+    whole = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05)
+    take_steps = drive._take_steps
+
+    def interrupt(method, history, most, end):
+        if end > 0.1 * (number + 0.5):
+            raise KeyboardInterrupt
+        return take_steps(method, history, most, end)
+
+    monkeypatch.setattr(drive, "_take_steps", interrupt)
+    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
+        first = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05, partial="return")
+    monkeypatch.setattr(drive, "_take_steps", take_steps)
+    later = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05, start=first)
+    assert first.trajectory.end == pytest.approx(0.1 * number)
+    assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
