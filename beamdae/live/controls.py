@@ -1,10 +1,12 @@
-"""Controls of the live view: the ranges of sliders, which follow from the defaults."""
+"""Controls of the live view: ranges of sliders from defaults, choices from annotations."""
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from beamdae.errors import BeamdaeError, require_mapping, require_pair
 from beamdae.model_functions import Model
@@ -30,8 +32,10 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
     Returns
     -------
     list of dict
-        "name", "value", "unit", "description", "kind" ("number", "integer", "flag" or "text") and,
-        for numbers with a slider, its ends "low" and "high" and whether it is logarithmic ("log").
+        "name", "value", "unit", "description", "kind" ("number", "integer", "flag", "choice" or
+        "text"); for numbers with a slider, its ends "low" and "high" and whether it is logarithmic
+        ("log"); for choices, annotated as `Literal` texts, and for texts whose values are in the
+        docstring, these values ("choices").
 
     Raises
     ------
@@ -42,7 +46,38 @@ def create_controls(model: Model, ranges: Mapping[str, Any] | None = None) -> li
         "view", "ranges", {} if ranges is None else ranges, "a dict of pairs by parameter"
     )
     ends = {str(name): _require_range(model, str(name), x) for name, x in pairs.items()}
-    return [_create_control(x, ends.get(x.name)) for x in model.parameter_info.values()]
+    controls = [_create_control(x, ends.get(x.name)) for x in model.parameter_info.values()]
+    literals = _read_literals(model)
+    for control in controls:
+        if control["kind"] != "text":
+            continue
+        name, default = control["name"], control["value"]
+        if default in literals.get(name, ()):
+            control |= {"kind": "choice", "choices": literals[name]}
+        elif others := _read_documented(model, name, default):
+            control["choices"] = [default, *others]
+    return controls
+
+
+def _read_literals(model: Model) -> dict[str, list[str]]:
+    """Return the texts of the parameters that are annotated as `Literal` texts."""
+    try:
+        annotations = inspect.get_annotations(model.build, eval_str=True)
+    except Exception:  # Annotations can be any code, also of names that only type checkers import.
+        return {}
+    choices = {
+        name: list(get_args(annotation))
+        for name, annotation in annotations.items()
+        if get_origin(annotation) is Literal
+    }
+    return {name: x for name, x in choices.items() if all(isinstance(text, str) for text in x)}
+
+
+def _read_documented(model: Model, name: str, default: str) -> list[str]:
+    """Return the other values of a text that the docstring mentions, as in `name="value"`."""
+    docstring = inspect.getdoc(model.build) or ""
+    values = re.findall(rf"""\b{re.escape(name)}\s*=\s*(["'])(.+?)\1""", docstring)
+    return [x for x in dict.fromkeys(value for _, value in values) if x != default]
 
 
 def _create_control(x: ModelParameter, ends: tuple[Any, Any] | None) -> dict[str, Any]:

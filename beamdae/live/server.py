@@ -11,7 +11,6 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Mapping
-from functools import cached_property
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -84,9 +83,9 @@ class LiveView:
         self._thread.start()
         atexit.register(self.close)
 
-    @cached_property
+    @property
     def page(self) -> str:
-        """The page (HTML)."""
+        """The page (HTML), with a new drawing: files that the model reads may have changed."""
         data = self.session.describe()
         return fill_template("live", _STYLES, _SCRIPTS, data, title=html.escape(self.session.name))
 

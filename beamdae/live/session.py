@@ -65,6 +65,7 @@ class LiveSession:
                 "function."
             )
         self._lock, self._latest = threading.Lock(), 0
+        self._count_lock = threading.Lock()
 
     def describe(self) -> dict[str, Any]:
         """Return the title, the controls and the first drawing, as data of the page."""
@@ -89,11 +90,16 @@ class LiveSession:
 
     def close(self) -> None:
         """End the run in progress."""
-        self._latest += 1
+        self._count_request()
+
+    def _count_request(self) -> int:
+        """Return the number of a new request, which supersedes all earlier ones."""
+        with self._count_lock:
+            self._latest += 1
+            return self._latest
 
     def _answer(self, values: Mapping[str, Any], function: Any) -> dict[str, Any]:
-        self._latest += 1
-        number = self._latest
+        number = self._count_request()
         with self._lock:
             if number != self._latest:
                 return {_SUPERSEDED: True}

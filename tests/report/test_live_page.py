@@ -1,5 +1,7 @@
 """Live view in a browser: sliders move the drawing, errors are sentences, runs are animated."""
 
+from typing import Literal
+
 import pytest
 from pages import find_violations
 
@@ -106,6 +108,34 @@ def test_mistakes_and_units_in_a_field(open_live):
     assert field.input_value() == "0.5"
     assert tab.locator("#command").is_hidden()
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@bd.model(t_end=0.1)
+def rod(end: Literal["free", "long rope"] = "free", mode="fast"):
+    """Hang a mass; `mode="slow"` changes nothing."""
+    return swing(length=0.5 if end == "free" else 1.0)
+
+
+def test_texts_with_known_values_are_chosen_from_a_list(browser):
+    live = bd.view(rod)
+    context = browser.new_context(viewport={"width": 390, "height": 844}, bypass_csp=True)
+    tab = context.new_page()
+    tab.goto(live.url)
+    wait_for_run(tab)
+    before = stage(tab)
+    tab.get_by_label("end", exact=True).select_option("long rope")
+    wait_for_run(tab)
+    wait_for_drawing(tab, before)
+    assert "--set 'end=long rope'" in tab.locator("#command").text_content()
+    options = tab.locator("#choices-mode option")
+    assert options.evaluate_all("all => all.map((x) => x.value)") == ["fast", "slow"]
+    assert tab.locator("#parameter-mode").get_attribute("list") == "choices-mode"
+    assert find_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    tab.locator("#reset").click()
+    assert tab.get_by_label("end", exact=True).input_value() == "free"
+    context.close()
+    live.close()
 
 
 def test_a_closed_server_is_a_sentence(open_live, live):

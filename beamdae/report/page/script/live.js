@@ -34,9 +34,25 @@ function createControl(control) {
       box.checked = shown;
     };
     row.append(box);
+  } else if (kind === "choice") {
+    const select = html(
+      "select",
+      { id, change: () => changeValue(control, select.value, true) },
+      ...control.choices.map((text) => html("option", { value: text }, text)),
+    );
+    control.show = (shown) => {
+      select.value = shown;
+    };
+    row.append(select);
   } else {
+    const suggestions = control.choices ? `choices-${name}` : false;
+    if (suggestions) {
+      const options = control.choices.map((text) => html("option", { value: text }));
+      row.append(html("datalist", { id: suggestions }, ...options));
+    }
     const field = html("input", {
       id,
+      list: suggestions,
       type: "text",
       inputmode: kind === "text" ? "text" : "decimal",
       autocomplete: "off",
