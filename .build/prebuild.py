@@ -50,6 +50,7 @@ _LEVELS = llvm.X86_LEVELS[1:]
 # all kernels.
 _RUN_FRACTION = 0.005
 _SAMPLE_TIME = 1e-3
+_SAMPLING_INTERVAL = 2e-4  # s, of a controller
 _RTOL = 1e-5
 _FORMULATIONS = tuple(dict.fromkeys((*FIRST_ORDER, *generalized_alpha.FORMULATIONS)))
 _DAMPING = 1e-5  # s
@@ -166,6 +167,7 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
         if isinstance(part, Part):
             mechanism.add(part)
             yield from sample_runs_of(mechanism, default_integrators())
+    yield from sample_runs_of(sampled_disk(), all_integrators())
     yield lambda: bd.periodic(driven_disk(), period=_PERIOD)
 
 
@@ -182,6 +184,19 @@ def sample_runs_of(mechanism: Any, integrators: list[Any]) -> Iterator[Callable[
     for integrator in integrators:
         yield partial(bd.simulate, mechanism, integrator, _SAMPLE_TIME)
     yield partial(bd.equilibrium, mechanism)
+
+
+def sampled_disk() -> Any:
+    """Return a disk whose torque is set by a sampled controller, several times in a run."""
+    sample = SampleMechanism()
+    sample.mechanism.add(bd.Revolute("hinge", sample.ground.at(0.5, 0.4), sample.disk.at(0.5, 0.4)))
+    torque = sample.mechanism.input("torque", unit="N m")
+    sample.mechanism.add(bd.Moment("motor", sample.disk.at(0.5, 0.4), torque))
+    angle = sample.mechanism.sensor("angle", sample.disk.at(0.5, 0.4), "angle")
+    sample.mechanism.add(
+        bd.Controller("servo", _SAMPLING_INTERVAL, [angle], [torque], lambda x: 0.1 - x.reads[0])
+    )
+    return sample.mechanism
 
 
 def driven_disk() -> Any:
