@@ -100,9 +100,11 @@ def _protect_dictionary(value: dict[Any, Any], depth: int, known: _Known) -> Any
 
 def _protect_sequence(value: Any, depth: int, known: _Known) -> Any:
     is_tuple = isinstance(value, tuple)
-    if depth > _MAX_DEPTH or (is_tuple and not any(map(_protection, map(type, value)))):
+    # Most long sequences contain numbers only.
+    is_plain = not any(map(_protection, set(map(type, value))))
+    if depth > _MAX_DEPTH or (is_tuple and is_plain):
         return value
-    entries = tuple([read_only(entry, depth + 1, known) for entry in value])
+    entries = tuple(value if is_plain else [read_only(x, depth + 1, known) for x in value])
     if is_tuple and all(map(is_, entries, value)):
         return value
     return getattr(type(value), "_make", tuple)(entries)

@@ -213,7 +213,8 @@ def numbers(lengths: Iterable[int] | None = None, gaps: bool = False) -> Rule:
             and (allowed_lengths is None or len(value) in allowed_lengths)
             and set(map(type, value)) <= types
         )
-        if not (is_plain and math.isfinite(sum(abs(x) for x in value if x))):
+        # Neither None nor zero.
+        if not (is_plain and all(map(math.isfinite, filter(None, value)))):
             slow(value)
 
     return check
