@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
+from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.row_programs import RowProgram, can_vectorize
 from beamdae.symbolic.table_lookups import has_lookups, jacobian, weighted_derivative
 
@@ -204,9 +205,9 @@ class RowFunction:
         """
         if argument not in self._derivatives:
             inputs = self._function.sx_in()
-            (value,) = self._function.call(inputs)
+            value = expand_powers(self._function, *inputs)
             if has_lookups(self._function):
-                by_argument = jacobian(ca.vec(value), inputs[argument])
+                by_argument = jacobian(value, inputs[argument])
             else:
                 by_argument = ca.jacobian(value, inputs[argument])
             entries = ca.densify(ca.vec(by_argument))
@@ -222,10 +223,9 @@ class RowFunction:
         """
         if self._weighted_gradient is None:
             inputs, function = self._function.sx_in(), self._function
-            (value,) = function.call(inputs)
+            value = expand_powers(function, *inputs)
             weights = ca.SX.sym("weights", function.numel_out(0))
             arguments = ca.vertcat(*map(ca.vec, inputs[1:]))
-            value = ca.densify(ca.vec(value))
             if has_lookups(function):
                 by_arguments = weighted_derivative(value, arguments, weights)
             else:

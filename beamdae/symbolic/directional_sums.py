@@ -16,18 +16,11 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
-from beamdae.symbolic.table_lookups import (
-    directional_derivative,
-    has_lookups,
-    repeat_call,
-    repeat_operation,
-)
+from beamdae.symbolic.powers import expand_powers
+from beamdae.symbolic.table_lookups import directional_derivative, has_lookups
 
 Array = np.ndarray
 SX = ca.SX
-
-# Replaces a base of zero in powers, see `expand_powers`; powers with exponents above 1.1 are zero.
-_TINY_BASE = 1e-300
 
 
 def directional_plan(
@@ -167,36 +160,3 @@ def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
     result = Kernel(directional, kernel.outputs * 2 if with_value else kernel.outputs)
     kernel.rotated_kernels[key] = result
     return result
-
-
-def expand_powers(function: ca.Function, *arguments: SX) -> SX:
-    """Return the value of a function at symbols, prepared for differentiation.
-
-    The derivative of x^n with respect to n is x^n log x. At x = 0, for example for an open contact,
-    it is NaN instead of its limit zero. Therefore, zero bases are replaced by a tiny number.
-    """
-    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
-    if ca.OP_POW not in codes:
-        return ca.densify(ca.vec(function(*arguments)))
-    calls = function.instructions_sx() if ca.OP_CALL in codes else None
-    work, value = [SX(0)] * function.sz_w(), SX.zeros(function.numel_out(0))
-    for k, code in enumerate(codes):
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            value[targets[1]] = work[sources[0]]
-        elif code == ca.OP_INPUT:
-            work[targets[0]] = arguments[sources[0]].nz[sources[1]]
-        elif code == ca.OP_CONST:
-            work[targets[0]] = SX(function.instruction_constant(k))
-        elif calls is not None and code == ca.OP_CALL:
-            results = repeat_call(calls.nz[k], [work[i] for i in sources])
-            for target, result in zip(targets, results, strict=True):
-                # Unused results have no place.
-                if target >= 0:
-                    work[target] = result
-        else:
-            operands = [work[i] for i in sources]
-            if code == ca.OP_POW:
-                operands[0] += _TINY_BASE * (operands[0] == 0.0)
-            work[targets[0]] = repeat_operation(code, operands)
-    return value

@@ -13,8 +13,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.directional_sums import expand_powers, group_by_batch
+from beamdae.symbolic.directional_sums import group_by_batch
 from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import has_lookups, weighted_derivative
 
 Array = np.ndarray

@@ -377,3 +377,35 @@ def test_radau_agrees_with_differences_of_runs(model):
         for key, tolerance in (("q", 2e-6), ("lam", 1e-4)):
             error = np.abs(getattr(along, key) - expected[key]).max()
             assert error <= tolerance * np.abs(expected[key]).max(), (name, key)
+
+
+@bd.model(t_end=0.15)
+def stop_force(stiffness=1e4):
+    """Ball that falls on a stop whose force is observed."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.01)))
+    surface = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    stop = mech.add(bd.Contact("stop", ball.point, surface, stiffness))
+    mech.observe("stop", stop.force)
+    return mech
+
+
+def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
+    # Fixed steps, so that differences of runs have no noise beyond Newton's tolerance.
+    method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-12)
+    exact = bd.sensitivities(stop_force, "stiffness", method).sensitivity("stop.N", "stiffness")
+    runs = [bd.simulate(stop_force(stiffness=1e4 * (1 + e)), method) for e in (-1e-4, 1e-4)]
+    low, high = (run["stop.N"].to_numpy() for run in runs)
+    is_open = (low == 0.0) & (high == 0.0)
+    assert 0 < np.sum(is_open) < len(exact)
+    assert np.all(exact[is_open] == 0.0)
+    # Second-order differences at a relative step of 1e-4, except where the contact opens.
+    scale = np.abs(exact).max()
+    np.testing.assert_allclose(exact, (high - low) / 2.0, rtol=0.0, atol=1e-3 * scale)
+    # The contact is closed at 0.06 s, and open at 0.04 s.
+    for t_end in (0.06, 0.04):
+        end = bd.sensitivities(stop_force, "stiffness", method, t_end=t_end)
+        force = bd.EndValue("stop.N")
+        result = bd.gradient(stop_force, force, by="stiffness", integrator=method, t_end=t_end)
+        expected = end.sensitivity("stop.N", "stiffness").iloc[-1]
+        assert result.derivatives["stiffness"] == pytest.approx(expected, rel=1e-10, abs=1e-15)
