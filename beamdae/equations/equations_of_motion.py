@@ -27,6 +27,7 @@ from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import (
     ConstraintStatement,
     ForceStatement,
@@ -474,11 +475,8 @@ class EquationsOfMotion:
                 "EquationsOfMotion: equations without a mechanism cannot be pickled; use a "
                 "Mechanism, or pickle the arrays of the result."
             )
-        # Laws are often local functions of a model function, which pickle does not support.
-        import cloudpickle
-
         numbers = {name: getattr(self, name) for name in _PICKLED_NUMBERS}
-        return _reassemble, (cloudpickle.dumps(self.mechanism), numbers)
+        return _reassemble, (pickle_with_signals(self.mechanism), numbers)
 
     @property
     def n(self) -> int:

@@ -197,6 +197,11 @@ def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     return _eliminate(plan, factors)
 
 
+def find_refinements(plan: EliminationPlan, factors: Factors) -> bool:
+    """Set the refinements of `factors`, as `refactorize`; return False if they do not suffice."""
+    return _set_refinements(plan, factors)
+
+
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
     """Replace `right` by the solution; apply the refinements that `refactorize` found necessary."""
     scale, solution, residual = plan.scale, factors.solution, factors.residual

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,18 +102,17 @@ def select_columns(
     """
     headers, preferred = list(headers), set(observed)
     name = plain_text(name)
-    without_unit = [header.rpartition(" [")[0] for header in headers]
-    observables = [Header.of(header).name for header in headers]
-    for names in (headers, without_unit, observables) if isinstance(name, str) else ():
-        matches = [
-            header
-            for header, column_name in zip(headers, names, strict=True)
-            if column_name == name
-        ]
+    readings: tuple[Callable[[str], str], ...] = (
+        str,
+        lambda header: header.rpartition(" [")[0],
+        lambda header: Header.of(header).name,
+    )
+    for reading in readings if isinstance(name, str) else ():
+        matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
-    # Headers, for names with another unit.
-    known_names = list(dict.fromkeys([*without_unit, *observables, *headers]))
+    # Headers last, for names with another unit.
+    known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
         f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."

@@ -30,6 +30,7 @@ from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_field
 from beamdae.results.storage.saved_run import save_run
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
+from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import Quantity
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
@@ -436,10 +437,7 @@ class Solution(RunData, TimeSeries):
                 "Solution: a solution without a mechanism cannot be pickled; save it with "
                 "solution.save(path), and call bd.load(path, model) in the other process."
             )
-        # Laws are often local functions of a model function, which pickle does not support.
-        import cloudpickle
-
-        return _unpickle, (cloudpickle.dumps((mechanism, self.made_by)), pack_run(self))
+        return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 
 
 def _unpickle(source: bytes, packed: PackedRun) -> Solution:

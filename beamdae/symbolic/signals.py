@@ -46,10 +46,7 @@ class Signal:
     @cached_property
     def value_symbol(self) -> SX:
         """Symbol that formulas contain until their statement is created."""
-        symbol = SX.sym(self.name, self.size)
-        for element in ca.vertsplit(symbol):
-            _SIGNALS[element.element_hash()] = self
-        return symbol
+        return _create_symbol(self, self.name, self.size)
 
     @property
     def size(self) -> int:
@@ -84,9 +81,11 @@ class Signal:
         # CasADi converts an operand by this method.
         return self.value_symbol
 
-    def __getstate__(self) -> dict[str, Any]:
-        # Symbols do not keep their identity in other processes; each creates its own.
-        return {name: value for name, value in vars(self).items() if name != "value_symbol"}
+    def __reduce__(self) -> Any:
+        # Symbols do not keep their identity in other processes; each creates its own. It exists
+        # before the other fields, because laws among these may contain it.
+        fields = {name: value for name, value in vars(self).items() if name != "value_symbol"}
+        return _create_signal, (type(self), self.name, self.size), fields
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         return getattr(ufunc, method)(*map(as_expression, inputs), **options)
@@ -108,6 +107,20 @@ class Signal:
 
     def __abs__(self) -> SX:
         return ca.fabs(self.value_symbol)
+
+
+def _create_symbol(signal: Signal, name: str, size: int) -> SX:
+    symbol = SX.sym(name, size)
+    for element in ca.vertsplit(symbol):
+        _SIGNALS[element.element_hash()] = signal
+    return symbol
+
+
+def _create_signal(kind: type[Signal], name: str, size: int) -> Signal:
+    """Return a signal with its symbol and without its other fields."""
+    signal = object.__new__(kind)
+    vars(signal)["value_symbol"] = _create_symbol(signal, name, size)
+    return signal
 
 
 def as_expression(value: Any) -> Any:

@@ -61,3 +61,24 @@ def test_constrained_systems_are_rejected():
     system = bd.ConstrainedSystem(t=t, q=q, v=v, mass=[1.0], force=-q, q0=[1.0], v0=[0.0])
     with pytest.raises(bd.BeamdaeError, match="equations without a mechanism cannot be pickled"):
         pickle.dumps(system.equations)
+
+
+def test_regression_solutions_with_signals_can_be_pickled():
+    # CasADi's error "Cannot pickle SX objects without a casadi context", without the cause.
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    push = mech.input("push", unit="N")
+    speed = mech.sensor("speed", mass.point, "x_dot")
+    slow = mech.state("slow", lambda slow, t: push - 2.0 * slow, unit="N")
+    law = 0.5 * push
+    mech.add(bd.Force("direct", mass.point, (push, slow)))
+    mech.add(bd.Force("formula", mass.point, (2.0 * slow - speed, lambda t: law * t)))
+    method = bd.GeneralizedAlpha(step=5e-3)
+    run = bd.simulate(mech, method, t_end=0.1, inputs={"push": lambda t: 3.0 + t})
+    for again in copies(run):
+        np.testing.assert_array_equal(again.table(), run.table())
+        # The equations are those of the run.
+        rerun = bd.simulate(
+            again.equations.mechanism, method, t_end=0.1, inputs={"push": lambda t: 3.0 + t}
+        )
+        np.testing.assert_array_equal(rerun.table(), run.table())

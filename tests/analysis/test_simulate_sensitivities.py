@@ -136,7 +136,7 @@ def changed():
 @pytest.mark.parametrize(
     ("model", "names", "sentence"),
     [
-        (oscillator, "stifness", "simulate: .* did you mean 'stiffness'"),
+        (oscillator, "stifness", "simulate: .*did you mean 'stiffness'"),
         (oscillator, [], "simulate: sensitivities must contain each parameter once"),
         (changed, "speed", "simulate: the mechanism was changed after oscillator had built it"),
         (lambda: oscillator.build(), "speed", "simulate: sensitivities need a model function"),

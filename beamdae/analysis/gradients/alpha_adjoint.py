@@ -15,15 +15,15 @@ import scipy.sparse as sp
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_replay import (
     copy_state,
-    factorize_step,
+    factorize_ahead,
     group_equal_steps,
+    make_step_solver,
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
     StepBuffers,
     StepPrediction,
-    evaluate_matrix_at_state,
     formulate_step,
     plan_step_sums,
 )
@@ -85,7 +85,7 @@ class AdjointWorkspace:
         Number of steps before the steps of equal length that are transposed together.
     step
         Number of steps that remain.
-    tested
+    max_batch, tested, next_batch, staged, lane
         See `ReplayWorkspace`.
     """
 
@@ -121,7 +121,11 @@ class AdjointWorkspace:
     along_operators: float
     first: int
     step: int
+    max_batch: int
     tested: int = 0
+    next_batch: int = 1
+    staged: int = 0
+    lane: int = 0
 
 
 def sweep_backwards(run: AdjointWorkspace) -> int:
@@ -132,18 +136,17 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
     p and to the motion before the step.
     """
     n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
-    at, x, c = run.prediction, run.x, run.prediction.coefficients
+    c = run.prediction.coefficients
     motion = 4 * n + 2 * m
     inputs, outputs, change = run.inputs, run.outputs, run.change
     q, v, ddq, a, a_predicted = run.q, run.v, run.ddq, run.a, run.a_predicted
     factor = 1.0 / (1.0 - run.alpha_m)
     while run.step > run.first:
-        t, row, seed = run.times[run.step], run.row, run.seeds[run.step - 1]
-        copy_state(run.states, run.step, row)
-        evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
-        code = factorize_step(run)
+        code = factorize_ahead(run, run.step, -1, run.step - run.first)
         if code != DONE:
             return code
+        t, row, seed = run.times[run.step], run.row, run.seeds[run.step - 1]
+        copy_state(run.states, run.step, row)
         combine(q, (1.0, 1.0), (q, seed[:n]))
         combine(v, (1.0, 1.0), (v, seed[n : 2 * n]))
         combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
@@ -228,9 +231,10 @@ def transpose_alpha_steps(
         buffers.matrix = transposed_matrix.sum(native, equations.p)
         q, v, ddq, a, a_predicted = np.zeros((5, n))
         at = np.zeros((4, n))
+        linear, max_batch = make_step_solver(native, matrix)
         return AdjointWorkspace(
             form=buffers,
-            linear=matrix.make_solver(native, "auto"),
+            linear=linear,
             nonzeros=matrix.nonzeros,
             transposed=plan.sum(native, equations.p),
             inputs=np.zeros(5 * n + 3 * m),
@@ -261,6 +265,7 @@ def transpose_alpha_steps(
             along_operators=0.0,
             first=0,
             step=steps,
+            max_batch=max_batch,
         )
 
     def matrices(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:

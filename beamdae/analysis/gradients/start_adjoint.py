@@ -40,6 +40,12 @@ def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
     return transposed_plan(sums.motion, size), transposed_plan(sums.saddle, size)
 
 
+@cache_on_owner
+def _transpose_saddle_pattern(structure: Structure) -> tuple[sp.csc_array, Array]:
+    """Return `transpose_pattern` of the saddle-point matrix."""
+    return transpose_pattern(plan_state_sums(structure).saddle_pattern)
+
+
 @dataclass
 class StartAdjoint:
     """Transposes of the methods of `StartDerivatives`, for one state at a time.
@@ -436,7 +442,7 @@ class StartAdjoint:
         lam: Array | None = None,
     ) -> Array:
         """Return A^-T (by_motion, by_lam) with the saddle-point matrix A."""
-        pattern, positions = transpose_pattern(self._sums.saddle_pattern)
+        pattern, positions = _transpose_saddle_pattern(self.equations.structure)
         nonzeros = np.empty(pattern.nnz)
         nonzeros[positions] = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
         factors = create_factorization(pattern)

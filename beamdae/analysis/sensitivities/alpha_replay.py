@@ -31,6 +31,13 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.linear.lane_operations import LANES
+from beamdae.native.batch_elimination import (
+    BatchSolver,
+    factorize_staged,
+    select_factors,
+    stage_matrix,
+)
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
@@ -45,8 +52,12 @@ _TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 
 # Steps per test of the factors, whose accuracy changes slowly. The test takes a third of the time
-# of a factorization.
+# of a factorization, or as long as three of those of several matrices together.
 STEPS_PER_TEST = 8
+_STEPS_PER_BATCH_TEST = 32
+# Non-zeros of the largest matrix of which several are factorized together: larger ones do not fit
+# into the processor caches.
+_MAX_BATCH_NONZEROS = 16000
 
 
 @dataclass(slots=True)
@@ -81,10 +92,15 @@ class ReplayWorkspace:
         Predicted derivative of `a`, and right-hand side or solution of a step.
     results
         Derivatives of (q, v, q'', lam) after the steps, (steps * k, 3n + m).
+    max_batch
+        Number of steps whose matrices are factorized together.
     step
         Number of completed steps.
     tested
         Number of steps since the last test of the factors; 0 if the next factors are tested.
+    next_batch, staged, lane
+        Number of matrices that are factorized together next, number of those factorized last, and
+        index of the next one of these.
     """
 
     form: StepBuffers
@@ -115,8 +131,12 @@ class ReplayWorkspace:
     a_predicted: Array
     change: Array
     results: Array
+    max_batch: int
     step: int = 0
     tested: int = 0
+    next_batch: int = 1
+    staged: int = 0
+    lane: int = 0
 
 
 def replay_steps(run: ReplayWorkspace) -> int:
@@ -126,18 +146,17 @@ def replay_steps(run: ReplayWorkspace) -> int:
     sides of linear systems with the exact iteration matrix at the end of the step.
     """
     n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
-    at, x, c = run.prediction, run.x, run.prediction.coefficients
+    c = run.prediction.coefficients
     motion = 4 * n + 2 * m
     inputs, change = run.inputs, run.change
     factor = 1.0 / (1.0 - run.alpha_m)
     count = run.numbers.shape[0]
     while run.step < run.last:
-        t, row = run.times[run.step + 1], run.row
-        copy_state(run.states, run.step + 1, row)
-        evaluate_matrix_at_state(run.form, t, run.branch, at, x, row, run.nonzeros)
-        code = factorize_step(run)
+        code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
             return code
+        t, row = run.times[run.step + 1], run.row
+        copy_state(run.states, run.step + 1, row)
         set_time(run.directional, t, run.branch)
         combine(inputs[: 3 * n + m], (1.0,), (row,))
         for k in range(count):
@@ -175,6 +194,58 @@ def copy_state(states: State, k: int, row: Array) -> None:
     combine(row[n : 2 * n], (1.0,), (states.v[k],))
     combine(row[2 * n : 3 * n], (1.0,), (states.a[k],))
     combine(row[3 * n :], (1.0,), (states.lam[k],))
+
+
+def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
+    """Provide the factors of a step; return DONE, NEW_PIVOTS or SINGULAR.
+
+    If there are none left, the matrices of the next steps are factorized together.
+
+    Parameters
+    ----------
+    run
+        A `ReplayWorkspace`, or a workspace with its attributes that this function uses.
+    step
+        Index of the state at the end of the step.
+    direction
+        1 if later steps follow, -1 if earlier ones.
+    remaining
+        Number of steps of equal length that remain.
+    """
+    if run.lane == run.staged:
+        count = min(run.next_batch, remaining)
+        for lane in range(count):
+            k = step + direction * lane
+            copy_state(run.states, k, run.row)
+            evaluate_matrix_at_state(
+                run.form, run.times[k], run.branch, run.prediction, run.x, run.row, run.nonzeros
+            )
+            if count > 1:
+                stage_matrix(run.linear.batch, lane, run.nonzeros)
+        if count > 1:
+            code = factorize_staged(run.linear, run.nonzeros, count, run.tested == 0)
+            run.tested += count
+        else:
+            code = factorize_step(run)
+        if code != DONE or run.tested >= _STEPS_PER_BATCH_TEST:
+            run.tested = 0
+        if code != DONE:
+            # New pivots are tried for one matrix.
+            run.next_batch = 1
+            return code
+        run.next_batch, run.staged, run.lane = run.max_batch, count, 0
+    elif run.staged > 1:
+        select_factors(run.linear.plan, run.linear.factors, run.linear.batch, run.lane)
+    run.lane += 1
+    return DONE
+
+
+def make_step_solver(native: bool, matrix: FactorizedMatrix) -> tuple[Any, int]:
+    """Return the linear solver of a loop over known steps, and its `max_batch`."""
+    if not native:
+        return matrix.make_solver(native, "auto"), 1
+    is_small = len(matrix.nonzeros) <= _MAX_BATCH_NONZEROS
+    return BatchSolver.empty(float), LANES if is_small else 1
 
 
 def factorize_step(run: Any) -> int:
@@ -251,9 +322,10 @@ def differentiate_alpha_steps(
 
     def make_workspace(native: bool) -> ReplayWorkspace:
         q, v, a, before = np.zeros((4, n))
+        linear, max_batch = make_step_solver(native, matrix)
         return ReplayWorkspace(
             form=form.buffers(native),
-            linear=matrix.make_solver(native, "auto"),
+            linear=linear,
             nonzeros=matrix.nonzeros,
             directional=plan.sum(native, equations.p),
             inputs=np.zeros(2 * (4 * n + 2 * m) + numbers.shape[1]),
@@ -280,6 +352,7 @@ def differentiate_alpha_steps(
             a_predicted=np.zeros(n),
             change=np.zeros(n + m),
             results=results[count:],
+            max_batch=max_batch,
         )
 
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
