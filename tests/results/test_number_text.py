@@ -39,6 +39,12 @@ def test_text_equals_repr(numbers):
     assert format_rows(rows) == format_with_repr(rows)
 
 
+@pytest.mark.parametrize("shape", [(401, 27), (2, 5_000), (7_000, 1), (0, 3)])
+def test_rows_are_formatted_in_blocks(shape):
+    rows = RNG.standard_normal(shape)
+    assert format_rows(rows) == format_with_repr(rows)
+
+
 @pytest.mark.parametrize("copies", [1, 100])  # few numbers are formatted by repr
 def test_special_numbers(copies):
     special = [0.0, -0.0, math.nan, math.inf, -math.inf, 5e-324, 1.7976931348623157e308]

@@ -29,6 +29,8 @@ _MIN_POINT, _MAX_POINT = -3, 16
 _NO_POINT = 18
 _LARGEST_EXPONENT = 324
 
+# Numbers formatted together, so that their data stay in the processor cache.
+_BLOCK_NUMBERS = 3000
 # Columns of the text of a number. Unused characters are null and removed at the end.
 _SIGN = 0
 _LEADING_ZEROS = slice(1, 6)  # "0.000"
@@ -46,6 +48,11 @@ def format_rows(rows: Array) -> str:
     if rows.size < _MIN_VECTORIZED:
         lines = (",".join(map(repr, row)) for row in rows.tolist())
         return "".join(f"{line}\n" for line in lines).replace("nan", "")
+    count = max(_BLOCK_NUMBERS // rows.shape[1], 1)
+    return "".join(_format_block(rows[k : k + count]) for k in range(0, len(rows), count))
+
+
+def _format_block(rows: Array) -> str:
     text = _format_numbers(np.ascontiguousarray(rows, float).ravel())
     separators = text[:, _SEPARATOR].reshape(rows.shape)
     separators[:] = ord(",")
