@@ -7,6 +7,7 @@ longer for long tables. `beamdae.symbolic.table_lookups` differentiates them.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 
@@ -17,10 +18,10 @@ SPREAD = "table_spread"
 _MAX_FUNCTIONS = 256
 
 
-def _define(name: str, inputs: list[ca.MX], output: ca.MX, is_linear: bool = True) -> ca.Function:
+def _define(name: str, inputs: list[Any], output: Any, is_linear: bool = True) -> ca.Function:
     # Rows are constant in derivatives. CasADi would not set derivatives of a function without any
     # differentiable input.
-    options = {"never_inline": True, "is_diff_in": [False, is_linear]}
+    options: dict[str, Any] = {"never_inline": True, "is_diff_in": [False, is_linear]}
     return ca.Function(name, inputs, [output], options)
 
 

@@ -112,12 +112,12 @@ def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
     if kernel.reused:
         return None
     f, x = _to_function(kernel), kernel.local
-    calls = f.instructions_sx() if has_lookups(f) else None
+    calls = f.instructions_sx() if has_lookups(f) else SX()
 
     def describe_operation(k: int) -> int | str:
         code = f.instruction_id(k)
-        is_call = calls is not None and code == ca.OP_CALL
-        return calls.nz[k].which_function().name() if is_call else code
+        is_call = code == ca.OP_CALL
+        return str(calls.nz[k].which_function().name()) if is_call else code
 
     steps = tuple(
         (describe_operation(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
