@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -96,6 +97,10 @@ _SI_FACTORS = {
     "kg": 1.0,
     "g": 1e-3,
 }
+# A name, and a unit in brackets or parentheses at the end of a header.
+_UNIT_IN_HEADER = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+# Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
+_WORD_SEPARATORS = re.compile(r"[\s_/,]+")
 
 
 # Argument t of a time law and the time, a number or symbol, at which tables select one smooth
@@ -532,8 +537,9 @@ def table_from_csv(
 ) -> Table:
     r"""Return a table from columns of a CSV file; units in the header are converted to SI units.
 
-    The file has a header, commas and decimal points; headers such as "force [kN]" contain the unit.
-    Columns without a unit are used as they are.
+    The file has a header, commas and decimal points; headers such as "force [kN]" or "force (kN)"
+    contain the unit. Columns without a unit are used as they are. Lines that begin with "#" are
+    comments.
 
     Parameters
     ----------
@@ -541,9 +547,10 @@ def table_from_csv(
         Path of the file.
     x
         Header of the column of the argument, with or without its unit, or a pair of headers for two
-        arguments, whose rows form a complete grid in any order. Defaults to the first column.
+        arguments, whose rows form a complete grid in any order. Defaults to the first column of a
+        file with two columns.
     y
-        Header of the column of the values. Defaults to the column after the last argument.
+        Header of the column of the values. Defaults to the only column that is not an argument.
     kind, outside
         As in `table`.
 
@@ -581,6 +588,11 @@ def table_from_csv(
     label = f"table {Path(text).name}"
     columns = _read_columns(text)
     headers = list(columns)
+    if x is None and len(headers) > _MAX_AXES:
+        raise BeamdaeError(
+            f"{label}: the file has {len(headers)} columns: {', '.join(headers)}; pass x= and y= "
+            "with the headers of the argument and of the values."
+        )
     if x is None or as_text(x) is not None:
         wanted: list[Any] = [x]
     else:
@@ -594,19 +606,20 @@ def table_from_csv(
         for header in wanted
     ]
     if y is None:
-        following = headers[headers.index(chosen[-1]) + 1 :]
-        if not following:
+        others = [header for header in headers if header not in chosen]
+        if len(others) != 1:
             raise BeamdaeError(
-                f"{label}: there is no column after {chosen[-1]!r}; pass y= with the header of "
-                "the values."
+                f"{label}: the file has {len(others)} columns beside {', '.join(chosen)}"
+                f"{': ' if others else ''}{', '.join(others)}; pass y= with the header of the "
+                "values."
             )
-        value_header = following[0]
+        value_header = others[0]
     else:
         value_header = _find_header(text, headers, y, "y")
     arrays = [_convert_column(label, header, columns[header]) for header in chosen]
     values = _convert_column(label, value_header, columns[value_header])
     result = table(*_as_grid(label, arrays, values), kind, outside)
-    names = tuple(header.partition(" [")[0] for header in chosen)
+    names = tuple(_split_header(header)[0] for header in chosen)
     return Table(label, result.axes, result.values, kind, outside, names)
 
 
@@ -638,7 +651,8 @@ def _read_columns(path: str) -> dict[str, list[str]]:
             f"table_from_csv: {path} is not a text file in UTF-8; write a CSV table."
         ) from None
     try:
-        rows = [row for row in csv.reader(content.splitlines()) if any(x.strip() for x in row)]
+        lines = [line for line in content.splitlines() if not line.startswith("#")]
+        rows = [row for row in csv.reader(lines) if any(x.strip() for x in row)]
     except csv.Error as problem:
         raise BeamdaeError(
             f"table_from_csv: {path} is not a CSV table ({problem}); write a header and rows."
@@ -653,6 +667,16 @@ def _read_columns(path: str) -> dict[str, list[str]]:
                 f"table_from_csv: the header {short_repr(header)} of {path} contains unprintable "
                 "characters; rename the column."
             )
+        if ";" in header or "\t" in header:
+            raise BeamdaeError(
+                f"table_from_csv: the columns of {path} are separated by semicolons or tabs; "
+                "separate them by commas, and write decimal points."
+            )
+    if all(_is_number(header) for header in headers):
+        raise BeamdaeError(
+            f"table_from_csv: {path} has no header; write a first line such as 'travel [mm],force "
+            "[kN]'."
+        )
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(headers):
             raise BeamdaeError(
@@ -668,7 +692,7 @@ def _read_columns(path: str) -> dict[str, list[str]]:
 
 def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> str:
     text = as_text(wanted)
-    matches = [x for x in headers if text is not None and text in (x, x.partition(" [")[0])]
+    matches = [x for x in headers if text is not None and text in (x, _split_header(x)[0])]
     if not matches:
         raise BeamdaeError(
             f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
@@ -682,9 +706,34 @@ def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> s
     return text if text in matches else matches[0]
 
 
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _split_header(header: str) -> tuple[str, str]:
+    """Return name and unit of a header 'name [unit]' or 'name (unit)'; '' without a unit.
+
+    Text in parentheses is part of the name if it is not a unit.
+    """
+    match = _UNIT_IN_HEADER.fullmatch(header)
+    if match is None or (header.endswith(")") and match[2].strip() not in _SI_FACTORS):
+        return header, ""
+    return match[1].strip(), match[2].strip()
+
+
 def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
     """Return the numbers of a column in SI units."""
-    unit = header.partition("[")[2].rpartition("]")[0].strip()
+    name, unit = _split_header(header)
+    last_word = _WORD_SEPARATORS.split(name)[-1]
+    if not unit and last_word != name and _SI_FACTORS.get(last_word, 1.0) != 1.0:
+        raise BeamdaeError(
+            f"{label}: the header {header!r} seems to end in a unit; write it in brackets, such as "
+            f"'{_WORD_SEPARATORS.split(name)[0]} [{last_word}]', or rename the column."
+        )
     if unit not in _SI_FACTORS:
         raise BeamdaeError(
             f"{label}: the unit of {header!r} is unknown{suggest(unit, _SI_FACTORS)}; use "

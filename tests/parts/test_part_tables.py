@@ -252,11 +252,22 @@ def test_csv_columns_are_converted_to_si_units(tmp_path):
     path = write(tmp_path, "time [ms], travel [mm],force\xa0[kN]\n0,0,0\n1,5,1\n2,10,4\n")
     table = bd.table_from_csv(path, "travel", "force [kN]", kind="linear", outside="error")
     assert_allclose(table(np.array([0.0, 0.0025, 0.01])), [0.0, 500.0, 4000.0], rtol=1e-15)
-    assert_allclose(bd.table_from_csv(path, kind="linear")(0.0005), 0.0025, rtol=1e-15)
+    by_time = bd.table_from_csv(path, "time", "travel", kind="linear")
+    assert_allclose(by_time(0.0005), 0.0025, rtol=1e-15)
     with pytest.raises(
         bd.BeamdaeError, match=r"travel = 0.02 leaves the range 0 to 0.01 of table pad"
     ):
         table(0.02)
+
+
+def test_regression_csv_units_in_parentheses_are_converted(tmp_path):
+    text = "# press 3, 2024-05-06\ntravel (mm),force (measured) (kN)\n0,0\n1,3\n2,9\n"
+    table = bd.table_from_csv(write(tmp_path, text), kind="linear")
+    assert_allclose(table(1e-3), 3000.0, rtol=1e-15)
+    assert table.arguments == ("travel",)
+    plain = bd.table_from_csv(write(tmp_path, "x (down),F\n0,0\n1,3\n2,9\n"), kind="linear")
+    assert plain.arguments == ("x (down)",)
+    assert plain(1.0) == 3.0
 
 
 def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
@@ -281,7 +292,14 @@ def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
         ("x,F\n0,1\n1,nan\n2,3\n", "y must be finite, got nan"),
         ("x,x\n0,1\n", "two columns of the same name"),
         ("x,F\a\n0,1\n", r"the header 'F\\x07' of .* contains unprintable characters"),
-        ("x\n0\n1\n2\n", "there is no column after 'x'"),
+        ("x\n0\n1\n2\n", "the file has 0 columns beside x; pass y="),
+        ("t,x,F\n0,0,0\n1,1,2\n", "the file has 3 columns: t, x, F; pass x= and y="),
+        ("x [mm];F [kN]\n0;0\n1,5;3,5\n", "separated by semicolons or tabs; separate them by com"),
+        ("x [mm]\tF [kN]\n0\t0\n", "separated by semicolons or tabs"),
+        ("0,0\n1,3\n2,4\n", "has no header; write a first line such as 'travel"),
+        ("x_mm,F\n0,1\n1,2\n2,3\n", r"the header 'x_mm' seems to end in a unit.*'x \[mm\]'"),
+        ("x,F / kN\n0,1\n1,2\n2,3\n", r"the header 'F / kN' seems to end in .* 'F \[kN\]'"),
+        ("x,F in kN\n0,1\n1,2\n2,3\n", r"the header 'F in kN' seems to end in a unit"),
         ("x,F\n0,1\n1,2\n1,3\n", "x must ascend, but 1 is followed by 1"),
     ],
 )
@@ -359,8 +377,8 @@ def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
         "pass the header with its unit"
     )
     with pytest.raises(bd.BeamdaeError, match=message):
-        bd.table_from_csv(file, y="force", kind="linear")
-    assert bd.table_from_csv(file, y="force [kN]", kind="linear")(1e-3) == 8000.0
+        bd.table_from_csv(file, "travel", "force", kind="linear")
+    assert bd.table_from_csv(file, "travel", "force [kN]", kind="linear")(1e-3) == 8000.0
 
 
 @pytest.mark.parametrize("outside", ["hold", "error"])
