@@ -4,10 +4,11 @@
 
 Short runs and equilibria of many mechanisms are computed, and everything that these load is
 compiled for the levels of x86-64 processors from AVX2 on. The mechanisms are those of the models
-and studies in `models/`, and the sample parts of the catalog with each kind of beam. Each level is
-then checked in a separate process, so only the levels that this machine can execute are compiled:
-kernels agree bitwise with CasADi's virtual machine, runs of the models agree with those of
-interpreted code, nothing is compiled in these runs, and all levels return the same bits.
+and studies in `models/`, and the sample parts of the catalog with each kind of beam; derivatives
+are computed for one model. Each level is then checked in a separate process, so only the levels
+that this machine can execute are compiled: kernels agree bitwise with CasADi's virtual machine,
+runs of the models agree with those of interpreted code, nothing is compiled in these runs, and all
+levels return the same bits.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ def compile_objects(folder: Path) -> None:
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
     recorder = Recorder()
     lane_kernels.load_object = loops.load_object = recorder
-    for exercise in chain(model_runs(), sample_runs()):
+    for exercise in chain(model_runs(), sample_runs(), derivative_runs()):
         with suppress(bd.BeamdaeError):
             exercise()
     # The longest first, to keep all processes busy.
@@ -169,6 +170,15 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
             yield from sample_runs_of(mechanism, default_integrators())
     yield from sample_runs_of(sampled_disk(), all_integrators())
     yield lambda: bd.periodic(driven_disk(), period=_PERIOD)
+
+
+def derivative_runs() -> Iterator[Callable[[], Any]]:
+    """Yield derivatives of short runs of one model. Their loops serve all models."""
+    model, by = bd.load_model(ROOT / "models" / "hub_beam.py"), "torque"
+    t_end = _RUN_FRACTION * model.t_end
+    for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
+        yield partial(bd.sensitivities, model, [by], integrator, t_end)
+        yield partial(bd.gradient, model, bd.EndValue("tip.x"), by, integrator, t_end)
 
 
 def sample_mechanism(beam: dict[str, Any]) -> tuple[Any, SampleMechanism]:
