@@ -370,23 +370,22 @@ class Equilibrium(HasPage):
             **further,
         }
 
-    def to_csv(self, path: str | Path, **further: Any) -> Path:
+    def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV, and settings and status as JSON; return the path of the CSV file.
 
         The JSON file has the name of the CSV file, but the suffix .json.
 
         Parameters
         ----------
-        path, **further
+        path
             See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If `path` is invalid or ends with .json, an entry of `further` is not a JSON value, or a
-            file cannot be written.
+            If `path` is invalid or ends with .json, or a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.metadata(**further))
+        return write_result(path, self.all_columns(), self.status, self.metadata())
 
     def to_checkpoint(self) -> Checkpoint:
         """Return a checkpoint that starts a run at rest from the end of the path."""

@@ -295,7 +295,7 @@ class Solution(RunData, TimeSeries):
         """
         return recover_section_forces(self, beam, t).diagram(what)
 
-    def to_csv(self, path: str | Path, **further: Any) -> Path:
+    def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.
 
         The metadata contain status, settings, versions and statistics. If the run did not succeed,
@@ -307,8 +307,6 @@ class Solution(RunData, TimeSeries):
         ----------
         path
             Path of the CSV file, with any suffix except .json.
-        **further
-            Additional entries of the JSON file, as JSON-compatible values.
 
         Returns
         -------
@@ -318,10 +316,9 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If `path` is invalid or ends with .json, an entry of `further` is not a JSON value, or a
-            file cannot be written.
+            If `path` is invalid or ends with .json, or a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.metadata(**further))
+        return write_result(path, self.all_columns(), self.status, self.metadata())
 
     def save(self, path: str | Path) -> Path:
         """Write all data of the run to one file and return the path; `load` reads the file.
