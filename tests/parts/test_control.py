@@ -113,6 +113,29 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
     assert run.status.kind == "failed"
 
 
+def test_regression_laws_with_memory_of_their_own_end_the_run():
+    # Pilot runs call the law, too: the second of two equal runs gave another result in silence.
+    integral, previous = [0.0], [0.0]
+
+    def integrate(sample):
+        integral[0] += sample.every * (1.0 - sample.reads[0])
+        return 8.0 * integral[0] - 4.0 * sample.reads[1]
+
+    def differentiate(sample):
+        rate = (sample.reads[0] - previous[0]) / sample.every
+        previous[0] = sample.reads[0]
+        return 8.0 * (1.0 - sample.reads[0]) - 4.0 * rate
+
+    generator = np.random.default_rng(1)
+    for law in (integrate, differentiate, lambda sample: generator.normal()):
+        message = (
+            r"the law gave .*, then .* for the same sample at t = 0(\.05)? s; keep memory in sam"
+        )
+        with pytest.warns(bd.BeamdaeWarning, match=message):
+            run = bd.simulate(build_servo(law), bd.GeneralizedAlpha(0.01), t_end=1.0)
+        assert run.status.kind == "failed"
+
+
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
         with pytest.raises(bd.BeamdaeError, match="the sampled controller 'servo' is called only"):

@@ -80,7 +80,8 @@ class Controller(Part):
     At t = 0, `every`, 2 `every`, ..., the law receives the measured values and returns the values
     of the driven inputs. Integrators end a step at each sample and continue with the new values.
     The held values and the discrete state of the law are coordinates of the mechanism: they are
-    part of results, saved runs and restarts, and the law is a pure function of its argument.
+    part of results, saved runs and restarts, and the law is a pure function of its argument: memory
+    belongs to the state of the sample, because pilot runs call the law, too.
 
     Parameters
     ----------
@@ -109,7 +110,8 @@ class Controller(Part):
     BeamdaeError
         If an argument is invalid. `Mechanism.add` raises this error for inputs that are not part of
         the mechanism, have a law or are already driven. A run ends with the status "failed" if the
-        law raises an exception or does not return finite numbers of at most 1e75.
+        law raises an exception, does not return finite numbers of at most 1e75, or returns other
+        values if a sample is repeated, as samples 0, 1, 2, 4, 8, ... are.
 
     Examples
     --------
@@ -247,9 +249,27 @@ class Controller(Part):
         BeamdaeError
             If the law fails or does not return finite numbers of at most 1e75.
         """
+        n_queue = len(self.drives) * (1 + self.delay)
+        numbers, state = self._call_law(t, index, reads, values[n_queue:])
+        # Samples 0, 1, 2, 4, 8, ... are taken twice: pilot runs call the law, too, and would change
+        # the result in silence if it had memory of its own.
+        if index & (index - 1) == 0:
+            repeated = self._call_law(t, index, reads, values[n_queue:])
+            for first, second in zip((numbers, state), repeated, strict=True):
+                if not np.array_equal(first, second):
+                    raise BeamdaeError(
+                        f"{self.name}: the law gave {_format_numbers(first)}, then "
+                        f"{_format_numbers(second)} for the same sample at t = {t:g} s; keep "
+                        "memory in sample.state, and take noise from sample.random."
+                    )
+        # The first values of the queue are in effect.
+        queue = np.concatenate([values[:n_queue], numbers])[len(self.drives) :]
+        return np.concatenate([queue, state])
+
+    def _call_law(self, t: float, index: int, reads: Array, state: Array) -> tuple[Array, Array]:
+        """Return the values of the driven inputs and the state after a sample."""
         n_driven = len(self.drives)
-        n_queue = n_driven * (1 + self.delay)
-        sample = Sample(t, index, self.every, reads, values[n_queue:].copy(), self.seed)
+        sample = Sample(t, index, self.every, reads.copy(), state.copy(), self.seed)
         try:
             result = self.law(sample)
         except Exception as problem:
@@ -264,16 +284,18 @@ class Controller(Part):
                 f"({n_driven}), at most {MAX_MAGNITUDE:g} in absolute value, got "
                 f"{short_repr(result)} at t = {t:g} s."
             )
-        state = _as_finite_numbers(self.name, sample.state)
-        if state is None or len(state) != len(self.state):
+        kept = _as_finite_numbers(self.name, sample.state)
+        if kept is None or len(kept) != len(self.state):
             raise BeamdaeError(
                 f"{self.name}: the state must consist of {len(self.state)} finite numbers, at "
                 f"most {MAX_MAGNITUDE:g} in absolute value, got {short_repr(sample.state)} at "
                 f"t = {t:g} s."
             )
-        # The first values of the queue are in effect.
-        queue = np.concatenate([values[:n_queue], numbers])[n_driven:]
-        return np.concatenate([queue, state])
+        return numbers, kept
+
+
+def _format_numbers(numbers: Array) -> str:
+    return ", ".join(f"{x:.6g}" for x in numbers)
 
 
 def _as_finite_numbers(name: str, values: Any) -> Array | None:
