@@ -5,15 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from geometry import make_curve
+from geometry import attachments, make_curve
 from scorer import TIME
 
-VERSION = "1.0.0"
+VERSION = "1.1.0"
+_LINES_PER_PAGE = 60
 _CHECKED = ("problem.json", "reference.csv", "uncertainty.csv", "confirmation.json", "drawing.svg")
 
 
@@ -27,13 +29,11 @@ def attachment_point(problem: dict[str, Any], attachment: dict[str, Any]) -> np.
 
 
 def _find_attachments(problem: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    on = [x["on"] for key in ("outputs", "loads", "point_masses") for x in problem.get(key, [])]
-    on += [x[end] for key in ("joints", "springs") for x in problem.get(key, []) for end in "ab"]
-    return [x for x in on if x["body"] == name]
+    return [x for x in attachments(problem) if x["body"] == name]
 
 
-def draw(problem: dict[str, Any], reference: pd.DataFrame | None, path: Path) -> None:
-    """Draw the reference configuration and the paths of the outputs."""
+def draw(problem: dict[str, Any], reference: pd.DataFrame | None, path: Path | None) -> Any:
+    """Draw the reference configuration and the paths of the outputs; return the figure."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -75,6 +75,11 @@ def draw(problem: dict[str, Any], reference: pd.DataFrame | None, path: Path) ->
     for spring in problem.get("springs", []):
         ends = np.array([attachment_point(problem, spring[end]) for end in "ab"])
         axis.plot(*ends.T, ":", color="C3", lw=2, zorder=4)
+    for contact in problem.get("contacts", []):
+        x, y = contact["a"]["point"]
+        nx, ny = contact["normal"]
+        half = 0.05 * max(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
+        axis.plot([x - half * ny, x + half * ny], [y + half * nx, y - half * nx], color="C2", lw=3)
     for load in problem.get("loads", []):
         point = attachment_point(problem, load["on"])
         if load["type"] == "moment":
@@ -99,8 +104,10 @@ def draw(problem: dict[str, Any], reference: pd.DataFrame | None, path: Path) ->
     handles, _ = axis.get_legend_handles_labels()
     if handles:
         figure.legend(fontsize=8, loc="outside lower center", ncols=3)
-    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
-    plt.close(figure)
+    if path is not None:
+        figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+        plt.close(figure)
+    return figure
 
 
 def _law_sign(law: Any) -> float:
@@ -131,6 +138,8 @@ def _format_place(attachment: dict[str, Any]) -> str:
 def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
     """Return the description in Markdown; `problem.json` contains the same data in full."""
     end, step = problem["time"]["end"], problem["time"]["output_step"]
+    is_static = problem.get("analysis") == "static"
+    extent = "path of equilibria with the parameter t from 0 to" if is_static else "motion of"
     lines = [
         f"# {problem['title']}",
         "",
@@ -138,8 +147,8 @@ def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
         "",
         "![Drawing](drawing.svg)",
         "",
-        f"Gravity ({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2; {end:g} s, rows "
-        f"every {step:g} s. Sources: {'; '.join(problem['sources'])}.",
+        f"Gravity ({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2; {extent} "
+        f"{end:g} s, rows every {step:g} s. Sources: {'; '.join(problem['sources'])}.",
         "",
     ]
     if problem["sections"]:
@@ -174,6 +183,19 @@ def describe(problem: dict[str, Any], confirmation: dict[str, Any]) -> str:
         text = f"{_format_place(spring['a'])}; {_format_place(spring['b'])}; "
         text += f"{spring['stiffness']:g} N/m, {spring.get('damping', 0.0):g} N s/m, free length "
         lines.append(f"| {spring['name']} | spring | {text}{spring['free_length']:g} m |")
+    for contact in problem.get("contacts", []):
+        text = f"{_format_place(contact['a'])}; {_format_place(contact['b'])}; "
+        text += _format_data({k: v for k, v in contact.items() if k not in ("name", "a", "b")})
+        lines.append(f"| {contact['name']} | contact | {text} |")
+    if "control" in problem:
+        control = problem["control"]
+        text = f"factor of {control['load']}: {control['quantity']} of "
+        text += f"{_format_place(control['on'])} "
+        text += (
+            f"from ({control['from'][0]:g}, {control['from'][1]:g}) " if "from" in control else ""
+        )
+        text += f"changes by {_format_law(control['law'])}"
+        lines.append(f"| path | control | {text} |")
     lines += ["", "## Reference", ""]
     lines += [
         f"Status: **{confirmation['status']}**. Largest uncertainty: "
@@ -253,3 +275,126 @@ def check_checksums(folder: Path) -> list[str]:
         if resource["hash"] != f"sha256:{digest}":
             problems.append(f"{folder.name}/{resource['path']}: the checksum differs.")
     return problems
+
+
+# Problems with filled forms of the IFToMM Library of Computational Benchmark Problems.
+IFTOMM = (
+    "drop_on_stop",
+    "flexure_parallelogram",
+    "four_bar_flexible",
+    "slider_crank_flexible",
+    "spin_up",
+)
+_MOTIVATION = {
+    "drop_on_stop": "Contact of a flexible link excites its bending modes; the law of the stop is "
+    "stated in full, so results of different codes are comparable.",
+    "flexure_parallelogram": "Stages on leaf springs are closed loops in which bending and axial "
+    "stiffness differ by six orders of magnitude.",
+    "four_bar_flexible": "A closed loop with flexible links under large rotations, which rigid "
+    "benchmark problems do not cover.",
+    "slider_crank_flexible": "The most frequent example of flexible mechanisms in the literature, "
+    "which no two papers state alike.",
+    "spin_up": "The run-up of a flexible arm tests the stiffening by centrifugal forces.",
+}
+_METHOD = (
+    "beamdae, certificate of 0.1 %: geometrically exact beams, meshes and tolerances refined until "
+    "their estimated errors are below 0.1 %; the time includes all refinements."
+)
+_ERROR = (
+    "The error of a column is the largest difference from the reference over all rows, divided by "
+    "half the range of the column in the reference. The error of a solution is that of its worst "
+    "column."
+)
+
+
+def iftomm_sections(problem: dict[str, Any], confirmation: dict[str, Any]) -> dict[str, str]:
+    """Return the sections of the description that the library requires."""
+    end, step = problem["time"]["end"], problem["time"]["output_step"]
+    data, _, _ = describe(problem, confirmation).partition("## Reference")
+    rows = [line for line in data.splitlines() if line.startswith("|") and "---" not in line]
+    table = [" ; ".join(cell.strip() for cell in row.strip("|").split("|")) for row in rows]
+    columns = [
+        f"{x['name']}.{q} [{'rad' if q == 'angle' else 'm'}]"
+        for x in problem["outputs"]
+        for q in x["quantities"]
+    ]
+    moving = [x["name"] for x in problem["bodies"] if x.get("initial")]
+    start = "All bodies are at rest" if not moving else f"Initial motion: {', '.join(moving)}"
+    return {
+        "Motivation": f"{problem['summary']} {_MOTIVATION[problem['name']]}",
+        "Sources": "; ".join(problem["sources"]) + ".",
+        "Geometric and inertial data, joints and forces (SI units)": "\n".join(table),
+        "Gravity": f"({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2.",
+        "Initial conditions": f"{start} in the reference configuration, in which beams are free of "
+        "stress and all joints are closed. All loads act from t = 0 on.",
+        "Total simulation time": f"{end:g} s.",
+        "Error definition": _ERROR,
+        "Acceptance": "The error is at most 1e-2 (low precision) or 1e-4 (high precision). The "
+        f"uncertainty of the reference is {confirmation['uncertainty']:.1e}.",
+        "Objective": "Shortest processor time of the simulation for each precision.",
+        "Results": f"Rows every {step:g} s of time [s] and {', '.join(columns)}.",
+        "File format": "Text file with one header line; columns separated by blanks, ten digits.",
+    }
+
+
+def write_iftomm(folder: Path, result: Path | None, row: dict[str, Any] | None) -> None:
+    """Write description (PDF), results (text) and entries of both forms into folder/iftomm.
+
+    `result` is the CSV file of the submitted solution, and `row` its row of the scores.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    problem = json.loads((folder / "problem.json").read_text())
+    confirmation = json.loads((folder / "confirmation.json").read_text())
+    reference = pd.read_csv(folder / "reference.csv")
+    target = folder / "iftomm"
+    target.mkdir(exist_ok=True)
+    lines: list[tuple[str, str]] = [(problem["title"], "title")]
+    for title, text in iftomm_sections(problem, confirmation).items():
+        lines.append((title, "heading"))
+        for paragraph in text.split("\n"):
+            lines += [(line, "text") for line in textwrap.wrap(paragraph, 105)]
+    with PdfPages(target / "description.pdf", metadata={"CreationDate": None}) as pages:
+        for first in range(0, len(lines), _LINES_PER_PAGE):
+            figure = plt.figure(figsize=(8.27, 11.69))
+            for i, (line, kind) in enumerate(lines[first : first + _LINES_PER_PAGE]):
+                size = {"title": 14, "heading": 10.5, "text": 9}[kind]
+                weight = "normal" if kind == "text" else "bold"
+                text = line.replace("$", r"\$")
+                figure.text(0.09, 0.94 - 0.0145 * i, text, size=size, weight=weight)
+            pages.savefig(figure)
+            plt.close(figure)
+        drawing = draw(problem, reference, None)
+        pages.savefig(drawing)
+        plt.close(drawing)
+    for name, table in (("reference", reference), ("solution", result and pd.read_csv(result))):
+        if table is not None:
+            columns = [column.replace(" ", "_") for column in table.columns]
+            table.to_csv(
+                target / f"{name}.txt", sep=" ", index=False, header=columns, float_format="%.10g"
+            )
+    form = ["# Form: problem", "", "| entry | value |", "|---|---|"]
+    form += [f"| Title | {problem['title']} |", "| Authors | The beamdae developers |"]
+    form += ["| Description file | description.pdf |", "| Reference file | reference.txt |"]
+    if row is not None:
+        form += [
+            "",
+            "# Form: solution",
+            "",
+            "| entry | value |",
+            "|---|---|",
+            f"| Title | Solution for {problem['title']} |",
+            "| Authors | The beamdae developers |",
+            f"| Accuracy | {row['error']:.1e} |",
+            f"| CPU time | {row['processor_time']:.2f} s |",
+            "| CPU / GPU | one core of an x86-64 server (2020s) |",
+            "| Operating system | Linux |",
+            f"| Method description | {_METHOD} |",
+            "| Results file | solution.txt |",
+            "| Additional material | problem.json, reference.csv, uncertainty.csv |",
+        ]
+    (target / "forms.md").write_text("\n".join(form) + "\n")

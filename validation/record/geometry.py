@@ -1,4 +1,4 @@
-"""Time laws and axes of problem.json, as defined in problem.schema.json."""
+"""Laws, axes and attachments of problem.json, as defined in problem.schema.json."""
 
 from __future__ import annotations
 
@@ -54,6 +54,29 @@ def law_rate(law: Any, t: float) -> float:
         rate = math.pi / law["duration"]
         return 0.5 * law["amplitude"] * rate * math.sin(rate * t) * inside
     raise ValueError(f"driver: law {law['type']!r} has no rate here")
+
+
+def contact_force(contact: dict[str, Any], point: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the normal and the friction force on the contact point (Hunt and Crossley 1975)."""
+    normal = np.array(contact["normal"])
+    tangent = np.array([normal[1], -normal[0]])
+    depth = -(point - contact["a"]["point"]) @ normal
+    if depth <= 0.0:
+        return np.zeros(2)
+    hysteresis = max(0.0, 1.0 - contact.get("hysteresis", 0.0) * float(rate @ normal))
+    force = contact["stiffness"] * depth ** contact.get("exponent", 1.5) * hysteresis
+    friction = contact.get("friction", 0.0)
+    if friction:
+        friction *= math.tanh(rate @ tangent / contact["friction_speed"])
+    return np.asarray(force * (normal - friction * tangent))
+
+
+def attachments(problem: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return all attachments of a problem."""
+    on = [x["on"] for key in ("outputs", "loads", "point_masses") for x in problem.get(key, [])]
+    pairs = ("joints", "springs", "contacts")
+    on += [x[end] for key in pairs for x in problem.get(key, []) for end in "ab"]
+    return on + ([problem["control"]["on"]] if "control" in problem else [])
 
 
 @dataclass

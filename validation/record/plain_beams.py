@@ -11,7 +11,7 @@ It requires numpy and scipy only and was written from these papers:
 
 A point z = (x', y', theta, theta') of the axis is a constant sparse operator times the coordinates
 q, an attachment P = (x, y, rotation) is a point of a node or of a rigid body, and every joint is
-linear in the attachments: g = L P(q) + c(t).
+linear in the attachments: g = L P(q) + c(t). Paths of equilibria are followed by Newton's method.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from geometry import law_rate, law_value, make_curve, rotation
+from geometry import attachments, contact_force, law_rate, law_value, make_curve, rotation
 from scipy.sparse.linalg import splu
 
 DEGREE = 4  # of the shape functions; as many Gauss points (reduced quadrature)
@@ -226,6 +226,11 @@ class Model:
         for spring in problem.get("springs", []):
             ends = [self._attach_end(spring[key]) for key in "ab"]
             self.springs.append((spring, *ends))
+        self.contacts = [(x, self._attach(x["b"])) for x in problem.get("contacts", [])]
+        self.has_forces = bool(self.loads or self.springs or self.contacts)
+        # The controlled load of a static problem, times its factor.
+        self.control, self.factor = problem.get("control"), 1.0
+        self.controlled = self._attach(self.control["on"]) if self.control else 0
         rows: list[tuple[dict[int, float], Any]] = []
         for joint in problem["joints"]:
             (a, _), (b, _) = (self._attach_end(joint[key]) for key in "ab")
@@ -302,10 +307,11 @@ class Model:
         """Return the loads and the forces of springs, conjugate to P."""
         F, P, rates = np.zeros((len(self.nodes), 3)), P.reshape(-1, 3), rates.reshape(-1, 3)
         for load, k in self.loads:
+            factor = self.factor if self.control and self.control["load"] == load["name"] else 1.0
             if load["type"] == "moment":
-                F[k, 2] += law_value(load["law"], t)
+                F[k, 2] += factor * law_value(load["law"], t)
                 continue
-            force = np.array([law_value(law, t) for law in load["components"]])
+            force = factor * np.array([law_value(law, t) for law in load["components"]])
             if load.get("axes", "inertial") == "body":
                 force = rotation(P[k, 2]) @ force
             F[k, :2] += force
@@ -319,12 +325,14 @@ class Model:
             for k, sign in ((a, 1.0), (b, -1.0)):
                 if k is not None:
                     F[k, :2] += sign * tension * along
+        for contact, k in self.contacts:
+            F[k, :2] += contact_force(contact, P[k, :2], rates[k, :2])
         return F.ravel()
 
     def forces(self, q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         """Return weight, loads and springs less the internal forces."""
         total = self.weight - self.internal_force(q, v)
-        if self.loads or self.springs:
+        if self.has_forces:
             P, rates = self.attachments(q), self.attachment_rates(q, v)
             total = total + self.carry(q, self.attachment_forces(P, rates, t))
         return total
@@ -346,7 +354,7 @@ class Model:
         rates, count = matrix @ v, len(P)
         base = self.attachment_forces(P, rates, t)
         applied, viscous = np.zeros((count, count)), np.zeros((count, count))
-        if self.loads or self.springs:  # differences: few attachments, and Newton corrects
+        if self.has_forces:  # differences: few attachments, and Newton corrects
             step = 1e-7 * self.size
             for i in range(count):
                 unit = np.eye(count)[i] * step
@@ -365,11 +373,17 @@ class Model:
 
 def attached_fractions(problem: dict[str, Any], name: str) -> list[float]:
     """Return the places of a beam, as fractions of its length, to which something is attached."""
-    attached = ("outputs", "loads", "point_masses")
-    places = [x["on"] for key in attached for x in problem.get(key, [])]
-    connections = [x for key in ("joints", "springs") for x in problem.get(key, [])]
-    places += [x[end] for x in connections for end in "ab"]
-    return [float(x["fraction"]) for x in places if x["body"] == name]
+    return [float(x["fraction"]) for x in attachments(problem) if x["body"] == name]
+
+
+def controlled_value(control: dict[str, Any], P: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the controlled quantity of P = (x, y, rotation), and its derivatives by P."""
+    if control["quantity"] == "distance":
+        arm = P[:2] - control["from"]
+        distance = float(np.hypot(*arm))
+        return distance, np.r_[arm / distance, 0.0]
+    k = ["x", "y", "angle"].index(control["quantity"])
+    return float(P[k]), np.eye(3)[k]
 
 
 class NewtonError(RuntimeError):
@@ -502,6 +516,8 @@ def advance(model: Model, radau: RadauIIA, y: np.ndarray, t: float, guess: np.nd
 
 def solve(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict[str, Any]:
     """Integrate with `substeps` steps between two output times; return columns and statistics."""
+    if problem.get("analysis") == "static":
+        return solve_static(problem, elements, substeps)
     clock, processor = time.perf_counter(), time.process_time()
     model = Model(problem, elements)
     interval = problem["time"]["output_step"]
@@ -529,6 +545,96 @@ def solve(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict
     columns = {"t [s]": np.arange(count + 1) * interval}
     columns |= {name: table[:, row] for name, row in model.outputs.items()}
     statistics = radau.statistics | {
+        "max_position_drift": drift,
+        "wall_time": time.perf_counter() - clock,
+        "processor_time": time.process_time() - processor,
+    }
+    return {"columns": columns, "statistics": statistics}
+
+
+class StaticPath:
+    """Path of equilibria y = (q, lam, factor of the controlled load) with the parameter t."""
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.iterations = model, 0
+        self.at_rest = np.zeros(model.n)
+        self.rows = slice(3 * model.controlled, 3 * model.controlled + 3)
+        if model.control:
+            P = model.attachments(model.q0)[self.rows]
+            self.start, _ = controlled_value(model.control, P)
+
+    def equilibrium(self, guess: np.ndarray, t: float) -> np.ndarray:
+        """Return the equilibrium at t by Newton's method."""
+        model, y, previous = self.model, guess.copy(), math.inf
+        n, m = model.n, model.m
+        for _ in range(MAX_ITERATIONS):
+            self.iterations += 1
+            q, lam = y[:n], y[n : n + m]
+            model.factor = y[n + m] if model.control else 1.0
+            matrix = model.attachment_matrix(q)
+            G = sp.csr_array(model.joint_matrix) @ matrix
+            stiffness, _ = model.force_tangents(q, self.at_rest, t, lam)
+            force = model.forces(q, self.at_rest, t)
+            residual = [force + G.T @ lam, model.gap(q, t)]
+            blocks = [[stiffness, G.T], [G, None]]
+            if model.control:
+                P = model.attachments(q)[self.rows]
+                value, slope = controlled_value(model.control, P)
+                target = self.start + law_value(model.control["law"], t)
+                residual.append(np.array([value - target]))
+                row = sp.csr_array(slope[None, :]) @ matrix[self.rows]
+                model.factor += 1.0
+                column = sp.csr_array((model.forces(q, self.at_rest, t) - force)[:, None])
+                blocks = [[stiffness, G.T, column], [G, None, None], [row, None, None]]
+            if not m:
+                blocks = [[x for j, x in enumerate(b) if j != 1] for b in blocks[:1] + blocks[2:]]
+            tangent = sp.csc_array(sp.block_array(blocks))
+            update = -splu(tangent).solve(np.concatenate(residual))
+            y += update
+            size = float(np.abs(update[:n]).max()) / model.size
+            rate, previous = size / max(previous, 1e-300), size
+            if size < NEWTON_TOLERANCE or (size < ROUNDING_LIMIT and rate > 0.5):
+                return y
+            if not size < 1.0:
+                break
+        raise NewtonError(f"Newton's method failed at t = {t:g} (last update {previous:.1e})")
+
+    def advance(self, y: np.ndarray, t: float, step: float, depth: int = 0) -> np.ndarray:
+        """Return the equilibrium at t + step; halve the step if Newton's method fails."""
+        try:
+            return self.equilibrium(y, t + step)
+        except NewtonError:
+            if depth == MAX_HALVINGS:
+                raise
+            middle = self.advance(y, t, 0.5 * step, depth + 1)
+            return self.advance(middle, t + 0.5 * step, 0.5 * step, depth + 1)
+
+
+def solve_static(problem: dict[str, Any], elements: int = 8, substeps: int = 4) -> dict[str, Any]:
+    """Return the path of equilibria with `substeps` steps between two rows, and statistics."""
+    clock, processor = time.perf_counter(), time.process_time()
+    model = Model(problem, elements)
+    path = StaticPath(model)
+    interval = problem["time"]["output_step"]
+    count = round(problem["time"]["end"] / interval)
+    y = np.concatenate([model.q0, np.zeros(model.m + bool(model.control))])
+    y = path.equilibrium(y, 0.0)
+    states, drift = [y], 0.0
+    for i in range(count):
+        for j in range(substeps):
+            y = path.advance(y, (i + j / substeps) * interval, interval / substeps)
+        states.append(y)
+        if model.m:
+            gap = model.gap(y[: model.n], (i + 1) * interval)
+            drift = max(drift, float(np.abs(gap).max()))
+    table = np.array([model.attachments(y[: model.n]) for y in states])
+    columns = {"t [s]": np.arange(count + 1) * interval}
+    columns |= {name: table[:, row] for name, row in model.outputs.items()}
+    if model.control:
+        columns[f"{model.control['load']}.factor [-]"] = np.array(states)[:, -1]
+    statistics = {
+        "steps": count * substeps,
+        "iterations": path.iterations,
         "max_position_drift": drift,
         "wall_time": time.perf_counter() - clock,
         "processor_time": time.process_time() - processor,

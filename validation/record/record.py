@@ -1,7 +1,8 @@
 """Benchmark of record for flexible planar mechanisms: solve, score, rebuild, validate.
 
 python record.py validate
-python record.py solve plain hub_beam_60
+python record.py quick
+python record.py solve plain hub_beam_60 --setting fine
 python record.py solve beamdae all --setting Auto
 python record.py score
 python record.py rebuild all --exudyn-python PATH
@@ -9,9 +10,13 @@ python record.py rebuild all --exudyn-python PATH
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import subprocess
 import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,16 +36,53 @@ AGREEMENT = 1e-4  # of half the range of each column, required of two codes
 # Elements per beam and steps per row of the reference; two thirds of both in the second run.
 REFINEMENT = {
     "arch_snap": (12, 6),
-    "cantilever_gravity": (6, 24),
+    "cantilever_gravity": (12, 24),
     "deep_arch": (8, 6),
-    "flying_beam": (6, 18),
+    "deep_arch_static": (18, 3),
+    "double_four_bar": (1, 12),
+    "drop_on_stop": (6, 12),
+    "flying_beam": (24, 12),
+    "friction_block": (6, 12),
+    "iftomm_a01": (1, 12),
+    "lee_frame_static": (6, 3),
+    "parallelogram_stage_static": (12, 3),
+    "princeton_cantilever": (6, 3),
+    "roll_up_static": (6, 3),
     "spin_up": (6, 15),
     "spring_cart_arm": (6, 24),
 }
 DEFAULT_REFINEMENT = (6, 6)
-# Second codes; Exudyn may be installed in a separate environment.
-CONFIRMING = {"beamdae": ("Radau 1e-8 exact", 12), "exudyn": ("fine", 96)}
-CONFIRMING_FACTORS = {"arch_snap": 2}  # of the elements above; short elements between attachments
+# Settings of each tool, and their elements per beam. The first entries of beamdae and Exudyn
+# confirm the references.
+SETTINGS = {
+    "plain": {"fine": 0, "coarse": 0},
+    "exudyn": {"fine": 96, "": 32},
+    "beamdae": {
+        "Radau 1e-8 exact": 12,
+        "Auto": 8,
+        "certify 0.01": 8,
+        "certify 0.001": 8,
+        "Ida": 8,
+        "Radau": 8,
+        "GeneralizedAlpha": 8,
+    },
+    "casadi": {"idas": 2},
+    "scipy": {"Radau": 2},
+}
+CONFIRMING = {"beamdae": "Radau 1e-8 exact", "exudyn": "fine"}
+# Factors of the elements above for short elements between attachments, and for waves.
+CONFIRMING_FACTORS = {
+    "arch_snap": 2,
+    "cantilever_gravity": 2,
+    "deep_arch_static": 2,
+    "flying_beam": 3,
+}
+# Settings of beamdae that differ only in the integrator.
+INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
+# Runs that are references, not results.
+UNSCORED = ("plain_fine",)
+IFTOMM_RESULT = "beamdae_certify_0.001"
+QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Names = Annotated[list[str], typer.Argument(help="Names of mechanisms, or all.")]
@@ -70,8 +112,15 @@ def run_tool(tool: str, problem: dict[str, Any], setting: str, elements: int) ->
     if tool == "plain":
         import plain_beams
 
-        run = plain_beams.solve(problem, elements, int(setting or DEFAULT_REFINEMENT[1]))
+        elements, steps = REFINEMENT.get(problem["name"], DEFAULT_REFINEMENT)
+        if setting == "coarse":
+            elements, steps = max(1, 2 * elements // 3), 2 * steps // 3
+        run = plain_beams.solve(problem, elements, steps)
         return pd.DataFrame(run["columns"]), {"success": True, "reason": ""} | run["statistics"]
+    if tool in ("casadi", "scipy"):
+        from adapters import equations_adapter
+
+        return equations_adapter.solve(problem, tool, setting, elements)
     if tool == "exudyn":
         from adapters import exudyn_adapter
 
@@ -90,27 +139,61 @@ def folder_name(tool: str, setting: str) -> str:
     return "_".join([tool, *setting.split()])
 
 
+def applies(tool: str, setting: str, problem: dict[str, Any]) -> bool:
+    """Return False for integrators of beamdae in static problems."""
+    is_static = problem.get("analysis") == "static"
+    return not (is_static and tool == "beamdae" and setting in INTEGRATORS)
+
+
+def default_elements(tool: str, setting: str, name: str) -> int:
+    """Return the number of elements per beam in the table of results."""
+    factor = CONFIRMING_FACTORS.get(name, 1) if CONFIRMING.get(tool) == setting else 1
+    return SETTINGS.get(tool, {}).get(setting, 8) * factor
+
+
+def hash_inputs(folder: str, elements: int, problem: dict[str, Any]) -> str:
+    """Return a hash of everything that determines a run, except the version of the tool."""
+    is_plain = folder.startswith("plain")
+    refinement = REFINEMENT.get(problem["name"], DEFAULT_REFINEMENT) if is_plain else None
+    inputs = json.dumps([folder, elements, refinement, problem], sort_keys=True)
+    return hashlib.sha256(inputs.encode()).hexdigest()[:16]
+
+
+def is_current(file: Path, elements: int) -> bool:
+    """Return True if a result in results/FOLDER/NAME.json has the present inputs."""
+    if not file.exists():
+        return False
+    inputs = hash_inputs(file.parent.name, elements, load_problem(file.stem))
+    return bool(json.loads(file.read_text()).get("inputs") == inputs)
+
+
 @app.command()
 def solve(
-    tool: Annotated[str, typer.Argument(help="plain, beamdae or exudyn.")],
+    tool: Annotated[str, typer.Argument(help="plain, beamdae, exudyn, casadi or scipy.")],
     names: Names,
     setting: Annotated[str, typer.Option(help="beamdae: Auto, Radau 1e-8, certify 0.01 ...")] = "",
-    elements: Annotated[int, typer.Option(help="Elements per beam.")] = 8,
+    elements: Annotated[int, typer.Option(help="Elements per beam; 0: as in the table.")] = 0,
+    results: Annotated[Path, typer.Option(help="Folder of results.")] = RESULTS,
+    resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
 ) -> None:
     """Solve mechanisms with one tool and write results/TOOL_SETTING/NAME.csv and .json."""
-    folder = RESULTS / folder_name(tool, setting)
+    folder = results / folder_name(tool, setting)
     folder.mkdir(parents=True, exist_ok=True)
     for name in expand(names):
-        problem = load_problem(name)
+        problem, file = load_problem(name), folder / f"{name}.json"
+        count = elements or default_elements(tool, setting, name)
+        if not applies(tool, setting, problem) or (resume and is_current(file, count)):
+            continue
         try:
-            table, information = run_tool(tool, problem, setting, elements)
+            table, information = run_tool(tool, problem, setting, count)
         except Exception as error:
             # A failed run is a row of the table.
             table, information = pd.DataFrame(), {"success": False, "reason": str(error)}
-        (folder / f"{name}.csv").unlink(missing_ok=True)
+        file.with_suffix(".csv").unlink(missing_ok=True)
         if len(table):
-            table.to_csv(folder / f"{name}.csv", index=False, float_format="%.10g")
-        (folder / f"{name}.json").write_text(json.dumps(information, indent=1) + "\n")
+            table.to_csv(file.with_suffix(".csv"), index=False, float_format="%.10g")
+        information["inputs"] = hash_inputs(folder.name, count, problem)
+        file.write_text(json.dumps(information, indent=1) + "\n")
         cost = information.get("processor_time", float("nan"))
         typer.echo(f"{name}: {cost:.2f} s {information['reason']}"[:150])
 
@@ -121,6 +204,7 @@ def score(
 ) -> None:
     """Score all results: scores.csv, scores.md, results.html and work_precision.png."""
     scores = scorer.score_all(MECHANISMS, results)
+    scores = scores[~scores["tool"].isin(UNSCORED)]
     scores.to_csv(results / "scores.csv", index=False, float_format="%.4g")
     scorer.plot_work_precision(scores, results / "work_precision.png")
     scorer.write_page(scores, results / "results.html")
@@ -130,32 +214,20 @@ def score(
     typer.echo(summary.to_string())
 
 
-def refine(problem: dict[str, Any], elements: int, substeps: int) -> dict[str, pd.DataFrame]:
-    """Return two runs of the plain code, with all and with two thirds of elements and steps."""
-    import plain_beams
-
-    settings = {
-        "fine": (elements, substeps),
-        "coarse": (2 * elements // 3, 2 * substeps // 3),
-    }
-    return {
-        key: pd.DataFrame(plain_beams.solve(problem, *setting)["columns"])
-        for key, setting in settings.items()
-    }
-
-
-def write_reference(name: str, runs: dict[str, pd.DataFrame], setting: tuple[int, int]) -> None:
-    """Write reference, uncertainty and confirmation from the runs and the stored second codes.
+def write_reference(name: str) -> None:
+    """Write reference, uncertainty and confirmation from the stored runs of all codes.
 
     The refinement part of the uncertainty is the change from two thirds of the elements and steps,
     which exceeds the error of any method of at least second order. The uncertainty is the larger of
     this part and the difference from the best second code. Both are running maxima in time.
     """
-    folder, fine = MECHANISMS / name, runs["fine"]
+    folder = MECHANISMS / name
+    fine, coarse = (pd.read_csv(RESULTS / f"plain_{x}" / f"{name}.csv") for x in ("fine", "coarse"))
+    setting = REFINEMENT.get(name, DEFAULT_REFINEMENT)
     half = scorer.half_ranges(fine)
-    refinement = (runs["coarse"] - fine).abs().cummax()
+    refinement = (coarse - fine).abs().cummax()
     codes, best = [], None
-    for tool, (tool_setting, _) in CONFIRMING.items():
+    for tool, tool_setting in CONFIRMING.items():
         file = RESULTS / folder_name(tool, tool_setting) / f"{name}.csv"
         code: dict[str, Any] = {"tool": tool, "setting": tool_setting}
         information = json.loads(file.with_suffix(".json").read_text())
@@ -204,22 +276,87 @@ def write_documents(name: str) -> None:
 def rebuild(
     names: Names,
     exudyn_python: Annotated[str, typer.Option(help="Python with exudyn.")] = sys.executable,
-    documents_only: Annotated[bool, typer.Option(help="Keep the references.")] = False,
+    workers: Annotated[int, typer.Option(help="Number of processes.")] = 2,
+    resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
+    documents_only: Annotated[bool, typer.Option(help="Keep all runs and references.")] = False,
 ) -> None:
-    """Recompute references, confirm them with the second codes and write all files."""
-    for name in expand(names):
-        if not documents_only:
-            setting = REFINEMENT.get(name, DEFAULT_REFINEMENT)
-            runs = refine(load_problem(name), *setting)
-            for tool, (tool_setting, elements) in CONFIRMING.items():
-                python = exudyn_python if tool == "exudyn" else sys.executable
-                elements *= CONFIRMING_FACTORS.get(name, 1)
-                options = ["--setting", tool_setting, "--elements", str(elements)]
-                command = [python, str(HERE / "record.py"), "solve", tool, name, *options]
-                subprocess.run(command, check=False)
-            write_reference(name, runs, setting)
+    """Run all tools, then write references, data packages, scores and tables."""
+    chosen = expand(names)
+    if not documents_only:
+        commands = [
+            [tool, name, "--setting", setting]
+            for setting in SETTINGS["plain"]
+            for tool, name in [("plain", x) for x in sort_by_cost(chosen)]
+        ]
+        commands += [
+            [tool, *chosen, "--setting", setting]
+            for tool in SETTINGS
+            if tool != "plain"
+            for setting in SETTINGS[tool]
+        ]
+        if resume:
+            commands = [x for x in commands if not all_current(x)]
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(lambda x: run_solve(x, exudyn_python, resume), commands))
+        for name in chosen:
+            write_reference(name)
+    for name in chosen:
         write_documents(name)
-        typer.echo(name)
+    score()
+    scores = pd.read_csv(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
+    for name in documents.IFTOMM:
+        row = scores.loc[(IFTOMM_RESULT, name)]
+        result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
+        documents.write_iftomm(MECHANISMS / name, result, row.to_dict())
+
+
+def all_current(arguments: list[str]) -> bool:
+    """Return True if all results of a command of `solve` have the present inputs."""
+    tool, *names, _, setting = arguments
+    return all(
+        is_current(
+            RESULTS / folder_name(tool, setting) / f"{name}.json",
+            default_elements(tool, setting, name),
+        )
+        for name in names
+        if applies(tool, setting, load_problem(name))
+    )
+
+
+def sort_by_cost(names: list[str]) -> list[str]:
+    """Return the names in descending order of the processor time of their last reference."""
+    files = [RESULTS / "plain_coarse" / f"{name}.json" for name in names]
+    costs = [
+        json.loads(x.read_text()).get("processor_time", 0.0) if x.exists() else 0.0 for x in files
+    ]
+    return [name for _, name in sorted(zip(costs, names, strict=True), reverse=True)]
+
+
+def run_solve(arguments: list[str], exudyn_python: str, resume: bool) -> None:
+    """Run `solve` in a process of its own, with one thread for linear algebra."""
+    python = exudyn_python if arguments[0] == "exudyn" else sys.executable
+    command = [python, str(HERE / "record.py"), "solve", *arguments]
+    limits = {f"{x}_NUM_THREADS": "1" for x in ("OPENBLAS", "OMP", "MKL")}
+    subprocess.run(command + ["--resume"] * resume, check=False, env=os.environ | limits)
+
+
+@app.command()
+def quick() -> None:
+    """Validate and solve three mechanisms with the plain code and beamdae, and score them."""
+    with tempfile.TemporaryDirectory() as folder:
+        results = Path(folder)
+        for tool, setting in (("plain", "coarse"), ("beamdae", "Radau 1e-8 exact")):
+            solve(tool, list(QUICK), setting, results=results)
+        scores = scorer.score_all(MECHANISMS, results)
+    messages = [message for name in QUICK for message in check(name)]
+    messages += [
+        f"{row.mechanism}, {row.tool}: error {row.error:.1e} {row.reason}"
+        for row in scores.itertuples()
+        if not (row.success and row.error <= 2.0 * max(row.uncertainty, 1e-6))
+    ]
+    for message in messages:
+        typer.echo(message)
+    raise typer.Exit(bool(messages))
 
 
 @app.command()

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from geometry import law_value
+from scipy.optimize import brentq
 
 import beamdae as bd
+
+_WEAK_HYSTERESIS = 0.3  # X times the impact speed that states the same X by a restitution
 
 
 def make_law(law: Any) -> Any:
@@ -27,7 +32,8 @@ def make_law(law: Any) -> Any:
             (t1, lambda t, a=a, slope=(b - a) / (t1 - t0), t0=t0: a + slope * (t - t0))
             for t0, t1, a, b in zip(times[:-1], times[1:], values[:-1], values[1:], strict=True)
         ]
-        return bd.piecewise(*pieces, values[-1])
+        before = [(times[0], values[0])] if times[0] > 0.0 else []
+        return bd.piecewise(*before, *pieces, values[-1])
     amplitude, duration = law["amplitude"], law["duration"]
     rate = math.pi / duration
     if kind == "versine_pulse":
@@ -43,6 +49,24 @@ def make_curve(data: dict[str, Any]) -> Any:
     if data["type"] == "arc":
         return bd.Arc(radius=data["radius"], length=data["length"], start=start, angle=angle)
     return bd.Parabola(span=data["span"], rise=data["rise"], start=start, angle=angle)
+
+
+def make_contact(data: dict[str, Any], line: Any, point: Any) -> Any:
+    """Return the contact; beamdae states the hysteresis X by a restitution at an impact speed."""
+    nx, ny = data["normal"]
+    keywords: dict[str, Any] = {"exponent": data.get("exponent", 1.5)}
+    if data.get("hysteresis"):
+        z = _WEAK_HYSTERESIS
+
+        def defect(e: float) -> float:
+            return z * (1.0 + e) - math.log((1.0 + z) / (1.0 - e * z))
+
+        keywords["restitution"] = brentq(defect, 0.5, 1.0, xtol=1e-15)
+        keywords["impact_speed"] = z / data["hysteresis"]
+    if data.get("friction"):
+        keywords |= {"friction": data["friction"], "friction_speed": data["friction_speed"]}
+    surface = bd.LineSurface(line, direction=(ny, -nx))
+    return bd.Contact(data["name"], point, surface, data["stiffness"], **keywords)
 
 
 def build_mechanism(
@@ -116,6 +140,14 @@ def build_mechanism(
                 free_length=data["free_length"],
             )
         )
+    for data in problem.get("contacts", []):
+        mech.add(make_contact(data, attach(data["a"]), attach(data["b"])))
+    if "control" in problem:
+        point, start = attach(problem["control"]["on"]), problem["control"].get("from")
+        mech.observe("controlled", point)
+        if start is not None:
+            rod = bd.SpringDamper("rod", mech.ground.at(*start), point, stiffness=0.0)
+            mech.observe("controlled.distance", mech.add(rod).elongation)
     inclinations = {}
     for data in problem["outputs"]:
         mech.observe(data["name"], attach(data["on"]))
@@ -142,6 +174,62 @@ def select_columns(
     return pd.DataFrame(columns)
 
 
+def solve_static(
+    problem: dict[str, Any], mech: Any, inclinations: dict[str, float]
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Return the equilibria at the rows of the problem, and the status; failures end the table."""
+    interval = problem["time"]["output_step"]
+    times = np.arange(round(problem["time"]["end"] / interval) + 1) * interval
+    control = problem.get("control")
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        if control is None:
+            path = bd.equilibrium(mech, loads=[], t=0.0)
+            paths = [path]
+            for t in times[1:]:
+                path = bd.equilibrium(mech, loads=[], t=float(t), start=path)
+                if not path.status.success:
+                    break
+                paths.append(path)
+            times = times[: len(paths)]
+            columns = {key: np.array([x.columns[key][-1] for x in paths]) for key in path.columns}
+        else:
+            name = f"controlled.{control['quantity']}"
+            start = bd.equilibrium(mech, loads=[control["load"]], to=0.0, t=0.0)
+            first = next(v[0] for k, v in start.columns.items() if k.startswith(f"{name} "))
+            targets = [first + law_value(control["law"], float(t)) for t in times[1:]]
+            path = bd.equilibrium(mech, loads=[control["load"]], to={name: targets}, t=0.0)
+            values = next(v for k, v in path.columns.items() if k.startswith(f"{name} "))
+            rows = [0, *(int(np.argmin(abs(values - x))) for x in targets)]
+            reached = np.abs(values[rows[1:]] - targets) < 1e-9 * np.ptp(targets)
+            rows = rows[: 1 + int(np.argmin([*reached, False]))]
+            times = times[: len(rows)]
+            columns = {key: value[rows] for key, value in path.columns.items()}
+            columns[f"{control['load']}.factor [-]"] = path.factors[rows, -1]
+    notes = sorted({str(x.message) for x in issued})
+    table = {"t [s]": times}
+    for output in problem["outputs"]:
+        for quantity in output["quantities"]:
+            name = f"{output['name']}.{quantity} [{'rad' if quantity == 'angle' else 'm'}]"
+            angle0 = inclinations[output["name"]] if quantity == "angle" else 0.0
+            table[name] = columns[name] - angle0
+    table |= {key: value for key, value in columns.items() if key.endswith(".factor [-]")}
+    status = {"success": path.status.success, "reason": path.status.sentence, "warnings": notes}
+    return pd.DataFrame(table), status
+
+
+def certify_end(problem: dict[str, Any], mech: Any, accuracy: float) -> Any:
+    """Return the certificate of the last equilibrium of a static problem."""
+    end, control = problem["time"]["end"], problem.get("control")
+    if control is None:
+        return bd.certify_equilibrium(mech, accuracy, t=end)
+    name = f"controlled.{control['quantity']}"
+    start = bd.equilibrium(mech, loads=[control["load"]], to=0.0, t=0.0)
+    first = next(v[0] for k, v in start.columns.items() if k.startswith(f"{name} "))
+    target = {name: first + law_value(control["law"], end)}
+    return bd.certify_equilibrium(mech, accuracy, loads=[control["load"]], to=target)
+
+
 def solve(
     problem: dict[str, Any], setting: str = "Auto", elements: int = 8, formulation: str = "default"
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -157,6 +245,19 @@ def solve(
     mech, inclinations = build_mechanism(problem, elements, **keywords)
     end, step = problem["time"]["end"], problem["time"]["output_step"]
     information: dict[str, Any] = {}
+    if problem.get("analysis") == "static":
+        if setting.startswith("certify"):
+            certificate = certify_end(problem, mech, float(setting.split()[1]))
+            # The mesh that is certified at the end of the path.
+            elements = max(certificate.elements.values())
+            mech, inclinations = build_mechanism(problem, elements, formulation="exact")
+        table, information = solve_static(problem, mech, inclinations)
+        if setting.startswith("certify"):
+            information["success"] &= certificate.success
+            information["reason"] = certificate.reason
+        information["wall_time"] = time.perf_counter() - clock
+        information["processor_time"] = time.process_time() - processor
+        return table, information
     if setting.startswith("certify"):
         accuracy = float(setting.split()[1])
         certificate = bd.certify(mech, accuracy, t_end=end, output_step=step, time_limit=300.0)

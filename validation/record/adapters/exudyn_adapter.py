@@ -19,15 +19,9 @@ import pandas as pd
 from exudyn import itemInterface as items  # noqa: N813
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-from geometry import law_value, make_curve
+from geometry import attachments, contact_force, law_value, make_curve
 
 _SPECTRAL_RADIUS = 0.9
-
-
-def _attachments(problem: dict[str, Any]) -> list[dict[str, Any]]:
-    on = [x["on"] for key in ("outputs", "loads", "point_masses") for x in problem.get(key, [])]
-    pairs = [x[e] for key in ("joints", "springs") for x in problem.get(key, []) for e in "ab"]
-    return on + pairs
 
 
 def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFrame:
@@ -66,7 +60,7 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
             tau = section.get("damping_time", 0.0)
             largest_stiffness = max(largest_stiffness, E * A)
             curve = make_curve(body["curve"])
-            fractions = [a["fraction"] for a in _attachments(problem) if a["body"] == name]
+            fractions = [a["fraction"] for a in attachments(problem) if a["body"] == name]
             cuts, ends = sorted({0.0, 1.0, *map(float, fractions)}), [0.0]
             for a, b in pairwise(cuts):
                 count = 2 * max(1, round(elements * (b - a) / 2.0))
@@ -182,6 +176,8 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
                 )
             )
     for load in problem.get("loads", []):
+        if load["name"] == problem.get("control", {}).get("load"):
+            continue  # the reaction of the prescribed displacement replaces it
         marker = marker_of(load["on"])
         if load["type"] == "moment":
             mbs.AddLoad(
@@ -206,6 +202,19 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
                 loadVectorUserFunction=lambda mbs, t, load, laws=laws: [
                     law_value(laws[0], t),
                     law_value(laws[1], t),
+                    0.0,
+                ],
+            )
+        )
+    for contact in problem.get("contacts", []):
+        # The connector acts on its second marker with the opposite sign.
+        mbs.AddObject(
+            items.ObjectConnectorCartesianSpringDamper(
+                markerNumbers=[marker_of(contact["a"]), marker_of(contact["b"])],
+                springForceUserFunction=lambda mbs, t, item, u, v, k, d, offset, contact=contact: [
+                    *-contact_force(
+                        {**contact, "a": {"point": [0.0, 0.0]}}, np.array(u[:2]), np.array(v[:2])
+                    ),
                     0.0,
                 ],
             )
@@ -237,6 +246,35 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
             unit = "rad" if quantity == "angle" else "m"
             column = {"x": 1, "y": 2, "angle": -1}[quantity]
             sensors[f"{output['name']}.{quantity} [{unit}]"] = sensor, column
+    control, reaction = problem.get("control"), None
+    if control:
+        load = next(x for x in problem["loads"] if x["name"] == control["load"])
+        controlled = ["x", "y", "angle"].index(control["quantity"].replace("distance", "angle"))
+        force = [*load.get("components", [0.0, 0.0]), load.get("law", 0.0)]
+        if control["on"] != load["on"] or [i for i in range(3) if force[i]] != [controlled]:
+            raise NotImplementedError("only the displacement along the load can be controlled")
+        zero = mbs.AddMarker(
+            items.MarkerNodeCoordinate(
+                nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0
+            )
+        )
+        node = mbs.AddMarker(
+            items.MarkerNodeCoordinate(nodeNumber=node_of(control["on"]), coordinate=controlled)
+        )
+        held = mbs.AddObject(
+            items.ObjectConnectorCoordinate(
+                markerNumbers=[zero, node],
+                offsetUserFunction=lambda mbs, t, item, offset: law_value(control["law"], t),
+            )
+        )
+        reaction = mbs.AddSensor(
+            items.SensorObject(
+                objectNumber=held,
+                storeInternal=True,
+                writeToFile=False,
+                outputVariableType=exu.OutputVariableType.Force,
+            )
+        )
     mbs.Assemble()
     end, interval = problem["time"]["end"], problem["time"]["output_step"]
     settings = exu.SimulationSettings()
@@ -253,7 +291,17 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
     settings.solution.sensors.writePeriod = 0.5 * step  # every step
     settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     settings.parallel.numberOfThreads = 1
-    mbs.SolveDynamic(settings)
+    if problem.get("analysis") == "static":
+        static = settings.staticSolver
+        static.numberOfLoadSteps, static.loadStepDuration = round(end / step), end
+        static.verboseMode = 0
+        static.newton.relativeTolerance = 1e-8
+        static.newton.absoluteTolerance = integration.newton.absoluteTolerance
+        static.newton.useModifiedNewton = False
+        static.adaptiveStep = False
+        mbs.SolveStatic(settings)
+    else:
+        mbs.SolveDynamic(settings)
     count = round(end / interval)
     columns = {"t [s]": np.arange(count + 1) * interval}
     for name, (sensor, column) in sensors.items():
@@ -266,14 +314,32 @@ def simulate(problem: dict[str, Any], elements: int, step: float) -> pd.DataFram
         columns[name] = data[rows, column]
         if name.endswith("[rad]"):
             columns[name] = columns[name] - columns[name][0]
+    if reaction is not None:
+        data = np.array(mbs.GetSensorStoredData(reaction))
+        rows = np.searchsorted(data[:, 0], columns["t [s]"] - 0.5 * step)
+        columns[f"{control['load']}.factor [-]"] = data[rows, 1] / force[controlled]
     return pd.DataFrame(columns)
 
 
 def solve(
     problem: dict[str, Any], elements: int = 32, step: float = 1e-3
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Return the extrapolated columns, and status and cost; two meshes and two steps."""
+    """Return the extrapolated columns, and status and cost; two meshes and two steps.
+
+    Static problems are extrapolated from two meshes; their step is one row.
+    """
     clock, processor = time.perf_counter(), time.process_time()
+    if problem.get("analysis") == "static":
+        step = problem["time"]["output_step"]
+        coarse, fine = (simulate(problem, count, step) for count in (elements // 2, elements))
+        best = coarse + (fine - coarse) * (4.0 / 3.0)
+        best["t [s]"] = coarse["t [s]"]
+        return best, {
+            "success": True,
+            "reason": f"Richardson: {elements} elements",
+            "wall_time": time.perf_counter() - clock,
+            "processor_time": time.process_time() - processor,
+        }
     coarse = simulate(problem, elements // 2, 2.0 * step)
     finer_mesh = simulate(problem, elements, 2.0 * step)
     finer_step = simulate(problem, elements // 2, step)
