@@ -761,7 +761,12 @@ class _Certification:
         is_assessed = len(self._time) == count
         unknown = np.full(count, np.nan)
         is_mechanism = isinstance(self.task.model, Mechanism)
-        time = self._time if is_assessed else unknown
+        time = self._time.copy() if is_assessed else unknown
+        half_range, missed = last.half_range.copy(), last.solution.missed_peaks
+        for k, column in enumerate(last.solution.columns):
+            if column in missed and is_assessed:
+                half_range[k] = missed[column].half_range
+                time[k] = max(time[k], missed[column].error)
         is_mesh_known = is_assessed and is_mechanism and (self._has_mesh or not self._beams)
         mesh = self._mesh if is_mesh_known else unknown
         notes = [
@@ -794,13 +799,18 @@ class _Certification:
             status = Status(
                 status.kind, f"{status.sentence}; good until t = {good_until:.4g} s{rate}"
             )
+        for column in np.array(list(last.solution.columns))[self._required]:
+            peak = missed.get(str(column))
+            if status.success and peak is not None and peak.error > self.task.accuracy:
+                status = Status("limited", f"{peak.description}; reduce output_step=")
+                good_until = peak.time
         is_theory_known = is_mechanism and (
             not self._beams or any(base.can_be_exact for base in self._beams)
         )
         theory = np.zeros(count) + self._theory if is_theory_known else unknown
         budget = ErrorBudget(
             columns=tuple(last.solution.columns),
-            half_range=last.half_range,
+            half_range=half_range,
             time=time,
             mesh=mesh,
             theory=theory,

@@ -300,7 +300,7 @@ def print_results(run: Run, solution: Solution) -> None:
         rows |= run.certificate.facts()
     console.print(text_tables.fact_list(run.model.name, rows))
     if solution.columns:
-        console.print(text_tables.range_table(solution.columns, run.errors))
+        console.print(text_tables.range_table(solution.columns, run.errors, solution.step_extremes))
     if solution.derivatives is not None:
         console.print(text_tables.range_table(solution.derivatives.columns()))
     if solution.validity:
@@ -314,7 +314,7 @@ def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
     results = solution.metadata()
     del results["equations"], results["warnings"]
     errors = {} if run.errors is None else _errors_by_column(run, solution)
-    observed = text_tables.column_extremes(solution.columns).items()
+    observed = text_tables.column_extremes(solution.columns, solution.step_extremes).items()
     table = {"observed": {name: x | errors.get(name, {}) for name, x in observed}}
     certificate = {} if run.certificate is None else {"certificate": run.certificate.settings()}
     return results | table | certificate

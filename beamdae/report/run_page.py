@@ -86,7 +86,7 @@ def _build_tables(
     observed = {name: columns[name] for name in observed_columns(columns)}
     validity = terminal.validity_table(solution.validity)
     tables = [
-        export_table("Observed", terminal.range_table(observed)),
+        export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes)),
         {"title": "Parameters", "rows": _list_parameters(solution)},
         {"title": "Certificate", "rows": list((certificate or {}).items()), "section": "errors"},
         export_table("Validity of the beams", validity, "errors"),

@@ -29,6 +29,13 @@ from beamdae.results.diagnostics.beam_ranges import (
     strain_warnings,
 )
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.missed_peaks import (
+    MissedPeak,
+    StepExtremes,
+    find_missed_peaks,
+    measure_step_extremes,
+    missed_peak_warnings,
+)
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
@@ -115,6 +122,24 @@ class RunData:
             return {}
         return dict(zip(headers, self._evaluate_rows(measures.ObservedRows(e)).T, strict=True))
 
+    @cached_property
+    def step_extremes(self) -> dict[str, StepExtremes]:
+        """Extremes of the observed columns at the steps between the first and the last row.
+
+        They include peaks between the rows. Empty for models without contacts.
+        """
+        return measure_step_extremes(
+            self.equations, self.trajectory, float(self.t[0]), float(self.t[-1])
+        )
+
+    @cached_property
+    def missed_peaks(self) -> dict[str, MissedPeak]:
+        """Peaks of forces, moments, accelerations and stresses that the rows miss, by header."""
+        extremes = self.step_extremes
+        if not extremes:
+            return {}
+        return find_missed_peaks(self.columns, extremes, self.equations.length)
+
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
         ledger = zip(measures.LEDGER_COLUMNS, self._ledger_rows.T, strict=True)
@@ -188,6 +213,7 @@ class RunData:
             ),
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
+            *missed_peak_warnings(self.missed_peaks),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
 

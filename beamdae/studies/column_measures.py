@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.results.columns import observed_columns
+from beamdae.results.diagnostics.missed_peaks import StepExtremes
 
 Array = np.ndarray
 
@@ -28,10 +29,13 @@ MEASURES: Mapping[str, Callable[[Array, Array], Array]] = {
 }
 
 
-def measure_table(table: pd.DataFrame) -> dict[str, list[float]]:
+def measure_table(
+    table: pd.DataFrame, steps: Mapping[str, StepExtremes] | None = None
+) -> dict[str, list[float]]:
     """Return all `MEASURES` of each observed column of a trajectory, by column.
 
-    The measures of a table without rows are NaN.
+    "max" and "min" include the extremes at the steps of the run, `steps`. The measures of a table
+    without rows are NaN.
     """
     headers = observed_columns([str(column) for column in table])
     values = np.full((len(headers), len(MEASURES)), np.nan)
@@ -42,4 +46,9 @@ def measure_table(table: pd.DataFrame) -> dict[str, list[float]]:
         times, curves = table.index.to_numpy(float), np.ascontiguousarray(curves.T)
         for k, measure in enumerate(MEASURES.values()):
             values[:, k] = measure(times, curves)
+        smallest, largest = (list(MEASURES).index(name) for name in ("min", "max"))
+        for row, header in zip(values, headers, strict=True):
+            if steps and header in steps:
+                row[smallest] = min(row[smallest], steps[header].min)
+                row[largest] = max(row[largest], steps[header].max)
     return dict(zip(headers, values.tolist(), strict=True))

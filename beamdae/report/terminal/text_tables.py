@@ -15,6 +15,7 @@ from beamdae.report.terminal.responsive_table import Column, FactList, Responsiv
 from beamdae.report.text import make_printable
 from beamdae.results.columns import Header
 from beamdae.results.diagnostics.beam_ranges import BeamRange
+from beamdae.results.diagnostics.missed_peaks import StepExtremes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,7 +135,11 @@ def validity_table(beams: Iterable[BeamRange]) -> ResponsiveTable:
     return ResponsiveTable("beam", columns, rows, "the JSON file")
 
 
-def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveTable:
+def range_table(
+    observed: Columns,
+    errors: Columns | None = None,
+    steps: Mapping[str, StepExtremes] | None = None,
+) -> ResponsiveTable:
     """Return a table of the minimum, maximum and last value of each observed column.
 
     Parameters
@@ -144,6 +149,8 @@ def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveT
     errors
         Additional columns with one row per observed column, in this order: amplitude (not shown),
         error, any further columns, verdict.
+    steps
+        Extremes at the steps of the run, which minimum and maximum include.
     """
     names = [] if errors is None else list(map(str, errors))[1:]
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
@@ -158,18 +165,25 @@ def range_table(observed: Columns, errors: Columns | None = None) -> ResponsiveT
             *(format_number(x, 5) for x in extremes.values()),
             *(format_number(values[k], 2) for values in error_values),
         )
-        for k, (name, extremes) in enumerate(column_extremes(observed).items())
+        for k, (name, extremes) in enumerate(column_extremes(observed, steps).items())
     ]
     return ResponsiveTable("observed", columns, rows, "--json")
 
 
-def column_extremes(observed: Columns) -> dict[str, dict[str, float]]:
-    """Return minimum, maximum and last value of each column, with rounding noise set to zero."""
+def column_extremes(
+    observed: Columns, steps: Mapping[str, StepExtremes] | None = None
+) -> dict[str, dict[str, float]]:
+    """Return minimum, maximum and last value of each column, with rounding noise set to zero.
+
+    Minimum and maximum include the extremes at the steps, `steps`.
+    """
     rounding = _rounding_by_kind(observed)
     extremes = {}
     for name in map(str, observed):
         values, limit = np.asarray(observed[name]), rounding[Header.of(name).kind]
         smallest, largest = _smallest_and_largest(values)
+        if steps and name in steps:
+            smallest, largest = min(smallest, steps[name].min), max(largest, steps[name].max)
         numbers = {"min": smallest, "max": largest, "end": float(values[-1])}
         extremes[name] = {k: 0.0 if abs(x) < limit else x for k, x in numbers.items()}
     return extremes

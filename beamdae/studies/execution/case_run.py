@@ -20,6 +20,7 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
+from beamdae.studies.column_measures import measure_table
 from beamdae.studies.run_values import (
     MEASURING_TIME_COLUMN,
     PEAK_MEMORY_COLUMN,
@@ -125,12 +126,23 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
                 status = Status("failed", str(problem))
         table = tabulate_trajectory(solution)
         text = format_trajectory(table)
+        # Without contacts, the measures are those of the table.
+        steps = solution.step_extremes
+        measures = measure_table(table, steps) if steps else None
         frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
     values[PEAK_MEMORY_COLUMN] = peak_memory()
     messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
-    return Outcome(status, values, table, frames, text=text, kernel_warnings=messages)
+    return Outcome(
+        status,
+        values,
+        table,
+        frames,
+        text=text,
+        kernel_warnings=messages,
+        _measures=measures,
+    )
 
 
 def _export_frames(solution: Solution, count: int) -> dict[str, Any]:

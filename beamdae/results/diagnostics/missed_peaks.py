@@ -1,0 +1,146 @@
+"""Peaks of contact forces between output rows, found at the steps of the integrator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import ObservedRows
+from beamdae.results.columns import Header, mark_resting_columns
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Units of columns that a contact changes within a few steps.
+_IMPULSIVE_UNITS = ("N", "N m", "m/s^2", "rad/s^2", "Pa")
+_MAX_MISSED_SHARE = 0.01  # of the range of a column
+_MAX_ROWS_AT_ONCE = 4096
+_MAX_NAMES = 3  # of further columns in a warning
+
+
+@dataclass(frozen=True)
+class StepExtremes:
+    """Smallest and largest value of an observed column at the steps, and their times [s]."""
+
+    min: float
+    min_time: float
+    max: float
+    max_time: float
+
+
+@dataclass(frozen=True)
+class MissedPeak:
+    """Peak of a column that is missing in the output rows.
+
+    Attributes
+    ----------
+    time
+        Time of the peak [s].
+    half_range
+        Half the range of the column, including the steps.
+    error
+        Difference of the peak from the rows relative to half the range [-].
+    description
+        Column, peak and time; the beginning of a sentence.
+    """
+
+    time: float
+    half_range: float
+    error: float
+    description: str
+
+
+def measure_step_extremes(
+    equations: EquationsOfMotion, trajectory: Trajectory, begin: float, end: float
+) -> dict[str, StepExtremes]:
+    """Return the extremes of the observed columns at the steps from `begin` to `end` [s].
+
+    They are empty for mechanisms without contacts, whose columns hardly change between rows, and
+    do not contain columns that are not finite at a step.
+    """
+    mechanism = equations.mechanism
+    headers = [header for o in equations.observables for header in o.headers]
+    if mechanism is None or not headers or not any(x.gaps for x in mechanism.parts.values()):
+        return {}
+    evaluate, times, values = ObservedRows(equations), [], []
+    for interval in trajectory.intervals:
+        rows = interval.times[:: interval.nodes_per_step]
+        (steps,) = np.nonzero((rows[:, 0] >= begin) & (rows[:, 0] <= end))
+        for k in range(0, len(steps), _MAX_ROWS_AT_ONCE):
+            block = steps[k : k + _MAX_ROWS_AT_ONCE]
+            times.append(rows[block, 0])
+            values.append(evaluate(rows[block], *(x[block] for x in interval.state)))
+    if not values:
+        return {}
+    t, columns = np.concatenate(times), np.concatenate(values)
+    low, high = np.argmin(columns, axis=0), np.argmax(columns, axis=0)
+    return {
+        header: StepExtremes(float(columns[i, k]), float(t[i]), float(columns[j, k]), float(t[j]))
+        for k, (header, i, j) in enumerate(zip(headers, low, high, strict=True))
+        if np.isfinite(columns[:, k]).all()
+    }
+
+
+def find_missed_peaks(
+    observed: Mapping[str, Array], extremes: Mapping[str, StepExtremes], length: float
+) -> dict[str, MissedPeak]:
+    """Return the missed peak of each column whose largest or smallest value the rows miss.
+
+    Only forces, moments, accelerations and stresses are considered, and only differences above
+    1 % of the range of the column.
+
+    Parameters
+    ----------
+    observed
+        Observed columns (k,) by header.
+    extremes
+        Extremes at the steps, see `measure_step_extremes`.
+    length
+        Length of the mechanism [m].
+    """
+    names = [
+        x
+        for x in extremes
+        if Header.of(x).unit in _IMPULSIVE_UNITS and np.isfinite(observed[x]).all()
+    ]
+    if not names:
+        return {}
+    rows = np.array([[np.min(observed[x]), np.max(observed[x])] for x in names]).T
+    steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
+    low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
+    half_range = 0.5 * (high - low)
+    is_at_rest = mark_resting_columns(names, np.stack([low, high]), half_range, length)
+    misses = np.stack([rows[0] - low, high - rows[1]])
+    is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range) & ~is_at_rest
+    peaks = {}
+    for k in np.flatnonzero(is_missed.any(axis=0)):
+        column, side = names[k], int(np.argmax(misses[:, k]))
+        name, unit = column.rpartition(" [")[0], Header.of(column).unit
+        extreme = extremes[column]
+        time = (extreme.min_time, extreme.max_time)[side]
+        description = (
+            f"{name}: the output rows miss its {('smallest', 'largest')[side]} value, "
+            f"{steps[side, k]:.5g} {unit} at t = {time:.6g} s, and reach only "
+            f"{rows[side, k]:.5g} {unit}"
+        )
+        size = float(half_range[k])
+        peaks[column] = MissedPeak(time, size, float(misses[side, k]) / size, description)
+    return peaks
+
+
+def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
+    """Yield one warning about all missed peaks of a run."""
+    if not peaks:
+        return
+    worst = max(peaks, key=lambda column: peaks[column].error)
+    others = [column.rpartition(" [")[0] for column in peaks if column != worst]
+    names = ", ".join(others[:_MAX_NAMES])
+    if len(others) > _MAX_NAMES:
+        names += f" and {len(others) - _MAX_NAMES} more"
+    yield (
+        f"{peaks[worst].description}{names and f', also in {names}'}; reduce output_step=, or "
+        "evaluate the run around this time with at_times."
+    )

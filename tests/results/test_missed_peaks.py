@@ -1,0 +1,86 @@
+"""Peaks of contact forces between output rows: warnings, extremes, sweeps and certificates."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.report.run_page import build_run_page
+from beamdae.report.terminal import text_tables
+
+MISSED = "the output rows miss its largest value"
+
+
+@bd.model(t_end=0.6)
+def ball(stiffness=1e10):
+    """Return a ball of 1 kg that falls by 1 m onto a stop."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    stop = mech.add(bd.Contact("stop", body.point, floor, stiffness))
+    mech.observe("stop", stop.force)
+    return mech
+
+
+def peak(stiffness):
+    """Return the force at which the energy of a Hertzian contact is that of the fall."""
+    return stiffness * (1.25 * 2.0 * 9.81 / stiffness) ** 0.6
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.Radau(1e-6), bd.GeneralizedAlpha(rtol=1e-5)])
+def test_regression_a_contact_between_two_rows_is_reported(integrator):
+    """The rows contain no contact force, and the run had no warning."""
+    with pytest.warns(bd.BeamdaeWarning, match=f"stop.N: {MISSED}"):
+        run = bd.simulate(ball, integrator)
+    assert run["stop.N"].max() == 0.0
+    assert_allclose(run.step_extremes["stop.N [N]"].max, peak(1e10), rtol=0.02)
+    extremes = text_tables.column_extremes(run.columns, run.step_extremes)
+    assert_allclose(extremes["stop.N [N]"]["max"], peak(1e10), rtol=0.02)
+    (table,) = (x for x in build_run_page(run, "ball")["tables"] if x["title"] == "Observed")
+    assert_allclose(float(table["rows"][0][2]), peak(1e10), rtol=0.02)
+
+
+def test_the_times_of_the_warning_contain_the_peak():
+    with pytest.warns(bd.BeamdaeWarning, match=MISSED):
+        run = bd.simulate(ball)
+    (missed,) = run.missed_peaks.values()
+    times = missed.time + np.linspace(-2e-4, 2e-4, 401)
+    assert_allclose(run.at_times(times)["stop.N"].max(), peak(1e10), rtol=1e-3)
+
+
+def test_rows_that_contain_the_peak_issue_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = bd.simulate(ball(stiffness=1e4), t_end=0.6)
+        fine = bd.simulate(ball(), t_end=0.4525, output_step=1e-6)
+    assert not run.missed_peaks
+    assert not fine.missed_peaks
+    # Peaks outside the rows are no peaks between them.
+    assert not run.at_times([0.0, 0.1, 0.2]).missed_peaks
+
+
+def test_models_without_contacts_are_not_evaluated_at_steps():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0))).point)
+    assert bd.simulate(mech, t_end=0.1).step_extremes == {}
+
+
+def test_regression_sweeps_contain_contact_forces_between_rows(tmp_path):
+    """The largest force of a sweep was that of the rows, 0 N."""
+    stiffnesses = [1e9, 1e10]
+    for _ in range(2):  # The second sweep reads the records of the first one.
+        with pytest.warns(bd.BeamdaeWarning, match=MISSED):
+            results = bd.sweep(ball, {"stiffness": stiffnesses}, folder=tmp_path)
+        expected = [peak(stiffness) for stiffness in stiffnesses]
+        assert_allclose(results.table["stop.N max [N]"], expected, rtol=0.01)
+
+
+def test_regression_a_certificate_requires_rows_at_the_peak():
+    """The certificate of a force that was 0 N in all rows was "ok"."""
+    with pytest.warns(bd.BeamdaeWarning, match=f"not certified; stop.N: {MISSED}"):
+        certificate = bd.certify(ball, accuracy=0.01)
+    assert certificate.status.kind == "limited"
+    assert certificate.budget.loc["stop.N [N]", "certified"] == "no"
+    assert_allclose(certificate.good_until, 0.4516, atol=1e-3)
