@@ -300,6 +300,17 @@ _METHOD = (
     "beamdae, certificate of 0.1 %: geometrically exact beams, meshes and tolerances refined until "
     "their estimated errors are below 0.1 %; the time includes all refinements."
 )
+_MODEL = (
+    "Beams are Reissner's planar beams: with the axes t and n of the section and the shear modulus "
+    "G = E/(2 (1 + nu)), N = EA (r'.t - 1), Q = k_s GA r'.n and M = EI (theta' - theta0'). Each "
+    "force contains its strain rate times the damping time and the stiffness. The mass per length "
+    "rho A moves with the axis, and the rotary inertia rho I with the section. A place of a beam "
+    "is a fraction of its length L. An angle is the rotation from the reference configuration. A "
+    "contact (point of a line of the ground; contact point) with the penetration d > 0 and the "
+    "slip s along the line has the normal force k d^e max(0, 1 + X d') with the stiffness k, the "
+    "exponent e and the hysteresis X, and the friction m N tanh(s/w) with the friction m and the "
+    "friction speed w. The file problem.schema.json defines curves and laws of time."
+)
 _ERROR = (
     "The error of a column is the largest difference from the reference over all rows, divided by "
     "half the range of the column in the reference. The error of a solution is that of its worst "
@@ -323,6 +334,7 @@ def iftomm_sections(problem: dict[str, Any], confirmation: dict[str, Any]) -> di
     return {
         "Motivation": f"{problem['summary']} {_MOTIVATION[problem['name']]}",
         "Sources": "; ".join(problem["sources"]) + ".",
+        "Physical model": _MODEL,
         "Geometric and inertial data, joints and forces (SI units)": "\n".join(table),
         "Gravity": f"({problem['gravity'][0]:g}, {problem['gravity'][1]:g}) m/s^2.",
         "Initial conditions": f"{start} in the reference configuration, in which beams are free of "
@@ -395,6 +407,6 @@ def write_iftomm(folder: Path, result: Path | None, row: dict[str, Any] | None) 
             "| Operating system | Linux |",
             f"| Method description | {_METHOD} |",
             "| Results file | solution.txt |",
-            "| Additional material | problem.json, reference.csv, uncertainty.csv |",
+            "| Additional material | problem.json, problem.schema.json, uncertainty.csv |",
         ]
     (target / "forms.md").write_text("\n".join(form) + "\n")
