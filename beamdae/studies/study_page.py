@@ -279,8 +279,8 @@ def _create_cases(
                 )
                 if k in with_curves
                 else None,
-                "block": blocks.get(k),
                 "file": row["trajectory"] if is_stored else "",
+                **({"block": blocks[k]} if k in blocks else {}),
             }
         )
     return cases

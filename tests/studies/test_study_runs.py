@@ -262,7 +262,7 @@ def test_page_without_references_has_one_group_and_the_curves_of_the_first_cases
     assert page["cases"][0]["label"] == f"swing(mass=1.0), {ALPHA.label}"
     has_curves = [case["curves"] is not None for case in page["cases"]]
     assert has_curves == [True, False, True, True, False, False]
-    blocks = [case["block"] for case in page["cases"]]
+    blocks = [case.get("block") for case in page["cases"]]
     assert blocks == [None, None, None, None, 0, 0]
     assert page["notes"] == [
         "The curves of 2 of 6 cases are in a folder beside this page, which loads them when you "

@@ -67,11 +67,9 @@ _CASE_DEFAULTS: dict[str, Any] = {
     "below": False,
     "limited": False,
     "curves": None,
-    "block": None,
     "frames": None,
     "at": None,
     "file": "",
-    "dashed": False,
 }
 _PAGE_DEFAULTS: dict[str, Any] = {
     "title": "",

@@ -4,12 +4,12 @@
 const curveFiles = new Map(); // "loading", "loaded" or "missing", by index of the file
 
 function mayHaveCurves(run) {
-  return Boolean(run.curves) || run.block !== null;
+  return Boolean(run.curves) || run.block !== undefined;
 }
 
 function loadCurves(run) {
   const { block } = run;
-  if (run.curves || block === null || ["loading", "loaded"].includes(curveFiles.get(block))) return;
+  if (run.curves || block === undefined || ["loading", "loaded"].includes(curveFiles.get(block))) return;
   curveFiles.set(block, "loading");
   const finish = (result) => () => {
     curveFiles.set(block, result);
