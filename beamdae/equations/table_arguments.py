@@ -35,6 +35,8 @@ class TableArgumentTerm:
     call, constants
         Number of the call in the formulas of the model, and the arguments of the call that are
         numbers; None for the others.
+    depends_on_motion
+        False if the argument depends on time and inputs only.
     """
 
     part: str
@@ -44,6 +46,7 @@ class TableArgumentTerm:
     numbers: Array
     call: int
     constants: tuple[float | None, ...]
+    depends_on_motion: bool
 
     @property
     def is_limited(self) -> bool:
@@ -55,6 +58,12 @@ class TableArgumentTerm:
         """First and last value of the argument in the table."""
         axis = self.table.axes[self.axis]
         return float(axis[0]), float(axis[-1])
+
+    def continues_as_constant(self, side: int) -> bool:
+        """Return True if the table is zero or constant at its first (0) or last (-1) row."""
+        rows = np.moveaxis(self.table.values, self.axis, 0)
+        edge, neighbor = rows[side], rows[1 if side == 0 else -2]
+        return not np.any(edge) or np.array_equal(edge, neighbor)
 
     def evaluate(self, t: Array, branch: float, state: State) -> Array:
         """Return the argument, (rows,), at times `t` (rows,) on one branch."""
@@ -98,13 +107,27 @@ def compile_table_arguments(equations: EquationsOfMotion) -> tuple[TableArgument
     ]
     p = numbers.all(mechanism.inputs)
     return tuple(
-        TableArgumentTerm(x.part, x.call.table, axis, observable, p, call, _list_constants(x))
+        TableArgumentTerm(
+            x.part,
+            x.call.table,
+            axis,
+            observable,
+            p,
+            call,
+            _list_constants(x),
+            _depends_on_motion(x, axis),
+        )
         for x, axis, observable, call in compiled
     )
 
 
 def _list_constants(argument: TableArgument) -> tuple[float | None, ...]:
     return tuple(None if ca.symvar(x) else float(x) for x in argument.call.arguments)
+
+
+def _depends_on_motion(argument: TableArgument, axis: int) -> bool:
+    motion = ca.vertcat(argument.local.q, argument.local.v)
+    return bool(ca.depends_on(argument.call.arguments[axis], motion))
 
 
 def _list_quantities(argument: TableArgument) -> Iterator[tuple[int, Quantity]]:

@@ -43,6 +43,7 @@ from beamdae.results.diagnostics.singular_positions import (
     singularity_warnings,
 )
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
@@ -214,6 +215,7 @@ class RunData:
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
             *missed_peak_warnings(self.missed_peaks),
+            *table_range_warnings(self.equations, self.trajectory),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
 

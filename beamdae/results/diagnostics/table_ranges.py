@@ -1,0 +1,49 @@
+"""Warnings about runs in which the argument of a table leaves a table that holds its values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.results.trajectory import Trajectory
+
+_MIN_EXCESS = 1e-3  # distance outside a table relative to its range; less hardly changes its value
+
+
+def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield one warning per argument and side of a table that a run leaves.
+
+    Tables over time are exempt, because they usually hold their last value, and so are sides at
+    which the table is zero or constant: one-sided forces and limits continue there as they should.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    """
+    for term in find_distinct(compile_table_arguments(equations)):
+        if term.is_limited or not term.depends_on_motion:
+            continue
+        times, values = [], []
+        for interval in trajectory.intervals:
+            configuration = interval.configuration
+            if configuration is None or term.part not in configuration.inactive:
+                times.append(interval.t)
+                values.append(term.evaluate(interval.t, interval.branch, interval.state))
+        if not times:
+            continue
+        t, x = np.concatenate(times), np.concatenate(values)
+        low, high = term.limits
+        excesses = (low - x, x - high)
+        for side, excess in zip((0, -1), excesses, strict=True):
+            k = int(np.argmax(excess))
+            if excess[k] > _MIN_EXCESS * (high - low) and not term.continues_as_constant(side):
+                yield (
+                    f"{term.describe(float(x[k]))} at t = {t[k]:.6g} s, where its value is held; "
+                    "extend the table, or end the run there with outside='error'."
+                )
