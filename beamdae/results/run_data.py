@@ -42,6 +42,7 @@ from beamdae.results.diagnostics.singular_positions import (
     find_singular_positions,
     singularity_warnings,
 )
+from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.event_records import EventRecord
@@ -216,6 +217,7 @@ class RunData:
             *self._part_warnings(),
             *missed_peak_warnings(self.missed_peaks),
             *table_range_warnings(self.equations, self.trajectory),
+            *slow_sliding_warnings(self.equations, self.trajectory),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
 
