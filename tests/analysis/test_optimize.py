@@ -159,6 +159,33 @@ def test_strongest_column_of_given_volume_carries_12_over_pi_squared_times_the_e
     assert -result.objective == pytest.approx(12.0 / np.pi**2, rel=2e-4)
 
 
+@bd.model(t_end=1.0)
+def loaded_spring(stiffness=100.0):
+    """Mass on a spring that a sudden load of 1 N deflects by up to 2 / `stiffness`."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    ground = mech.ground.at(-1.0, 0.0)
+    mech.add(bd.PointOnLine("rail", ground, mass.point))
+    mech.add(bd.Spring("spring", ground, mass.point, stiffness))
+    mech.add(bd.Force("load", mass.point, (1.0, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def test_regression_maxima_above_the_limit_of_their_smooth_maximum_are_reported():
+    travel = bd.SmoothMaximum("mass.x")
+    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    with pytest.warns(bd.BeamdaeWarning, match="mass.x in the run, .* exceeds the limit 0.02, alt"):
+        design = bd.optimize(
+            loaded_spring, size, "stiffness", bd.at_most(travel, 0.02), {"stiffness": (20.0, 500.0)}
+        )
+    assert design.converged
+    largest = 2.0 / design.parameters["stiffness"]
+    # The limit that the warning recommends is in proportion to the excess.
+    recommended = float(design.warnings[0].rpartition(" ")[2].rstrip("."))
+    assert recommended == pytest.approx(0.02**2 / largest, rel=1e-2)
+
+
 @pytest.mark.slow(reason="thirteen designs with runs, paths and modes")
 def test_gradients_of_all_quantities_agree_with_differences():
     quantities = [

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, sample_column
 from beamdae.analysis.optimization.problem import DesignProblem, parameter_values
+from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity
 from beamdae.analysis.optimization.search import SearchResult, find_active_bounds
 from beamdae.errors import BeamdaeError
 from beamdae.read_only import read_only_data
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 # Relative change by more accurate runs above which values of a design depend on the steps.
 _MAX_STEP_ERROR = 0.01
+# Relative excess of a maximum over its limit from which it is reported.
+_MAX_EXCESS = 1e-3
 
 
 class Constraint(NamedTuple):
@@ -80,8 +84,9 @@ class Optimization:
     model
         Name and all parameters of the model of the best design.
     warnings
-        Sentences on values that depend on the steps of the run: a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %.
+        Sentences on values that depend on the steps of the run (a run with half the step or a tenth
+        of `rtol` would change the objective or a constrained quantity by more than 1 %), and on
+        maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not.
     """
 
     parameters: Mapping[str, Any]
@@ -187,6 +192,10 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     numbers = zip(
         best.numbers.tolist(), problem.lower.tolist(), problem.upper.tolist(), strict=True
     )
+    results = tuple(x.result for x in design.analyses.values() if x.result is not None)
+    messages: tuple[str, ...] = ()
+    if not search.was_ended:
+        messages = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
     return Optimization(
         parameter_values(problem.flat, best.numbers),
         float(best.values[0]),
@@ -195,9 +204,9 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         tuple(np.array(names)[at_lower | at_upper].tolist()),
         len(trials),
         float("nan") if stationarity is None else stationarity.residual,
-        tuple(x.result for x in design.analyses.values() if x.result is not None),
+        results,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
-        () if search.was_ended else _check_steps(problem, search),
+        messages,
         dict(zip(names, problem.first.tolist(), strict=True)),
         dict(zip(names, numbers, strict=True)),
         columns,
@@ -220,3 +229,31 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
     if np.all(changes <= _MAX_STEP_ERROR * np.array([objective, *limits])):
         return ()
     return ("The steps of the run change values of the best design noticeably; use shorter steps.",)
+
+
+def _check_maxima(
+    problem: DesignProblem, values: np.ndarray, results: Sequence[Any]
+) -> tuple[str, ...]:
+    """Return a warning for each column whose maximum exceeds the limit of its smooth maximum."""
+    solution = next((x for x in results if isinstance(x, Solution)), None)
+    messages = []
+    for limit, value in zip(problem.limits, values[1:].tolist(), strict=True):
+        quantity = limit.quantity
+        if solution is None or limit.sign < 0 or not isinstance(quantity, (RunQuantity, LargestOf)):
+            continue
+        for leaf in quantity.leaves:
+            terms = leaf.objective.terms if isinstance(leaf, RunQuantity) else ()
+            if len(terms) != 1 or not isinstance(terms[0][1], SmoothMaximum):
+                continue
+            factor, term = terms[0]
+            times = SampleGrid.of(solution.trajectory).t
+            largest = abs(factor) * float(
+                np.max(np.abs(sample_column(solution, term.column, times)[1]))
+            )
+            if value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
+                messages.append(
+                    f"The largest magnitude of {term.column} in the run, {largest:.4g}, exceeds "
+                    f"the limit {limit.bound:.4g}, although its smooth approximation does not; "
+                    f"repeat the optimization with the limit {limit.bound * value / largest:.4g}."
+                )
+    return tuple(messages)
