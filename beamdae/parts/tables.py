@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -45,6 +44,8 @@ _DEGREES = {"linear": 1, "pchip": 3, "spline": 3}
 _MAX_AXES = 2
 # Smaller jumps of the slope, relative to the steepest slope, are rounding errors of rows on a line.
 _MIN_SLOPE_JUMP = 1e-12
+# Smaller slopes are rounding errors, relative to the largest value and the shortest interval.
+_SLOPE_ROUNDING = 1e-14
 
 # Units that headers of CSV files may contain, in SI units.
 _SI_FACTORS = {
@@ -151,9 +152,9 @@ class _Numbers(NamedTuple):
     ----------
     axes
         Values of each argument.
-    polynomials
-        Columns of coefficients: for each power of each argument, one number per interval of the
-        first argument and of the second.
+    corners
+        Columns of values and, in cubic tables, of derivatives by the arguments: at the rows of the
+        only argument, or at the four corners of each cell of two arguments, side by side.
     limits
         First and last value of each argument.
     values
@@ -161,9 +162,41 @@ class _Numbers(NamedTuple):
     """
 
     axes: Sequence[SX]
-    polynomials: Sequence[SX]
+    corners: Sequence[SX]
     limits: Sequence[SX]
     values: SX
+
+
+class _Place(NamedTuple):
+    """Place on an axis.
+
+    Attributes
+    ----------
+    row
+        Row at the beginning of the interval.
+    depth, length
+        Distance from this row, and length of the interval.
+    """
+
+    row: SX
+    depth: SX
+    length: SX
+
+    @classmethod
+    def find(cls, argument: SX, knots: SX, row: SX) -> _Place:
+        """Return the place of an argument in the interval that begins at `row`."""
+        first, last = ca.vertsplit(pick_numbers(row, knots, 2))
+        return cls(row, argument - first, last - first)
+
+    def interpolate(self, values: SX, slopes: SX | None = None) -> SX:
+        """Return the value between both ends of the interval; cubic if `slopes` are given."""
+        mean = (values[1] - values[0]) / self.length
+        if slopes is None:
+            return values[0] + self.depth * mean
+        part = self.depth / self.length
+        square = 3.0 * mean - 2.0 * slopes[0] - slopes[1]
+        cube = slopes[0] + slopes[1] - 2.0 * mean
+        return values[0] + self.depth * (slopes[0] + part * (square + part * cube))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -300,52 +333,71 @@ class Table:
         lock, x = _LOCK.get(), self._numbers
         if lock is not None:
             return self._express_piece(x, arguments, *lock)
-        rows, depths = [], []
-        for argument, knots, limits in zip(arguments, x.axes, x.limits, strict=True):
-            # Outside the table, the value at its edge.
-            inside = ca.fmin(ca.fmax(argument, limits[0]), limits[1])
-            rows.append(find_row(inside, knots))
-            depths.append(inside - pick_numbers(rows[-1], knots))
-        return record_call(self, arguments, self._evaluate_polynomial(x, rows, depths))
+        # Outside the table, the value at its edge.
+        inside = [
+            ca.fmin(ca.fmax(argument, limits[0]), limits[1])
+            for argument, limits in zip(arguments, x.limits, strict=True)
+        ]
+        places = [_Place.find(*pair, find_row(*pair)) for pair in zip(inside, x.axes, strict=True)]
+        return record_call(self, arguments, self._interpolate(x, places))
 
     @property
     def _numbers(self) -> _Numbers:
         """Numbers of the table, or symbols in their place."""
         data = self._signal.value_symbol if uses_symbols_for_numbers() else SX(self._signal.data)
-        n_intervals = math.prod(len(axis) - 1 for axis in self.axes)
-        n_polynomials = (self.degree + 1) ** len(self.axes)
-        n = len(self.axes)
-        sizes = [*map(len, self.axes), *[n_intervals] * n_polynomials, *[2] * (n + 1)]
+        n, corners = len(self.axes), self._corners
+        sizes = [*map(len, self.axes), *map(len, corners), *[2] * (n + 1)]
         columns = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
-        end = n + n_polynomials
+        end = n + len(corners)
         return _Numbers(columns[:n], columns[n:end], columns[end:-1], columns[-1])
 
     @cached_property
     def _signal(self) -> _TableNumbers:
-        polynomials = self.values
-        for axis, knots in enumerate(self.axes):
-            # (powers of the first argument, intervals, powers of the second argument, intervals)
-            values = np.moveaxis(polynomials, 2 * axis, 0)
-            rows = _fit_axis(knots, values, self.kind)[1:]
-            pieces = [values[:-1], *np.split(rows, self.degree)]
-            polynomials = np.moveaxis(np.array(pieces), (0, 1), (2 * axis, 2 * axis + 1))
-        if len(self.axes) > 1:
-            polynomials = np.moveaxis(polynomials, 2, 1)
         # Limits are separate numbers, so that derivatives with respect to an axis are lookups.
         limits = [axis[[0, -1]] for axis in self.axes]
         return _TableNumbers(
-            np.concatenate([*self.axes, polynomials.ravel(), *limits, self.values.flat[[0, -1]]])
+            np.concatenate([*self.axes, *self._corners, *limits, self.values.flat[[0, -1]]])
         )
 
-    def _evaluate_polynomial(self, x: _Numbers, rows: Sequence[SX], depths: Sequence[SX]) -> SX:
-        """Return the polynomial of one interval of each argument, given distances from its row."""
-        row = rows[0] if len(rows) == 1 else rows[0] * (len(self.axes[1]) - 1) + rows[1]
-        coefficients = [pick_numbers(row, column) for column in x.polynomials]
-        for depth in depths[::-1]:
-            step = self.degree + 1
-            groups = [coefficients[k : k + step] for k in range(0, len(coefficients), step)]
-            coefficients = [_evaluate_powers(group, depth) for group in groups]
-        return coefficients[0]
+    @cached_property
+    def _corners(self) -> list[Array]:
+        """Numbers of `_Numbers.corners`; values and slopes have small rounding errors."""
+        arrays = [self.values]
+        rounding = [_SLOPE_ROUNDING * float(np.max(np.abs(self.values)))]
+        if self.kind != "linear":
+            for axis, knots in enumerate(self.axes):
+                slopes = [_differentiate_axis(knots, x, axis, self.kind) for x in arrays]
+                bounds = [x / float(np.min(np.diff(knots))) for x in rounding]
+                # Rounding errors would hide how slopes depend on parameters of a model.
+                arrays += [
+                    np.where(np.abs(x) > bound, x, 0.0)
+                    for x, bound in zip(slopes, bounds, strict=True)
+                ]
+                rounding += bounds
+        if len(self.axes) == 1:
+            return arrays
+        corners = [
+            (slice(i, i - 1 or None), slice(j, j - 1 or None)) for i in (0, 1) for j in (0, 1)
+        ]
+        return [np.stack([x[corner] for corner in corners], axis=-1).ravel() for x in arrays]
+
+    def _interpolate(self, x: _Numbers, places: Sequence[_Place]) -> SX:
+        """Return the value at a place on each axis."""
+        first, *others = places
+        if not others:
+            return first.interpolate(*(pick_numbers(first.row, y, 2) for y in x.corners))
+        (second,) = others
+        cell = first.row * (len(self.axes[1]) - 1) + second.row
+        # Corners (0, 0), (0, 1), (1, 0), (1, 1) of the value and of its derivatives by the first,
+        # by the second, and by both arguments.
+        corners = [pick_numbers(4.0 * cell, y, 4) for y in x.corners]
+        edges = []
+        half = max(len(corners) // 2, 1)
+        for k in range(half):
+            columns = corners[k::half]
+            ends = [second.interpolate(*(y[side : side + 2] for y in columns)) for side in (0, 2)]
+            edges.append(ca.vertcat(*ends))
+        return first.interpolate(*edges)
 
     def _express_piece(self, x: _Numbers, arguments: tuple[SX, ...], t: SX, at: SX) -> SX:
         """Return the smooth piece of a time law that is valid around t = `at`.
@@ -353,18 +405,17 @@ class Table:
         Before and after the table, it is constant. Within the table, the polynomials at its ends
         are continued; derivatives at a row are those to its right.
         """
-        rows, depths = [], []
+        places = []
         for argument, knots, limits in zip(arguments, x.axes, x.limits, strict=True):
-            place = ca.substitute(argument, t, at)
-            is_before, is_after = place < limits[0], place >= limits[1]
-            row = find_row(place if self.kind == "linear" else argument, knots)
+            center = ca.substitute(argument, t, at)
+            is_before, is_after = center < limits[0], center >= limits[1]
+            row = find_row(center if self.kind == "linear" else argument, knots)
             # The row is arbitrary outside the table.
             row = ca.if_else(is_after, knots.numel() - 2.0, ca.if_else(is_before, 0.0, row))
-            first, last = ca.vertsplit(pick_numbers(row, knots, 2))
-            depth = ca.if_else(is_before, 0.0, argument - first)
-            rows.append(row)
-            depths.append(ca.if_else(is_after, last - first, depth))
-        value = self._evaluate_polynomial(x, rows, depths)
+            place = _Place.find(argument, knots, row)
+            depth = ca.if_else(is_before, 0.0, place.depth)
+            places.append(place._replace(depth=ca.if_else(is_after, place.length, depth)))
+        value = self._interpolate(x, places)
         if len(arguments) > 1:
             return value
         # Without the rounding errors of the polynomial.
@@ -392,12 +443,14 @@ class Table:
         )
 
 
-def _evaluate_powers(coefficients: Sequence[SX], x: SX) -> SX:
-    """Return the polynomial with these coefficients, in ascending order of powers."""
-    value = coefficients[-1]
-    for coefficient in coefficients[-2::-1]:
-        value = coefficient + x * value
-    return value
+def _differentiate_axis(knots: Array, values: Array, axis: int, kind: str) -> Array:
+    """Return the derivative of a cubic table by an argument, at its rows."""
+    # Imported here because the import takes as long as a short run, and few models have tables.
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    if kind == "pchip":
+        return np.asarray(PchipInterpolator(knots, values, axis=axis)(knots, 1))
+    return np.asarray(CubicSpline(knots, values, axis, bc_type="natural")(knots, 1))
 
 
 def _fit_axis(knots: Array, values: Array, kind: str) -> Array:

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 
 import beamdae as bd
+from beamdae.analysis.sensitivities.model_differences import difference_model
 from beamdae.parts.laws import as_law
 
 X = np.array([-0.4, 0.1, 0.7, 1.5, 3.0])
@@ -233,6 +234,30 @@ def test_sensitivities_by_values_of_a_table(kind):
     assert_allclose(
         result.sensitivity("mass.x", "stiffness"), exact, atol=1e-6 * np.max(np.abs(exact))
     )
+
+
+@pytest.mark.slow(reason="assembles a long table for several parameters")
+@pytest.mark.parametrize("rows", [(300,), (10, 10)], ids=["curve", "grid"])
+def test_regression_numbers_of_long_tables_have_derivatives(rows):
+    # Coefficients of polynomials had rounding errors of 1e-5, which hid their derivatives.
+    def model(stiffness=100.0):
+        mech, axes = bd.Mechanism(), tuple(np.linspace(-1.0, 1.0, n) for n in rows)
+        x = stiffness * axes[0] + 50.0 * axes[0] ** 3
+        law = bd.table(axes[0], x) if len(rows) == 1 else bd.table(axes, x[:, None] + axes[1] ** 2)
+        mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+        force = law if len(rows) == 1 else lambda x, rate: law(x, rate)
+        mech.add(bd.Spring("spring", mech.ground.at(0, 0), mass.point, free_length=1.0, law=force))
+        return mech
+
+    def assemble(mechanism):
+        return bd.equations_of_motion(mechanism)
+
+    named = bd.model(t_end=1.0)(model)
+    values = {"stiffness": 100.0}
+    difference = difference_model(named, "stiffness", values, assemble(named()), assemble)
+    slopes = difference.derivative(lambda e: e.p)
+    exact = (assemble(model(101.0)).p - assemble(model(99.0)).p) / 2.0
+    assert_allclose(slopes, exact, atol=1e-9)
 
 
 def test_models_with_other_values_share_kernels():
