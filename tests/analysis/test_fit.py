@@ -234,3 +234,16 @@ def test_regression_parameters_without_effect_cause_a_warning(exact):
     texts = [str(x.message) for x in records]
     assert sum(x.startswith("fit: small changes of unused change no number") for x in texts) == 1
     assert not any("changes of stiffness" in x for x in texts)
+
+
+@SLOW
+def test_regression_fits_that_explain_little_cause_a_warning(exact):
+    # The model oscillates at half of the measured frequency, and only the damping is free.
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    options = {
+        "parameters": {"stiffness": 0.25 * TRUE["stiffness"]},
+        "bounds": {"damping": (0, 50)},
+    }
+    with pytest.warns(bd.BeamdaeWarning, match=r"leaves \d+ % of the variance of the data unexpl"):
+        result = bd.fit(oscillator, data, "damping", METHOD, **options)
+    assert any("start from other values" in sentence for sentence in result.warnings)

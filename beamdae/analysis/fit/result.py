@@ -49,6 +49,8 @@ _MAX_STEP_ERROR = 0.3
 _MIN_RELATIVE_SIGMA = 1e-6
 # If larger values of chi-square are less probable, the model does not explain the data.
 _MIN_PROBABILITY = 1e-6
+# Larger shares of the variance that a fit without known errors leaves are reported.
+_MAX_UNEXPLAINED_SHARE = 0.5
 # Singular values of the Jacobian with columns of unit length at which two estimates have a
 # correlation of 0.99: s^2 = 1 - 0.99.
 _MIN_INDEPENDENCE = 0.1
@@ -98,7 +100,8 @@ class Fit:
         Sentences on estimates that depend on the steps of the runs (a run with half the step or a
         tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
         do not explain the data (`sigma` is known, and larger values of chi-square have a
-        probability below 1e-6), or on data that end after the end time of the model.
+        probability below 1e-6, or, without `sigma`, more than half of the variance is left), or on
+        data that end after the end time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -566,6 +569,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         warnings=(
             *problem.duration_warnings,
             *_check_chi_square(problem, residuals, len(all_names)),
+            *_check_variation(problem, evaluation.residuals),
             *steps,
         ),
         _information=information,
@@ -586,6 +590,22 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
     return (
         "The model does not explain the data: chi-square is improbable for the given sigma, and "
         "the standard deviations do not apply.",
+    )
+
+
+def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
+    """Return a warning if most of the variation of the data about their means is left."""
+    if problem.data.is_sigma_known:
+        return ()
+    variation = sum(
+        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
+    )
+    share = float(residuals @ residuals) / variation if variation > 0.0 else 0.0
+    if share <= _MAX_UNEXPLAINED_SHARE:
+        return ()
+    return (
+        f"The model leaves {100.0 * share:.0f} % of the variance of the data unexplained; start "
+        "from other values, or pass bounds= and starts= to search from several.",
     )
 
 
