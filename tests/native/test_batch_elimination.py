@@ -95,3 +95,22 @@ def test_inaccurate_factors_need_new_pivots():
     assert factorize_staged(linear, failed, LANES, False) == DONE
     assert factorize_staged(linear, failed, LANES, True) == NEW_PIVOTS
     np.testing.assert_array_equal(failed, bad)
+
+
+def test_refinement_uses_the_matrix_of_the_lane():
+    pattern = chain_pattern(11)
+    matrices = random_matrices(pattern, LANES)
+    linear = solver_for(pattern, matrices[0])
+    for lane, nonzeros in enumerate(matrices):
+        stage_matrix(linear.batch, lane, nonzeros)
+    assert factorize_staged(linear, np.zeros(pattern.nnz), LANES, True) == DONE
+    linear.factors.refinements[0] = 1
+    for lane, nonzeros in enumerate(matrices):
+        select_factors(linear.plan, linear.factors, linear.batch, lane)
+        expected = allocate_factors(linear.plan, float)
+        assert refactorize(linear.plan, expected, nonzeros)
+        expected.refinements[0] = 1
+        one, other = np.ones((2, pattern.shape[0]))
+        solve(linear.plan, linear.factors, one)
+        solve(linear.plan, expected, other)
+        np.testing.assert_array_equal(one, other)
