@@ -223,6 +223,35 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
     return values
 
 
+def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the bounds of --bounds NAME=LOW:HIGH by name, in the units of the parameters.
+
+    Raises
+    ------
+    BeamdaeError
+        If an entry does not have this form, or a unit is unknown or measures another quantity.
+    """
+    from beamdae.model_parameters import parse_value
+
+    bounds = {}
+    for name, text in parse_assignments(settings, "--bounds").items():
+        info = model.parameter_info.get(name)
+        ends: list[float | None] = []
+        for end in text.split(":"):
+            try:
+                ends.append(float(end))
+            except ValueError:
+                ends.append(info and parse_value(model.name, name, end, info.unit))
+        low, *others = ends
+        if low is None or len(others) != 1 or others[0] is None:
+            raise BeamdaeError(
+                f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers with "
+                "or without units."
+            )
+        bounds[name] = (low, others[0])
+    return bounds
+
+
 def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
     """Return the start described by --start, or None without --start.
 

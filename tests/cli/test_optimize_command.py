@@ -14,7 +14,7 @@ import beamdae as bd
 
 
 @bd.model(t_end=0.1)
-def oscillator(stiffness=40.0, mass=1.0):
+def oscillator(stiffness=40.0, mass=bd.param(1.0, "kg", "mass on the spring")):
     """A mass on a spring along a rail."""
     mech = bd.Mechanism()
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
@@ -38,7 +38,7 @@ def run(*arguments):
 
 @pytest.mark.slow(reason="one second")
 def test_files_and_json(here):
-    limits = ["--at-most", "mass=2", "--bounds", "mass=0.5:3", "--json"]
+    limits = ["--at-most", "mass=2", "--bounds", "mass=500g:3kg", "--json"]
     result = run("--by", "mass", "--minimize", "frequency:1", *limits)
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
@@ -48,6 +48,7 @@ def test_files_and_json(here):
     assert document["constraints"][0]["multiplier"] > 0.0
     table = pd.read_csv("results/oscillator_design.csv", index_col="parameter")
     assert table.loc["mass", "value"] == pytest.approx(2.0)
+    assert list(table.loc["mass", ["lower bound", "upper bound"]]) == [0.5, 3.0]
     designs = pd.read_csv("results/oscillator_designs.csv")
     assert len(designs) == document["evaluations"]
 
@@ -60,6 +61,8 @@ def test_files_and_json(here):
         (["--by", "mass", "--minimize", "frequency:x"], "must be one of mass"),
         (["--by", "mass", "--minimize", "mass", "--at-most", "mass"], "QUANTITY=LIMIT"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
+        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1:2 m"], "the unit m measures"),
+        (["--by", "mass", "--minimize", "mass", "--at-most", "mass=2kg"], "a number in SI units"),
         (["--by", "mas", "--minimize", "mass"], "did you mean 'mass'"),
     ],
 )

@@ -23,6 +23,7 @@ from beamdae.cli.options import (
     create_integrator,
     load_configured_model,
     parse_assignments,
+    parse_bounds,
     parse_start,
 )
 from beamdae.cli.output import (
@@ -56,7 +57,10 @@ def fit_command(
     model_name: ModelName = None,
     bounds: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of a parameter; repeatable."),
+        typer.Option(
+            metavar="NAME=LOW:HIGH",
+            help="Bounds of a parameter, with or without units; repeatable.",
+        ),
     ] = None,
     log: Annotated[
         str, typer.Option(metavar="NAME,...", help="Parameters whose logarithms are varied.")
@@ -135,7 +139,7 @@ def fit_command(
         "by": _split_names(by),
         "sigma": _parse_sigma(sigma),
         "experiments": _parse_experiments(experiment),
-        "bounds": {x: _parse_range("--bounds", x, y) for x, y in _assign("--bounds", bounds)},
+        "bounds": parse_bounds(model, bounds),
         "log": _split_names(log),
         "scale": scale or [],
         "offset": offset or [],
@@ -196,12 +200,12 @@ def _parse_number(option: str, name: str, text: str) -> float:
         raise BeamdaeError(f"{option} {name}={text}: the value must be a number.") from None
 
 
-def _parse_range(option: str, name: str, text: str) -> tuple[float, float]:
+def _parse_shift(name: str, text: str) -> tuple[float, float]:
     try:
         low, high = map(float, text.split(":"))
     except ValueError:
         raise BeamdaeError(
-            f"{option} {name}={text}: the range must have the form LOW:HIGH."
+            f"--shift {name}={text}: the range must have the form LOW:HIGH, in s."
         ) from None
     return low, high
 
@@ -236,7 +240,7 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
     shifts: dict[str, tuple[float, float] | None] = {}
     for text in texts or []:
         name, equals, limits = text.rpartition("=")
-        shifts[name or text] = _parse_range("--shift", name, limits) if equals else None
+        shifts[name or text] = _parse_shift(name, limits) if equals else None
     return shifts
 
 

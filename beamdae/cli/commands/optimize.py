@@ -16,7 +16,7 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     load_configured_model,
-    parse_assignments,
+    parse_bounds,
     parse_start,
 )
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
@@ -52,7 +52,10 @@ def optimize_command(
     ] = None,
     bounds: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of a parameter; repeatable."),
+        typer.Option(
+            metavar="NAME=LOW:HIGH",
+            help="Bounds of a parameter, with or without units; repeatable.",
+        ),
     ] = None,
     settings: Settings = None,
     model_name: ModelName = None,
@@ -95,10 +98,7 @@ def optimize_command(
             objective,
             [name.strip() for name in by.split(",") if name.strip()],
             limits,
-            {
-                name: _parse_range(name, text)
-                for name, text in parse_assignments(bounds, "--bounds").items()
-            },
+            parse_bounds(model, bounds),
             None if step is None else GeneralizedAlpha(step=step),
             start=parse_start(start),
             method=method,  # type: ignore[arg-type]
@@ -147,19 +147,12 @@ def _parse_limit(option: str, text: str) -> Limit:
     except ValueError:
         number = None
     if number is None or not quantity:
-        raise BeamdaeError(f"{option} {text}: the constraint must have the form QUANTITY=LIMIT.")
+        raise BeamdaeError(
+            f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a "
+            "number in SI units as limit."
+        )
     create = at_most if option == "--at-most" else at_least
     return create(_parse_quantity(option, quantity), number)
-
-
-def _parse_range(name: str, text: str) -> tuple[float, float]:
-    try:
-        low, high = map(float, text.split(":"))
-    except ValueError:
-        raise BeamdaeError(
-            f"--bounds {name}={text}: the range must have the form LOW:HIGH."
-        ) from None
-    return low, high
 
 
 def _print_results(result: Optimization, name: str) -> None:
