@@ -715,15 +715,15 @@ def _read_columns(path: str) -> dict[str, list[str]]:
     # Spreadsheets write no-break spaces.
     headers = [cell.replace("\xa0", " ").strip() for cell in rows[0]]
     for header in headers:
-        if not header.isprintable():
-            raise BeamdaeError(
-                f"table_from_csv: the header {short_repr(header)} of {path} contains unprintable "
-                "characters; rename the column."
-            )
         if ";" in header or "\t" in header:
             raise BeamdaeError(
                 f"table_from_csv: the columns of {path} are separated by semicolons or tabs; "
                 "separate them by commas, and write decimal points."
+            )
+        if not header.isprintable():
+            raise BeamdaeError(
+                f"table_from_csv: the header {short_repr(header)} of {path} contains unprintable "
+                "characters; rename the column."
             )
     if all(_is_number(header) for header in headers):
         raise BeamdaeError(
