@@ -67,7 +67,7 @@ class FrequencyResponse(HasPage):
         The motions, in order along the curve; empty if no first motion was found.
     status
         Outcome of the continuation; `status.kind` is "ok" if the curve reached the end of the range
-        of the parameter or returned to the start of the range.
+        of the parameter, and "failed" if it folded back and returned to the start of the range.
     """
 
     parameter: str
@@ -152,7 +152,8 @@ class FrequencyResponse(HasPage):
         """Return (parameter, half range) at each peak of the curve of an observed column.
 
         Each peak is the vertex of a parabola (half range over arc length of the curve) through the
-        three nearest points. The ends of the curve are not peaks.
+        three nearest points. Unless the curve folds there, the parameter of the vertex is limited
+        to the range of these points. The ends of the curve are not peaks.
 
         Parameters
         ----------
@@ -171,12 +172,11 @@ class FrequencyResponse(HasPage):
         peaks = []
         for k in (inner + 1).tolist():
             at = self._vertex_arc_length(k, sizes)
-            peaks.append(
-                (
-                    _interpolate_parabola(at, k, self._arc_length, values),
-                    _interpolate_parabola(at, k, self._arc_length, sizes),
-                )
-            )
+            parameter = _interpolate_parabola(at, k, self._arc_length, values)
+            before, here, after = values[k - 1 : k + 2].tolist()
+            if (here - before) * (after - here) > 0.0:
+                parameter = min(max(parameter, min(before, after)), max(before, after))
+            peaks.append((parameter, _interpolate_parabola(at, k, self._arc_length, sizes)))
         return peaks
 
     def curve(self, column: str) -> tuple[Array, Array]:

@@ -69,6 +69,9 @@ _CUT_FACTOR = 0.5
 _MIN_STEP_RATIO = 1e-3
 _NOT_CONVERGED = "Newton's method does not converge; reduce step="
 _SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
+_REVERSAL = (
+    "the parameter reverses where the curve has no fold; reduce step= or the rtol of integrator="
+)
 
 
 @single_threaded
@@ -211,8 +214,9 @@ def _follow_curve(
         points.append(point.as_response_point(sign))
         if sign * (point.value - last) >= 0.0:
             return Status("ok", "reached the end of the range")
-        if sign * (point.value - first) < 0.0:
-            return Status("ok", "returned to the start of the range")
+        is_reversed = points[-1].forward != points[0].forward
+        if sign * (point.value - first) < 0.0 and is_reversed:
+            return Status("failed", _describe_return(curve, points))
         if point.iterations <= _MAX_ITERATIONS_TO_GROW:
             step = min(step * _GROWTH_FACTOR, max_step)
         elif point.iterations >= _MIN_ITERATIONS_TO_SHRINK:
@@ -222,6 +226,14 @@ def _follow_curve(
         "increase most_points"
     )
     return Status("limited", sentence)
+
+
+def _describe_return(curve: ResponseCurve, points: list[ResponsePoint]) -> str:
+    folds = FrequencyResponse(curve.parameter, tuple(points), Status("ok", "")).folds
+    return (
+        f"the curve folds back at {curve.describe(folds[-1])} and returned to the start of the "
+        "range; begin on another branch, with another start of the model or value of between="
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +251,9 @@ class CurvePoint:
         the basis of `run`, (k,).
     value
         Value of the parameter.
+    shift
+        Derivative of the consistent state (2 n,) with respect to the parameter relative to its
+        range: drivers move with the parameter. Its part in terms of the basis of `run` is zero.
     direction
         Tangent of the curve in (q, v) and in the parameter relative to its range, (2 n + 1,).
     orientation
@@ -252,6 +267,7 @@ class CurvePoint:
     monodromy: Array
     by_parameter: Array
     value: float
+    shift: Array
     direction: Array
     orientation: float = 0.0
     iterations: int = 0
@@ -269,8 +285,23 @@ class CurvePoint:
         return np.append(self.run.projection @ direction[:-1], direction[-1])
 
     def length(self, direction: Array) -> float:
-        """Return the length of a direction (2 n + 1,) relative to the amplitudes, not by energy."""
-        return float(np.linalg.norm(direction / np.append(self.run.scales, 1.0)))
+        """Return the length of a direction (2 n + 1,) relative to the amplitudes, not by energy.
+
+        Deformations of a beam are measured relative to the largest scale of its deformations with
+        the same unit. Relative to the far smaller amplitudes of axial deformations, errors of the
+        integrator would dominate the length.
+        """
+        equations = self.run.solution.equations
+        is_angle = np.array([c.unit == "rad" for c in equations.coordinates])
+        scales = self.run.scales.reshape(2, -1).copy()
+        for part in equations.parts:
+            deformations = np.arange(part.deformations.start, part.deformations.stop)
+            for rows in (
+                deformations[is_angle[deformations]],
+                deformations[~is_angle[deformations]],
+            ):
+                scales[:, rows] = np.max(scales[:, rows], axis=1, initial=0.0)[:, None]
+        return float(np.linalg.norm(direction / np.append(scales, 1.0)))
 
     def as_response_point(self, sign: float) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
@@ -379,8 +410,8 @@ class ResponseCurve:
                     found = self._complete_point(
                         run, value, point.direction, point.orientation, iteration
                     )
-                    is_smooth = _cosine(point, found) >= _MIN_COSINE
-                    return (found, "") if is_smooth else (None, _SHARP_TURN)
+                    reason = self._step_failure(point, found)
+                    return (None, reason) if reason else (found, "")
                 factor = max(1.0, largest / _MAX_CHANGE)
                 state = run.state + change / factor
                 value += change_of_value * self._range / factor
@@ -398,9 +429,7 @@ class ResponseCurve:
         """
         change = step * point.direction
         if previous is not None:
-            secant = np.append(
-                point.run.state - previous.run.state, (point.value - previous.value) / self._range
-            )
+            secant = self._secant(previous, point)
             length = point.length(secant)
             mean_slope = secant / length
             first_slope = previous.direction / point.length(previous.direction)
@@ -411,6 +440,25 @@ class ResponseCurve:
             change = change + step * x * (second + (1.0 + x) * third)
         return point.run.state + change[:-1], point.value + float(change[-1]) * self._range
 
+    def _step_failure(self, point: CurvePoint, next_point: CurvePoint) -> str:
+        """Return the reason to reject a step along the curve, or "".
+
+        On both sides of a fold, the tangents have opposite signs with respect to the parameter.
+        Anywhere else, the parameter must change in their direction.
+        """
+        secant = self._secant(point, next_point)
+        slopes = point.direction[-1], next_point.direction[-1]
+        is_fold = slopes[0] * slopes[1] <= 0.0
+        is_noise = abs(secant[-1]) <= self.tolerance.target
+        if secant[-1] * slopes[0] < 0.0 and not (is_fold or is_noise):
+            return _REVERSAL
+        return "" if _smallest_cosine(point, next_point, secant) >= _MIN_COSINE else _SHARP_TURN
+
+    def _secant(self, point: CurvePoint, next_point: CurvePoint) -> Array:
+        """Return the change (2 n + 1,) of (q, v) and of the relative parameter between points."""
+        change_of_value = (next_point.value - point.value) / self._range
+        return np.append(next_point.run.state - point.run.state, change_of_value)
+
     def _complete_point(
         self,
         run: PeriodRun,
@@ -420,23 +468,31 @@ class ResponseCurve:
         iterations: int,
     ) -> CurvePoint:
         """Return the point of a periodic motion, with its monodromy matrix and tangent."""
-        by_parameter = run.projection @ self._differentiate_by_parameter(run, value)
-        monodromy = run.resolved_monodromy(by_parameter, tolerance=_RANK_TOLERANCE)
+        shift, by_parameter = self._differentiate_by_parameter(run, value)
+        reduced_shift, by_parameter = run.projection @ shift, run.projection @ by_parameter
+        monodromy = run.resolved_monodromy(by_parameter, reduced_shift, tolerance=_RANK_TOLERANCE)
+        # Without the part of the shift that the basis contains, the derivative is the one at a
+        # constant state in terms of the basis.
+        shift = shift - run.basis @ reduced_shift
+        by_parameter = by_parameter - (monodromy @ reduced_shift - reduced_shift)
         return _orient_curve(
-            CurvePoint(run, monodromy, by_parameter, value, direction, orientation, iterations)
+            CurvePoint(
+                run, monodromy, by_parameter, value, shift, direction, orientation, iterations
+            )
         )
 
-    def _differentiate_by_parameter(self, run: PeriodRun, value: float) -> Array:
-        """Return the derivative (2 n,) of the deviation with respect to the parameter.
+    def _differentiate_by_parameter(self, run: PeriodRun, value: float) -> tuple[Array, Array]:
+        """Return the derivatives (2 n,) of the consistent state and of the deviation.
 
-        The derivative is multiplied by the range of the parameter.
+        Both are derivatives with respect to the parameter, multiplied by its range.
         """
         period_map = self._period_map(value + _DIFFERENCE_STEP * self._range)
         q, v = period_map.make_consistent(*np.split(run.state, 2))
         # With the same amplitudes, errors of both runs are similar.
         solution = period_map.run(q, v, run.solution.equations.scales)
         deviation = period_map.deviation(solution) - run.period_map.deviation(run.solution)
-        return deviation / _DIFFERENCE_STEP
+        shift = np.concatenate([q, v]) - run.state
+        return shift / _DIFFERENCE_STEP, deviation / _DIFFERENCE_STEP
 
 
 def _failure_reason(error: Exception) -> str:
@@ -455,11 +511,16 @@ def _orient_curve(point: CurvePoint) -> CurvePoint:
         tangent = tangent * (point.orientation * orientation)
     elif tangent @ point.reduce(point.direction) < 0.0:
         tangent, orientation = -tangent, -orientation
-    direction = np.append(point.run.basis @ tangent[:-1], tangent[-1])
+    state_direction = point.run.basis @ tangent[:-1] + point.shift * tangent[-1]
+    direction = np.append(state_direction, tangent[-1])
     direction /= point.length(direction)
     return replace(point, direction=direction, orientation=point.orientation or orientation)
 
 
-def _cosine(point: CurvePoint, next_point: CurvePoint) -> float:
-    tangents = [next_point.reduce(x.direction) for x in (point, next_point)]
-    return float(tangents[0] @ tangents[1] / np.prod(np.linalg.norm(tangents, axis=1)))
+def _smallest_cosine(point: CurvePoint, next_point: CurvePoint, secant: Array) -> float:
+    """Return the smallest cosine of the angles between a secant and the tangents at its ends."""
+    directions = np.array(
+        [next_point.reduce(x) for x in (point.direction, secant, next_point.direction)]
+    )
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    return float(np.min(directions @ directions.T))

@@ -72,7 +72,7 @@ def response_command(
 ) -> None:
     """Follow a periodic motion over a parameter, past folds; write the curve as CSV, PNG and page.
 
-    Exits with 0 if the curve reached an end of the range, 1 if it did not (partial results are
+    Exits with 0 if the curve reached the end of the range, 1 if it did not (partial results are
     written) or the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
     """
     from beamdae.cli.model_files.model_file import ModelFile

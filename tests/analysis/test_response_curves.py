@@ -1,0 +1,221 @@
+"""Response curves of beams on drivers against linear models; steps that reverse; peaks."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _follow_curve
+from beamdae.analysis.periodic.shooting import Tolerance
+from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.results.outcome import Status
+
+AMPLITUDE = 1e-4  # m or rad
+RUNS = bd.Radau(1e-5)
+
+
+def shaken_strip(law, rotates=False, damping=2e-4):
+    """Return a damped strip whose first section is driven, with its first resonance at 41 Hz."""
+    mech = bd.Mechanism()
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.35, 0.0)), section, elements=2))
+    base = mech.ground.at(0.0, 0.0)
+    if rotates:
+        mech.add(bd.Revolute("pin", base, beam.start))
+        mech.add(bd.Driver("shaker", base, beam.start, law))
+    else:
+        mech.add(bd.Prismatic("guide", base, beam.start, direction=(0.0, 1.0)))
+        mech.add(bd.TranslationalDriver("shaker", base, beam.start, law, direction=(0.0, 1.0)))
+    mech.observe("tip", beam.deflection(0.35))
+    return mech
+
+
+@bd.model(t_end=0.5)
+def constant_travel(frequency=40.0):
+    """Return a strip on a shaker with a constant amplitude of the travel."""
+    return shaken_strip(bd.sine(AMPLITUDE, frequency))
+
+
+@bd.model(t_end=0.5)
+def constant_acceleration(frequency=40.0):
+    """Return a strip on a shaker with a constant amplitude of the acceleration."""
+    return shaken_strip(bd.sine(AMPLITUDE * (40.0 / frequency) ** 2, frequency))
+
+
+@bd.model(t_end=0.5)
+def cosine_travel(frequency=40.0):
+    """Return a strip on a shaker that begins at its largest travel."""
+    return shaken_strip(bd.sine(AMPLITUDE, frequency, 0.5 * np.pi))
+
+
+@bd.model(t_end=0.5)
+def constant_rotation(frequency=40.0):
+    """Return a strip whose root rotates with a constant amplitude."""
+    return shaken_strip(bd.sine(AMPLITUDE, frequency), rotates=True)
+
+
+@bd.model(t_end=0.5)
+def lightly_damped(frequency=40.0):
+    """Return a strip with a damping ratio of 0.26 % on a shaker with a constant acceleration."""
+    return shaken_strip(bd.sine(0.1266 / frequency**2, frequency), damping=2e-5)
+
+
+@bd.model(t_end=0.5)
+def amplified_travel(amplitude=AMPLITUDE):
+    """Return a strip on a shaker at 40 Hz."""
+    return shaken_strip(bd.sine(amplitude, 40.0))
+
+
+def linear_half_range(frequencies, rotates=False):
+    """Return the half range of the tip relative to the root for a travel of AMPLITUDE."""
+    mech = shaken_strip(bd.sine(AMPLITUDE, 40.0), rotates)
+    linear = bd.linearize(mech, inputs=["shaker"], outputs=["tip"])
+    row = [output.name for output in linear.outputs].index("tip.transverse")
+    by_acceleration = np.abs(linear.frequency_response(frequencies)[:, row, 0])
+    return by_acceleration * AMPLITUDE * (2.0 * np.pi * np.asarray(frequencies)) ** 2
+
+
+def response_curve(model, ends):
+    tolerance = Tolerance.for_integrator("frequency_response", None, RUNS)
+    return ResponseCurve(model, "frequency", ends, lambda f: 1.0 / f, RUNS, 0.0, tolerance)
+
+
+def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
+    point, _ = response_curve(constant_travel, (38.0, 44.0)).first_point(settle=0)
+    equations = point.run.solution.equations
+    names = [*equations.q_names, *(f"velocity of {name}" for name in equations.q_names)]
+    rates = dict(zip(names, point.direction / point.direction[-1], strict=False))
+    # The root moves with 2 pi f AMPLITUDE at the start of a period; the range is 6 Hz.
+    expected = 2.0 * np.pi * 6.0 * AMPLITUDE
+    assert rates["velocity of strip.y0"] == pytest.approx(expected, rel=1e-6)
+    assert point.jacobian @ point.reduce(point.direction) == pytest.approx(0.0, abs=1e-9)
+
+
+SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
+
+
+@SLOW
+@pytest.mark.parametrize(
+    ("model", "ends"),
+    [
+        (constant_travel, (38.0, 44.0)),
+        (constant_acceleration, (44.0, 38.0)),
+        (cosine_travel, (38.0, 44.0)),
+        (constant_rotation, (38.0, 44.0)),
+    ],
+)
+def test_regression_response_to_a_driver_is_that_of_the_linear_model(model, ends):
+    response = bd.frequency_response(
+        model, "frequency", ends, integrator=RUNS, settle=0, step=0.1, longest_step=0.5
+    )
+    assert response.status.sentence == "reached the end of the range"
+    assert response.folds == []
+    frequencies, sizes = response.curve("tip.transverse")
+    assert np.all(np.diff(frequencies) * (ends[1] - ends[0]) > 0.0)
+    rotates = model is constant_rotation
+    expected = linear_half_range(frequencies, rotates)
+    grid = np.linspace(38.0, 44.0, 6001)
+    on_grid = linear_half_range(grid, rotates)
+    if model is constant_acceleration:
+        expected, on_grid = expected * (40.0 / frequencies) ** 2, on_grid * (40.0 / grid) ** 2
+    # Motions are periodic to 1e-3 of their amplitude.
+    np.testing.assert_allclose(sizes, expected, rtol=2e-3)
+    ((frequency, size),) = response.peaks("tip.transverse")
+    # With these long steps, parabolas through three points are less accurate than the points; the
+    # resonance is 2 Hz wide.
+    assert frequency == pytest.approx(grid[np.argmax(on_grid)], abs=0.1)
+    assert size == pytest.approx(np.max(on_grid), rel=1e-2)
+
+
+@SLOW
+def test_regression_short_steps_do_not_run_backward():
+    # The second step ran backward, beyond the start of the range.
+    response = bd.frequency_response(
+        lightly_damped, "frequency", (37.0, 45.0), integrator=RUNS, longest_step=0.5
+    )
+    assert response.status.sentence == "reached the end of the range"
+    assert np.all(np.diff([point.parameter for point in response.points]) > 0.0)
+    ((frequency, size),) = response.peaks("tip.transverse")
+    assert frequency == pytest.approx(40.92, abs=0.1)
+    assert size == pytest.approx(0.02299, rel=1e-2)
+
+
+@SLOW
+def test_regression_response_over_the_amplitude_of_a_driver_is_proportional():
+    response = bd.frequency_response(
+        amplified_travel,
+        "amplitude",
+        (AMPLITUDE, 3.0 * AMPLITUDE),
+        lambda amplitude: 1.0 / 40.0,
+        RUNS,
+        longest_step=0.5,
+    )
+    assert response.status.success
+    assert response.peaks("tip.transverse") == response.folds == []
+    amplitudes, sizes = response.curve("tip.transverse")
+    assert np.all(np.diff(amplitudes) > 0.0)
+    expected = amplitudes / AMPLITUDE * linear_half_range([40.0])
+    np.testing.assert_allclose(sizes, expected, rtol=2e-3)
+
+
+def arc_point(value, s, slope):
+    """Return a point of a response curve with x = s and this rate of the parameter."""
+    solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])})
+    point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
+    return SimpleNamespace(
+        value=value, iterations=3, position=s, as_response_point=lambda sign: point
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
+    def point(s):
+        return arc_point(sign * (1.0 - s**2), s, -sign * s)
+
+    curve = SimpleNamespace(
+        ends=(0.0, 2.0 * sign),
+        describe=lambda value: f"speed = {value:.6g}",
+        parameter="speed",
+        first_point=lambda settle: (point(-1.0), ""),
+        next_point=lambda previous, last, step: (point(last.position + step), ""),
+    )
+    points = []
+    status = _follow_curve(curve, points, 0, 0.1, 0.1, 100)
+    assert status.kind == "failed"
+    assert f"folds back at speed = {sign:g} and returned to the start" in status.sentence
+    assert len(points) == pytest.approx(21, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("value", "slopes", "reason"),
+    [
+        (39.0, (0.5, 0.5), "the parameter reverses where the curve has no fold"),
+        (39.0, (-0.5, -0.5), ""),
+        (41.0, (-0.5, -0.5), "the parameter reverses where the curve has no fold"),
+        (39.0, (0.1, -0.5), ""),
+        # Less than the tolerance of a period.
+        (39.999, (0.001, 0.001), ""),
+    ],
+)
+def test_regression_steps_against_the_tangents_are_rejected(value, slopes, reason, monkeypatch):
+    module = "beamdae.analysis.periodic.periodic_continuation"
+    monkeypatch.setattr(f"{module}._smallest_cosine", lambda *arguments: 1.0)
+    curve = response_curve(constant_travel, (40.0, 50.0))
+    points = [
+        SimpleNamespace(
+            value=at, direction=np.array([0.0, slope]), run=SimpleNamespace(state=np.zeros(1))
+        )
+        for at, slope in zip((40.0, value), slopes, strict=True)
+    ]
+    assert curve._step_failure(*points).startswith(reason)
+    assert bool(curve._step_failure(*points)) == bool(reason)
+
+
+def test_peaks_of_monotonic_curves_are_between_their_points():
+    rows = [(0.0, 0.0), (9.9, 1.0), (10.0, 0.999), (10.1, 0.998)]
+    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0) for p, x in rows)
+    response = FrequencyResponse("speed", points, Status("ok", "done"))
+    ((value, _),) = response.peaks("x")
+    assert 0.0 <= value <= 10.0
