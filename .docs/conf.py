@@ -9,7 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from docutils import nodes
-from sphinx.addnodes import index, pending_xref
+from sphinx.addnodes import index, pending_xref, toctree
 from sphinx.transforms import SphinxTransform
 
 import beamdae as bd
@@ -20,6 +20,7 @@ model_gallery = importlib.import_module("model_gallery")
 gallery_cards = importlib.import_module("gallery_cards")
 generated_pages = importlib.import_module("generated_pages")
 search_words = importlib.import_module("search_words")
+kernel_server = importlib.import_module("kernel_server")
 # Model files are imported by name, in notebooks as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(HERE.parent), os.getenv("PYTHONPATH")))
@@ -205,10 +206,31 @@ def escape_markup(app, what, name, value, options, lines):
             lines[k] = re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line)
 
 
+def shorten_navigation(app, env):
+    """Omit the pages of single names from the side bar, whose tree is part of every page.
+
+    The pages of the reference list them. With 200 names, writing pages would take twice the time.
+    """
+    for page, contents in env.tocs.items():
+        if page.startswith("api/"):
+            for names in list(contents.findall(toctree)):
+                if any(target.startswith("api/names/") for _, target in names["entries"]):
+                    names.parent.remove(names)
+    return []
+
+
+def start_kernels(app, env, pages):
+    """Start the server of kernels if notebooks may be executed."""
+    if pages and app.config.nb_execution_mode != "off" and hasattr(os, "fork"):
+        kernel_server.start()
+
+
 def setup(app):
     """Connect the steps before pages are read and the look-up of names."""
     app.add_transform(AddSearchWords)
     app.connect("config-inited", write_pages)
+    app.connect("env-before-read-docs", start_kernels)
+    app.connect("env-updated", shorten_navigation)
     app.connect("source-read", gallery_cards.write_cards)
     app.connect("build-finished", gallery_cards.save_thumbnails)
     app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
