@@ -9,9 +9,11 @@ from benchmarks.critical_loads.cases import CASES
 from benchmarks.critical_loads.column_dynamics import Column, divergence_loads
 from benchmarks.critical_loads.frame_stability import BeamStiffness
 from benchmarks.critical_loads.run import SUMMARY
-from benchmarks.critical_loads.structures import stiffness
+from benchmarks.critical_loads.structures import FORMULATIONS, stiffness
 from scipy.optimize import brentq
 from scipy.special import jv, yv
+
+import beamdae as bd
 
 STORED = pd.read_csv(SUMMARY, keep_default_na=False)
 BY_NAME = {f"{case.group}, {case.name}": case for case in CASES}
@@ -156,14 +158,40 @@ def test_regression_step_that_ends_at_a_branch_point_is_shortened():
     assert [point.kind for point in path.critical] == ["branch point"]
 
 
-@pytest.mark.slow(reason="three paths of a thin column, 2 s")
-def test_regression_critical_loads_that_rounding_determines_have_a_note():
-    # At L / h = 1e6, 32 elements gave 2.16 instead of 2.467 without a remark.
+@pytest.mark.slow(reason="two thin columns, 1 s each")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame, exact strain"])
+def test_regression_critical_loads_of_a_thinner_column(formulation):
+    # At L / h = 1e6, the first load was wrong by 1.2e-2 and 2e-3 without a remark.
     case = BY_NAME["column, clamped, free"]
-    path = case.solve(1e6, 32, "floating frame, exact strain")
-    assert any("determined by rounding" in note for note in path.notes)
-    for elements in (8, 32):
-        assert not case.solve(1e5, elements, "floating frame, exact strain").notes
+    path = case.solve(1e6, 8, formulation)
+    loads = [point.load for point in case.reference(1e6, "exact")]
+    assert [point.factor for point in path.critical] == pytest.approx(loads, rel=1e-2)
+    assert any("too thin for double precision" in note for note in path.notes)
+    assert not case.solve(1e5, 8, formulation).notes
+
+
+@pytest.mark.slow(reason="paths of thin structures, 2 s each")
+@pytest.mark.parametrize("formulation", ["exact", "floating frame, exact strain"])
+def test_regression_thin_structures_on_fine_meshes_and_under_follower_loads(formulation):
+    # At L / h = 1e6, 32 elements gave 2.16 instead of 2.467, and Beck's column fluttered 4 % early.
+    for name, elements in (("column, clamped, free", 32), ("follower load, Beck", 8)):
+        case = BY_NAME[name]
+        path = case.solve(1e6, elements, formulation)
+        loads = [point.load for point in case.reference(1e6, "exact")]
+        assert [point.factor for point in path.critical] == pytest.approx(loads, rel=2e-2)
+        assert any("too thin for double precision" in note for note in path.notes)
+        assert not case.solve(1e5, elements, formulation).notes
+
+
+@pytest.mark.slow(reason="paths that rounding determines, 1 s each")
+@pytest.mark.parametrize("slenderness", [1e7, 1e8])
+@pytest.mark.parametrize("formulation", ["exact", "floating frame, exact strain"])
+def test_regression_no_column_is_silently_too_thin(slenderness, formulation):
+    # No critical load was found, and the path was "ok" and stable.
+    case = BY_NAME["column, clamped, free"]
+    mech = case.build(slenderness, 4, FORMULATIONS[formulation])
+    with pytest.warns(bd.BeamdaeWarning):
+        bd.equilibrium(mech, **case.path(slenderness))
 
 
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):

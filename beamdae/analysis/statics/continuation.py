@@ -70,14 +70,11 @@ class PathCriticalPoint:
         Index of the point in the path.
     mode
         Shape (n,) of the critical mode.
-    load_error
-        See `SegmentCriticalPoint`.
     """
 
     kind: str
     row: int
     mode: Array
-    load_error: float = 0.0
 
 
 @dataclass
@@ -118,7 +115,7 @@ class StagePath:
         """Append the critical points and the end of a segment."""
         for one in critical:
             row = len(self.points)
-            self.critical.append(PathCriticalPoint(one.kind, row, one.mode, one.load_error))
+            self.critical.append(PathCriticalPoint(one.kind, row, one.mode))
             self.points.append(one.point)
         self.points.append(segment.end)
 

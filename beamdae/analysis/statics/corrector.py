@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.null_vectors import stiffness_rounding
 from beamdae.analysis.statics.path_controls import Control, PathDirection
+from beamdae.analysis.statics.slender_modes import ERROR_FLOOR
 from beamdae.analysis.statics.stability import Stability, assess_stability
 from beamdae.analysis.statics.strain_increments import StrainIncrements
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
@@ -90,6 +92,24 @@ class EquilibriumPoint:
         if len(sizes) < 2 or sizes[0] <= zero:
             return np.inf
         return float(sizes[0] / sizes[1])
+
+    @cached_property
+    def rounding_ratio(self) -> float:
+        """Bound on the rounding error of the smallest eigenvalue that is not zero, relative to it.
+
+        It is zero where the signs of pivots are certain, and nan if all eigenvalues are zero.
+        """
+        if self._certain_count is not None:
+            return 0.0
+        eigenvalues, zero = self.stability.eigenvalues, self.stability.zero_tolerance
+        elastic = np.flatnonzero(np.abs(eigenvalues) > zero)
+        if not len(elastic):
+            return np.nan
+        softest = elastic[np.argmin(np.abs(eigenvalues[elastic]))]
+        mode = self.stability.modes[:, softest]
+        mode = mode / np.linalg.norm(mode / self.system.equations.position_scales)
+        rounding = stiffness_rounding(self.system, self.x, self.mu, mode, mode)
+        return max(rounding, ERROR_FLOOR * zero) / float(np.abs(eigenvalues[softest]))
 
     @property
     def negative_count(self) -> int:

@@ -73,9 +73,6 @@ class SegmentCriticalPoint:
         Shape (n,) of the critical mode.
     distance
         Distance between the positions of the points from which it is interpolated.
-    load_error
-        Change of the load factor that changes the critical eigenvalue by the rounding error of
-        zero eigenvalues; 0 if it is not known.
     """
 
     position: float
@@ -83,7 +80,6 @@ class SegmentCriticalPoint:
     kind: str
     mode: Array
     distance: float
-    load_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -168,7 +164,7 @@ class PathSegment:
             return []
         if not (self.begin.has_potential and self.end.has_potential):
             return self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
-        points = [self._with_load_error(self._locate_zero(k), k) for k in range(low, high)]
+        points = [self._locate_zero(k) for k in range(low, high)]
         # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
         # them; the load factor may have its extremum in the other step.
         is_decided = all(not point.free_count for point in (self.begin, self.end))
@@ -300,11 +296,6 @@ class PathSegment:
                         root = position + (side - position) * value / (value - other)
                         return root, max(_SAMPLE_DISTANCE, _SAMPLE_RATIO * offset)
         return position, _SAMPLE_DISTANCE
-
-    def _with_load_error(self, point: SegmentCriticalPoint, index: int) -> SegmentCriticalPoint:
-        ends = [each.stability.eigenvalue(index) for each in (self.begin, self.end)]
-        position = self.begin.stability.zero_tolerance / abs(ends[1] - ends[0])
-        return replace(point, load_error=position * abs(self.end.mu - self.begin.mu))
 
     def _locate_zero(self, index: int) -> SegmentCriticalPoint:
         """Return the point where eigenvalue `index` (from 0) changes sign."""

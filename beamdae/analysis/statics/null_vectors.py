@@ -19,9 +19,23 @@ Array = np.ndarray
 
 # Inverse iterations; each reduces the other components by the ratio of eigenvalues, which is small.
 _ITERATIONS = 3
-# Iterative refinements of g. The first one reduces an error of 5 % of the critical load at
-# L/h = 1e5 to 1e-5, the second one to 1e-6, and others do not improve it (measured).
-_REFINEMENTS = 2
+# Refinement ends if it changes the vectors by less than this fraction, which rounding of the
+# differences limits to 1e-7; maximum number. At L/h = 1e5, it takes two refinements, and at 1e7
+# with 8 elements five to ten (measured).
+_FINAL_REFINEMENT = 1e-6
+_MAX_REFINEMENTS = 12
+# Soft motions have less than this stiffness, relative to the largest one. Its rounding errors are
+# smaller by the same factor.
+_SOFT_RATIO = 1e-7
+# Samples of a stiffness with other last digits of the coordinates, and bound on its error as a
+# multiple of their standard deviation.
+_SAMPLE_COUNT = 6
+_ROUNDING_MULTIPLE = 4.0
+_UNIT_ROUNDOFF = 0.5 * float(np.finfo(float).eps)
+# Coordinates are rounded as if they were at least this large, in natural sizes.
+_MIN_COORDINATE = 0.3
+# Largest change of the step of differences between samples.
+_STEP_VARIATION = 0.3
 
 
 class Scales(NamedTuple):
@@ -80,15 +94,8 @@ class SingularityTest:
 
     def value(self, system: LoadedEquations, x: Array, mu: float) -> float:
         """Return g, accurate also for thin beams, see `LoadedEquations.multiply_tangent`."""
-        unknowns, energy = self.scales
-        solver, unit = self.factorize(system, x, mu)
-        solution = solver.solve(unit)
-        for _ in range(_REFINEMENTS):
-            v, g = solution[:-1], solution[-1]
-            product = system.multiply_tangent(x, mu, (unknowns * v)[:, None])[:, 0]
-            forces = unknowns / energy * product + g * self.left
-            solution += solver.solve(unit - np.append(forces, self.right @ v))
-        return float(solution[-1])
+        left, right = self.left[:, None], self.right[:, None]
+        return float(solve_bordered_tangent(system, x, mu, self.scales, left, right).values[0, 0])
 
     @property
     def mode(self) -> Array:
@@ -103,8 +110,110 @@ class SingularityTest:
 
     def factorize(self, system: LoadedEquations, x: Array, mu: float) -> tuple[SuperLU, Array]:
         """Return the factors of the bordered matrix, and the right-hand side (0, 1)."""
-        unknowns, energy = self.scales
-        tangent = system.matrix(system.tangent(x, mu)) * unknowns * unknowns[:, None] / energy
-        last = sp.csc_array(self.left[:, None])
-        bordered = sp.block_array([[tangent, last], [self.right[None], None]], format="csc")
-        return splu(sp.csc_matrix(bordered)), np.append(np.zeros(len(x)), 1.0)
+        left, right = self.left[:, None], self.right[:, None]
+        solver = _factorize(system, x, mu, self.scales, left, right)
+        return solver, np.append(np.zeros(len(x)), 1.0)
+
+
+class BorderedSolution(NamedTuple):
+    """Solution (V, G) of [[F_x, left], [right^T, 0]] (V, G) = (0, I), with the scaled tangent.
+
+    V spans the result of an inverse iteration. The eigenvalues of -G near zero are those of F_x if
+    `left` and `right` span its modes.
+
+    Attributes
+    ----------
+    vectors, values
+        V, (n + m, k), and G, (k, k).
+    correction
+        Last relative change of V by iterative refinement.
+    """
+
+    vectors: Array
+    values: Array
+    correction: float
+
+
+def solve_bordered_tangent(
+    system: LoadedEquations, x: Array, mu: float, scales: Scales, left: Array, right: Array
+) -> BorderedSolution:
+    """Return the solution, refined by differences of the forces, which are accurate for thin beams.
+
+    `left` and `right`, (n + m, k), make the bordered matrix regular. If rounding errors of the
+    stiffness exceed the stiffness in soft motions, refinement diverges, and `correction` is large.
+    """
+    (unknowns, energy), size = scales, len(x)
+    solver = _factorize(system, x, mu, scales, left, right)
+    identity = np.eye(left.shape[1])
+    solution = solver.solve(np.vstack([np.zeros_like(left), identity]))
+    correction = np.inf
+    for _ in range(_MAX_REFINEMENTS):
+        v, g = solution[:size], solution[size:]
+        product = system.multiply_tangent(x, mu, unknowns[:, None] * v)
+        forces = unknowns[:, None] / energy * product + left @ g
+        change = solver.solve(np.vstack([-forces, identity - right.T @ v]))
+        lengths = np.linalg.norm(change[:size], axis=0) / np.linalg.norm(v, axis=0)
+        last, correction = correction, float(np.max(lengths))
+        if not correction < last:
+            break
+        solution += change
+        if correction <= _FINAL_REFINEMENT:
+            break
+    return BorderedSolution(solution[:size], solution[size:], correction)
+
+
+def remove_stiff_motions(
+    system: LoadedEquations, x: Array, mu: float, scales: Scales, vectors: Array
+) -> Array:
+    """Return scaled unknowns (n + m, k) without motions that are stiff compared with the others.
+
+    (K + s)^-1 with a shift s above the stiffness of soft motions hardly changes these motions.
+
+    Raises
+    ------
+    RuntimeError
+        If the shifted matrix is singular.
+    """
+    n, size = system.equations.n, len(x)
+    shift = sp.csc_array(sp.diags_array(np.where(np.arange(size) < n, _SOFT_RATIO, 0.0)))
+    solver = splu(sp.csc_matrix(_scaled_tangent(system, x, mu, scales) + shift))
+    right = np.vstack([vectors[:n], np.zeros((size - n, vectors.shape[1]))])
+    return solver.solve(right)
+
+
+def stiffness_rounding(
+    system: LoadedEquations, x: Array, mu: float, left: Array, right: Array
+) -> float:
+    """Return a bound on the rounding error [J] of left^T K right, with displacements (n,).
+
+    Coordinates are multiples of their last digit, which is not small compared with the elongation
+    of a thin beam: at the buckling load, 0.8 (h / L)^2 of its length. Therefore, the last digits
+    and the steps of the differences are varied (J. Vignes, Math. Comput. Simul. 35 (1993) 233).
+    """
+    n = len(right)
+    direction = np.append(right, np.zeros(len(x) - n))[:, None]
+    # Beams in a floating frame have small coordinates, but add their strains to 1.
+    sizes = np.maximum(np.abs(x[:n]), _MIN_COORDINATE * system.equations.position_scales)
+    phases = np.arange(n) ** 2.0
+    samples = []
+    for k in range(_SAMPLE_COUNT):
+        near = x.copy()
+        near[:n] += 2.0 * _UNIT_ROUNDOFF * sizes * np.cos(phases + k)
+        step = 1.0 + _STEP_VARIATION * np.cos(float(k))
+        samples.append(left @ system.difference_forces(near, mu, direction, step)[:n, 0])
+    return _ROUNDING_MULTIPLE * float(np.std(samples, ddof=1))
+
+
+def _factorize(
+    system: LoadedEquations, x: Array, mu: float, scales: Scales, left: Array, right: Array
+) -> SuperLU:
+    tangent = _scaled_tangent(system, x, mu, scales)
+    columns, rows = sp.csc_array(left), sp.csc_array(right.T)
+    bordered = sp.block_array([[tangent, columns], [rows, None]], format="csc")
+    return splu(sp.csc_matrix(bordered))
+
+
+def _scaled_tangent(system: LoadedEquations, x: Array, mu: float, scales: Scales) -> sp.csc_array:
+    unknowns, energy = scales
+    tangent = system.matrix(system.tangent(x, mu))
+    return sp.csc_array(tangent * unknowns * unknowns[:, None] / energy)

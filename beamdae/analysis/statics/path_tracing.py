@@ -17,7 +17,6 @@ from beamdae.analysis.statics.continuation import (
     switch_branch,
 )
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_points import LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import (
@@ -65,11 +64,9 @@ _MAX_INITIAL_MOTION = 0.05
 # The end of a failed path is probably near a limit point if the lowest positive eigenvalue of the
 # stiffness has fallen below this fraction of its initial value.
 _SOFT_RATIO = 0.2
-# Critical loads whose bound on the rounding error exceeds this fraction of them have a note. The
-# bound is up to 0.06 at L/h = 1e5, where errors are below 1e-4. At 1e6, it is 0.01 to 0.06 with 8
-# elements and 0.3 to 4 with 32 elements, where errors are 1e-3 to 0.12 (measured).
-_MAX_LOAD_ERROR = 0.1
-_MIN_LOAD_ERROR = 1e-3  # of the last load factor
+# Paths with a larger bound on rounding errors have a note. It is up to 1e-4 at L/h = 1e5, and 2e-4
+# to 2e-1 at 1e6, where errors of critical loads are up to 5e-5 and 1e-2 (measured).
+_MAX_ROUNDING_RATIO = 2e-4
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 
@@ -182,7 +179,7 @@ class EquilibriumPath(NamedTuple):
     iterations
         Number of Newton iterations, including those of failed steps but not of relaxation.
     notes
-        Remarks on critical loads that rounding errors determine.
+        Remarks on stages in which rounding errors of critical loads are not negligible.
     """
 
     points: list[EquilibriumPoint]
@@ -248,20 +245,33 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
-            # Branch points without load, as of an upright pendulum, have no relative error.
-            bound = max(_MAX_LOAD_ERROR * abs(factor), _MIN_LOAD_ERROR * abs(path.end.mu))
-            if one.load_error > bound and one.kind != LIMIT:
-                notes.append(
-                    f"equilibrium: the {one.kind} at the load factor {factor:.6g} is determined by "
-                    "rounding, because the beams are too thin for double precision on this mesh; "
-                    "use fewer elements or thicker beams."
-                )
+        if system.has_scaled_loads:
+            notes += _rounding_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, settings.control if is_last else LOAD)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
+
+
+def _rounding_notes(path: StagePath) -> list[str]:
+    """Return a remark if rounding errors are not negligible next to the smallest stiffness.
+
+    The stiffness at the beginning is decisive, because it vanishes at critical points; if all of it
+    is zero, as that of a pendulum without weight, that at the end.
+    """
+    ratio = next(
+        (x for x in (path.points[0].rounding_ratio, path.end.rounding_ratio) if np.isfinite(x)), 0.0
+    )
+    if ratio <= _MAX_ROUNDING_RATIO:
+        return []
+    return [
+        f"equilibrium: critical loads and stability are uncertain by up to {min(ratio, 1.0):.1g} "
+        "of the load, because rounding errors reach this fraction of the smallest stiffness: the "
+        "beams are too thin for double precision. Use thicker beams, and scale the loads by the "
+        "bending stiffness."
+    ]
 
 
 def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:

@@ -17,6 +17,12 @@ from beamdae.analysis.eigenproblems.eigensolution import EigenSolution
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import quadratic_form_rounding
 from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.null_vectors import (
+    natural_scales,
+    remove_stiff_motions,
+    solve_bordered_tangent,
+    stiffness_rounding,
+)
 from beamdae.equations.formulations.tangents import Tangent
 
 Array = np.ndarray
@@ -39,6 +45,13 @@ _MIN_INERTIA_RATIO = 1e-6
 # stiffness of 5e-2 of it (measured).
 ERROR_MULTIPLE = 4.0
 ERROR_FLOOR = 5e-3
+# Inverse iterations that change by more than this fraction have not converged.
+_MAX_CORRECTION = 1e-3
+# Rounding errors of the stiffness mix mode shapes if the bound on them exceeds this fraction of a
+# squared frequency.
+_MAX_MIXING = 3e-2
+# Smaller shares of real and imaginary parts of mode shapes are rounding errors.
+_MIN_SHARE = 1e-8
 # Prevents division by zero for defective eigenvalues.
 _TINY = 1e-300
 
@@ -65,9 +78,35 @@ def reduce_stiffness(
     n = system.equations.n
     directions = np.vstack([basis, np.zeros((len(x) - n, basis.shape[1]))])
     one, two = (
-        basis.T @ system.multiply_tangent(x, mu, directions, steps)[:n] for steps in (1.0, 2.0)
+        basis.T @ system.difference_forces(x, mu, directions, steps)[:n] for steps in (1.0, 2.0)
     )
-    return ReducedStiffness(one, one - two)
+    # Extrapolation as in `multiply_tangent`.
+    return ReducedStiffness(one + (one - two) / 3.0, one - two)
+
+
+def refine_subspace(
+    system: LoadedEquations, x: Array, mu: float, basis: Array, weighted: Array
+) -> Array | None:
+    """Return soft motions with less admixture of other motions, orthonormal S^-1 q, (n, k).
+
+    `basis`, (n, k), spans approximate motions, as eigenvectors of the stiffness matrix do, and
+    `weighted`, (n, k), is their product with the mass or identity matrix. One inverse iteration
+    with the stiffness from differences separates soft motions that rounding errors of the matrix
+    have mixed. Rounding of the differences adds motions that stretch beams, which the matrix
+    separates accurately. If the iteration does not converge, the result is None.
+    """
+    n, scales = system.equations.n, natural_scales(system, x, mu)
+    zeros = np.zeros((len(x) - n, basis.shape[1]))
+    left, right = (np.vstack([each, zeros]) for each in (weighted, basis))
+    try:
+        solution = solve_bordered_tangent(system, x, mu, scales, left, right)
+        if not solution.correction <= _MAX_CORRECTION:
+            return None
+        soft = remove_stiff_motions(system, x, mu, scales, solution.vectors)
+    except RuntimeError:
+        # A matrix is singular.
+        return None
+    return la.qr(soft[:n], mode="economic")[0]
 
 
 def refine_modes(
@@ -92,23 +131,33 @@ def refine_modes(
     is_refined = squares <= _SQUARE_MARGIN * np.max(squares[is_inaccurate])
     shapes = modes.shapes[:, is_refined]
     parts = np.hstack([shapes.real, shapes.imag])
+    refined = None
+    if np.max(rounding / np.maximum(squares, _TINY)) > _MAX_MIXING:
+        refined = _refine_shapes(system, x, mu, tangent, parts)
+        parts = parts if refined is None else refined
     basis = _span_soft_motions(tangent, parts, float(np.max(squares[is_refined])))
+    if not basis.shape[1]:
+        return modes
     reduced = reduce_stiffness(system, x, mu, basis)
     least = np.max(rounding[is_refined]) / _MAX_ROUNDING_RATIO
     sizes = np.sqrt(np.maximum(np.abs(np.diag(reduced.matrix)), least))
     if not np.linalg.norm(reduced.error / sizes / sizes[:, None], 2) <= _MAX_ROUNDING_RATIO:
         return modes
     damping = _reduce_damping(system, x, mu, tangent.damping, basis, np.median(squares[is_refined]))
-    floor = ERROR_FLOOR * float(np.max(rounding[is_refined]))
+    errors, floor = reduced.error, ERROR_FLOOR * float(np.max(rounding[is_refined]))
+    if refined is not None:
+        # The error of the extrapolated stiffness is below its last change.
+        softest = basis[:, np.argmin(np.diag(reduced.matrix))]
+        errors, floor = errors / 3.0, stiffness_rounding(system, x, mu, softest, softest)
     if not np.any(damping):
-        squares, shares, errors = _solve_with_errors(-reduced.matrix, reduced.error, floor)
+        squares, shares, errors = _solve_with_errors(-reduced.matrix, errors, floor)
         squares = np.where(np.abs(squares.imag) <= errors, squares.real + 0j, squares)
         values = np.sqrt(np.where(np.abs(squares) <= errors, 0.0, squares))
         shapes = basis @ shares
     else:
         none, one = np.zeros_like(damping), np.eye(len(damping))
         companion = np.block([[none, one], [-reduced.matrix, -damping]])
-        values, shares, errors = _solve_with_errors(companion, reduced.error, floor)
+        values, shares, errors = _solve_with_errors(companion, errors, floor)
         shapes = basis @ shares
         # Errors of the stiffness move undamped eigenvalues off the imaginary axis.
         power = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.damping @ shapes))
@@ -120,6 +169,21 @@ def refine_modes(
         np.append(values[is_upper], modes.values[~is_refined]),
         np.hstack([shapes[:, is_upper], modes.shapes[:, ~is_refined]]),
     )
+
+
+def _refine_shapes(
+    system: LoadedEquations, x: Array, mu: float, tangent: Tangent, parts: Array
+) -> Array | None:
+    """Return the motions (n, k) that `refine_subspace` gives for mode shapes `parts`, or None."""
+    scale = system.equations.position_scales[:, None]
+    columns = parts / scale
+    columns = columns / np.maximum(la.norm(columns, axis=0), _TINY)
+    basis, sizes, _ = la.svd(columns, full_matrices=False)
+    basis = basis[:, sizes > _MIN_SHARE * sizes[0]]
+    weighted = scale * (tangent.mass @ (scale * basis))
+    weighted = weighted / np.max(la.norm(weighted, axis=0))
+    refined = refine_subspace(system, x, mu, basis, weighted)
+    return None if refined is None else scale * refined
 
 
 def _span_soft_motions(tangent: Tangent, motions: Array, square: float) -> Array:

@@ -19,6 +19,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquati
 from beamdae.analysis.statics.bordered_system import ASYMMETRY_TOLERANCE
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.saddle_elimination import (
+    NEGLIGIBLE_STIFFNESS,
     SPARSE_ZERO_TOLERANCE,
     zero_tolerance,
 )
@@ -27,6 +28,7 @@ from beamdae.analysis.statics.slender_modes import (
     ERROR_MULTIPLE,
     reduce_stiffness,
     refine_modes,
+    refine_subspace,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
@@ -46,8 +48,12 @@ _ZERO_TOLERANCE = 1e-15
 _NEAREST_COUNT = 4
 _LANCZOS_TOLERANCE = 1e-10
 # Eigenvalues up to this multiple of the rounding errors of zero eigenvalues are computed again from
-# differences of the forces; maximum number of such eigenvalues.
+# differences of the forces; maximum number of such eigenvalues. If none of these exceeds the second
+# multiple, rounding errors mix their modes.
 _REFINED_MULTIPLE = 1e3
+_MIXED_MULTIPLE = 1e3
+# Largest bound on errors of refined eigenvalues, relative to the largest of them.
+_MAX_FLOOR_RATIO = 1e-3
 _REFINED_COUNT = 4
 # Prevents division by zero for modes that vanish.
 _TINY = 1e-300
@@ -187,30 +193,37 @@ def _refine_small_eigenvalues(
 ) -> Stability:
     """Return the stability with the smallest eigenvalues from differences of the forces.
 
-    They are the eigenvalues of the stiffness in the span of their modes (Rayleigh-Ritz).
+    The result is `stability` if they are not more accurate than the stiffness matrix.
     """
-    eigenvalues, scale = stability.eigenvalues, system.equations.position_scales[:, None]
+    eigenvalues, scale = stability.eigenvalues, system.equations.position_scales
     nearest = np.argsort(np.abs(eigenvalues))[:_REFINED_COUNT]
-    limit = _REFINED_MULTIPLE * stability.zero_tolerance
-    if not np.any(np.abs(eigenvalues[nearest]) < limit):
+    sizes, zero = np.abs(eigenvalues[nearest]), stability.zero_tolerance
+    if not np.any(sizes < _REFINED_MULTIPLE * zero):
         return stability
-    basis = la.qr(stability.modes[:, nearest] / scale, mode="economic")[0]
-    ritz, change = reduce_stiffness(system, x, mu, scale * basis)
+    basis = la.qr(stability.modes[:, nearest] / scale[:, None], mode="economic")[0]
+    refined = None
+    if zero > NEGLIGIBLE_STIFFNESS and np.max(sizes) < _MIXED_MULTIPLE * zero:
+        refined = refine_subspace(system, x, mu, basis, basis)
+        basis = basis if refined is None else refined
+    ritz, change = reduce_stiffness(system, x, mu, scale[:, None] * basis)
     values, shares = la.eigh(0.5 * (ritz + ritz.T))
     # Differences are less accurate than the stiffness if a beam is thick, or if the forces are not
     # smooth, for example where a contact begins.
     other = ritz - change
     error = float(np.max(np.abs(values - la.eigvalsh(0.5 * (other + other.T)))))
-    if error > stability.zero_tolerance:
+    if error > zero:
         return stability
     count = stability.negative_count - int(np.sum(eigenvalues[nearest] < 0.0))
     count += int(np.sum(values < 0.0))
-    eigenvalues, modes = eigenvalues.copy(), stability.modes / scale
+    eigenvalues, modes = eigenvalues.copy(), stability.modes / scale[:, None]
     modes = modes / la.norm(modes, axis=0)
     eigenvalues[nearest], modes[:, nearest] = values, basis @ shares
     order = np.argsort(eigenvalues)
-    zero = max(ERROR_FLOOR * stability.zero_tolerance, ERROR_MULTIPLE * error)
-    return _build_stability(eigenvalues[order], modes[:, order], scale[:, 0], zero, count)
+    floor = ERROR_FLOOR * zero
+    if refined is not None:
+        floor = min(floor, _MAX_FLOOR_RATIO * float(np.max(np.abs(values))))
+    zero = max(floor, ERROR_MULTIPLE * error)
+    return _build_stability(eigenvalues[order], modes[:, order], scale, zero, count)
 
 
 def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
