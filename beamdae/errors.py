@@ -105,6 +105,12 @@ _shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
 
+def kind_of_message(message: str) -> str:
+    """Return a key that is equal if messages differ only in numbers after their first colon."""
+    part, colon, rest = message.partition(": ")
+    return part + colon + _NUMBER.sub("0", rest)
+
+
 def warn_user(message: str) -> None:
     """Issue a `BeamdaeWarning` that cites the line outside this package that led to it.
 
@@ -121,8 +127,7 @@ def warn_user(message: str) -> None:
         warnings.warn(message, BeamdaeWarning, stacklevel=2)
         return
     file, line = frame.f_code.co_filename, frame.f_lineno
-    part, colon, rest = message.partition(": ")
-    kind = part + colon + _NUMBER.sub("0", rest), file, line
+    kind = kind_of_message(message), file, line
     filters: list[Any] = warnings.filters  # type: ignore[assignment]
     registry = frame.f_globals.setdefault("__warningregistry__", {})
     shown = _shown_kinds.get(kind)

@@ -138,13 +138,15 @@ class LiveSession:
         solution = simulate(mechanism, Auto(rtol=RTOL), end, progress=stop)
         if number != self._latest:
             return {_SUPERSEDED: True}
-        return {"frames": encode_frames(export_run_frames(solution)), **_summarize(solution)}
+        return {"frames": encode_frames(export_run_frames(solution)), **summarize(solution)}
 
 
-def _summarize(solution: Solution) -> dict[str, Any]:
+def summarize(solution: Solution) -> dict[str, Any]:
+    """Return status, warnings and the table of observed columns for the page."""
     cost = solution.statistics
     columns = solution.all_columns()
-    head, *rows = range_table({name: columns[name] for name in observed_columns(columns)}).texts
+    observed = {name: columns[name] for name in observed_columns(columns)}
+    head, *rows = range_table(observed, steps=solution.step_extremes).texts
     return {
         "status": f"{solution.status.sentence}; {cost.steps} steps, {cost.wall_time:.2g} s",
         "ok": solution.status.success,

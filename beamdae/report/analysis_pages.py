@@ -234,6 +234,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
         "title": title,
         "subtitle": f"periodic motions over {response.parameter}: {response.status.sentence}",
         "made": versions(),
+        "notes": list(response.warnings),
         "groups": [{"id": _ID}],
         "noun": "motions",
         "leads": True,

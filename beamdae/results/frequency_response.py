@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import select_column
 from beamdae.results.displays import HasPage, Plot, load_views
@@ -81,6 +82,16 @@ class FrequencyResponse(HasPage):
             f"<FrequencyResponse: {len(values)} motions{span}; {self.status.kind}, "
             f"{self.status.sentence}>"
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the motions; of those that differ only in numbers, the first one."""
+        first: dict[str, str] = {}
+        for point in self.points:
+            for sentence in point.solution.warnings:
+                text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"
+                first.setdefault(kind_of_message(sentence), text)
+        return tuple(first.values())
 
     def table(self) -> pd.DataFrame:
         """Return one row per motion: parameter, period, mean and half range of observed columns.

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
 
@@ -40,6 +41,8 @@ def test_regression_a_contact_between_two_rows_is_reported(integrator):
     assert_allclose(extremes["stop.N [N]"]["max"], peak(1e10), rtol=0.02)
     (table,) = (x for x in build_run_page(run, "ball")["tables"] if x["title"] == "Observed")
     assert_allclose(float(table["rows"][0][2]), peak(1e10), rtol=0.02)
+    live = summarize(run)["table"]["rows"]
+    assert_allclose(float(live[0][2]), peak(1e10), rtol=0.02)
 
 
 def test_the_times_of_the_warning_contain_the_peak():

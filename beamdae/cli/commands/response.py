@@ -26,6 +26,7 @@ from beamdae.cli.options import (
 from beamdae.cli.output import (
     WrittenFiles,
     print_facts,
+    print_warnings,
 )
 from beamdae.cli.output_paths import plan_outputs
 from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
@@ -149,6 +150,7 @@ def _print_results(result: FrequencyResponse, name: str) -> None:
     console = print_facts(name, response_facts(result), lambda: _json_results(result, peaks))
     if peaks:
         console.print(text_tables.peaks_table(result.parameter, peaks))
+    print_warnings(console, result.warnings)
 
 
 def _find_peaks(result: FrequencyResponse) -> list[dict[str, Any]]:
@@ -169,4 +171,5 @@ def _json_results(result: FrequencyResponse, peaks: list[dict[str, Any]]) -> dic
         "points": result.table().to_dict("records"),
         "folds": result.folds,
         "peaks": peaks,
+        "warnings": list(result.warnings),
     }
