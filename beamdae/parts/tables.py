@@ -102,6 +102,8 @@ _SI_FACTORS = {
 _UNIT_IN_HEADER = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
 # Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
 _WORD_SEPARATORS = re.compile(r"[\s_/,]+")
+_WORDS_LIKE_UNITS = ("min", "in", "g")
+_IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 
 
 # Argument t of a time law and the time, a number or symbol, at which tables select one smooth
@@ -601,7 +603,7 @@ def table_from_csv(
     x
         Header of the column of the argument, with or without its unit, or a pair of headers for two
         arguments, whose rows form a complete grid in any order. Defaults to the first column of a
-        file with two columns.
+        file with two columns, or to the other one than `y`.
     y
         Header of the column of the values. Defaults to the only column that is not an argument.
     kind, outside
@@ -641,6 +643,9 @@ def table_from_csv(
     label = f"table {Path(text).name}"
     columns = _read_columns(text)
     headers = list(columns)
+    if x is None and y is not None and len(headers) == _MAX_AXES:
+        value = _find_header(text, headers, y, "y")
+        x = next(header for header in headers if header != value)
     if x is None and len(headers) > _MAX_AXES:
         raise BeamdaeError(
             f"{label}: the file has {len(headers)} columns: {', '.join(headers)}; pass x= and y= "
@@ -778,14 +783,26 @@ def _split_header(header: str) -> tuple[str, str]:
     return match[1].strip(), match[2].strip()
 
 
+def _find_unit_in_name(name: str) -> str:
+    """Return a unit other than an SI unit in brackets or at the end of a name, '' if none.
+
+    Short words of names, as in "F_min" or "flow_in", are units only after a slash or a space.
+    """
+    inside = [x.strip() for x in _IN_BRACKETS.findall(name)]
+    *first, last = _WORD_SEPARATORS.split(name)
+    if first and (last not in _WORDS_LIKE_UNITS or not name.endswith(f"_{last}")):
+        inside.append(last)
+    return next((x for x in inside if _SI_FACTORS.get(x, 1.0) != 1.0), "")
+
+
 def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
     """Return the numbers of a column in SI units."""
     name, unit = _split_header(header)
-    last_word = _WORD_SEPARATORS.split(name)[-1]
-    if not unit and last_word != name and _SI_FACTORS.get(last_word, 1.0) != 1.0:
+    hidden = _find_unit_in_name(name)
+    if not unit and hidden:
         raise BeamdaeError(
-            f"{label}: the header {header!r} seems to end in a unit; write it in brackets, such as "
-            f"'{_WORD_SEPARATORS.split(name)[0]} [{last_word}]', or rename the column."
+            f"{label}: the header {header!r} seems to contain the unit {hidden}; write it in "
+            "brackets at the end, such as 'travel [mm]', or rename the column."
         )
     if unit not in _SI_FACTORS:
         raise BeamdaeError(
