@@ -265,6 +265,25 @@ def test_the_page_of_a_campbell_diagram_in_a_browser(rotor, show):
     assert tab.locator("#sliders output").first.inner_text() == "6"
 
 
+def test_regression_multiples_of_the_speed_are_drawn_from_speed_zero(show):
+    """The frequency axis became logarithmic, on which the lines from zero have no position."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, 1.0)), section, elements=2))
+    mech.add(bd.Weld("foot", mech.ground.at(0.0, 0.0), beam.start))
+    page = build_campbell_page(bd.campbell(mech, [0.0, 100.0], n=6), "beam")
+    frequencies = [case["values"]["frequency [Hz]"] for case in page["cases"]]
+    assert max(frequencies) > 50.0 * min(frequencies)
+    tab = show(page)
+    lengths = "all => all.map((guide) => guide.getTotalLength())"
+    assert min(tab.locator("#precision path.guide").evaluate_all(lengths)) > 100.0
+    # Points that have no position on a logarithmic axis are omitted.
+    scales = "{toPosition: Math.log}, {toPosition: Math.log}"
+    path = tab.evaluate(f"createOverlayLines(...axisQuantities(), {scales})[0].getAttribute('d')")
+    assert path.startswith("M")
+    assert "Infinity" not in path
+
+
 @pytest.mark.slow(reason="opens four pages in two color schemes")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pages_of_curves_have_no_violations(response, rotor, open_page, scheme):

@@ -79,7 +79,9 @@ function createFamilyLegend(cases, y) {
 function describeScatter(cases, x, y) {
   const visible = cases.filter((run) => !state.hidden.families.has(run.family));
   const showsErrors = y.kind === "error";
-  const log = { x: needsLogAxis(x, cases), y: needsLogAxis(y, cases) };
+  // Lines of an overlay are straight and may start from zero, which a logarithmic axis cannot show.
+  const isLinear = findOverlay(x, y).lines.length > 0;
+  const log = { x: !isLinear && needsLogAxis(x, cases), y: !isLinear && needsLogAxis(y, cases) };
   const yExtent = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
   const position = (run, xScale, yScale) => [xScale.toPosition(x.value(run)), yScale.toPosition(y.value(run))];
   const createPoints = (box, xScale, yScale) =>
@@ -182,8 +184,10 @@ function findOverlay(x, y) {
 
 function createOverlayLines(x, y, xScale, yScale) {
   return findOverlay(x, y).lines.map((line) => {
-    const place = ([u, v]) => `${xScale.toPosition(u).toFixed(1)} ${yScale.toPosition(v).toFixed(1)}`;
-    return svg("path", { class: "guide", d: formatPath(line.x.map((u, k) => [u, line.y[k]]), place) });
+    const points = line.x.map((u, k) => [xScale.toPosition(u), yScale.toPosition(line.y[k])]);
+    const finite = points.map((point) => (point.every(Number.isFinite) ? point : null));
+    const format = (point) => point.map((position) => position.toFixed(1)).join(" ");
+    return svg("path", { class: "guide", d: formatPath(finite, format) });
   });
 }
 
