@@ -232,5 +232,23 @@ def test_names_in_files_of_curves_are_plain_text(tmp_path):
     block.write(tmp_path)
     text = (tmp_path / block.name).read_text()
     assert text.isascii()
-    stored = json.loads(json.loads(text.removeprefix("addCurves(").removesuffix(");\n")))
+    script = text.partition("\n")[2]
+    stored = json.loads(json.loads(script.removeprefix("addCurves(").removesuffix(");\n")))
     assert list(stored["__proto__"]["observed"]) == ODD_NAMES
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda text: text[:-20], lambda text: text.replace(b":-2.0", b":-2.1"), lambda text: b"\xff"],
+    ids=["truncated", "changed digit", "no text"],
+)
+def test_regression_damaged_files_of_curves_are_written_again(tmp_path, damage):
+    """Every file with the right name was kept."""
+    block = curve_block(1)
+    block.write(tmp_path)
+    path = tmp_path / block.name
+    content = path.read_bytes()
+    path.write_bytes(damage(content))
+    assert path.read_bytes() != content
+    block.write(tmp_path)
+    assert path.read_bytes() == content

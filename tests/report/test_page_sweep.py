@@ -194,6 +194,31 @@ def test_a_missing_file_of_curves_is_named(show):
     wait_until(tab, "document.querySelectorAll('[data-panel=observed] path.curve').length === 1")
 
 
+def test_regression_a_damaged_file_of_curves_is_named(show):
+    """A file with a syntax error counted as loaded, and the note was "undefined"."""
+    tab = show(page_with_files())
+    tab.click("#clear")
+    # A file that adds no curves; a syntax error, which has the same events, would be reported.
+    tab.evaluate("addCurves = () => {}")
+    find_row(tab, 5).locator("td.label").click()
+    wait_until(tab, "curveFiles.get(1) === 'damaged'")
+    note = tab.inner_text("#selection-notes")
+    assert note.startswith("The curves of speed=2, height=0.3 cannot be loaded: curves_")
+    assert "in page_curves is damaged; create this page again" in note
+    tab.evaluate("page.cases.forEach((run) => { run.curves = null; }); curveFiles.clear()")
+    tab.evaluate("showSelection()")
+    assert tab.inner_text("#selection-notes") == "speed=2, height=0.3 has no curves."
+
+
+def test_regression_a_group_with_all_curves_in_files_shows_some_of_them(show):
+    """No case was selected when the page opened."""
+    page = page_with_files()
+    for number in (4, 5, 7):
+        page["cases"][number]["group"] = "rod"
+    tab = show(page | {"groups": [{"id": "rod"}, {"id": "bar"}]})
+    wait_until(tab, "document.querySelectorAll('[data-panel=observed] path.curve').length === 3")
+
+
 def test_many_families_have_a_color_scale_instead_of_switches(show):
     page = sweep_page()
     for k, case in enumerate(page["cases"]):

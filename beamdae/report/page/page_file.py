@@ -95,6 +95,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 # Sources of scripts, in addition to those in the page: files beside the page, opened from a folder
 # or from a server.
 _FILE_SOURCES = " 'self' file:"
+_CURVE_FILE = re.compile(r"// SHA-256 (?P<checksum>[0-9a-f]{64})\n(?P<script>.*)", re.DOTALL)
 _CURVE_FILE_NAME = re.compile(r"curves_[0-9a-f]{16}\.js")
 
 
@@ -109,7 +110,8 @@ class CurveBlock:
     ids
         Identifiers of the cases.
     key
-        Text that changes if the curves change; an existing file with the same key is kept.
+        Text that changes if the curves change; an existing file with the same key is kept, unless
+        it is damaged.
     create
         Function that returns the curves by identifier, as returned by
         `beamdae.report.page.page_data.select_curves`.
@@ -123,17 +125,33 @@ class CurveBlock:
     def name(self) -> str:
         """Name of the file."""
         text = json.dumps([versions(), self.ids, self.key])
-        return f"curves_{hashlib.sha256(text.encode()).hexdigest()[:16]}.js"
+        return f"curves_{_compute_checksum(text)[:16]}.js"
 
     def write(self, folder: Path) -> None:
-        """Write the file, unless it exists."""
+        """Write the file, unless it exists and is undamaged."""
         path = folder / self.name
-        if path.is_file():
+        if _is_undamaged(path):
             return
         curves = {name: encode_curves(x) for name, x in self.create().items()}
         text = json.dumps(_replace_nonfinite(curves), allow_nan=False, separators=(",", ":"))
         # As text, because "__proto__" as a name in a script is not a name of a quantity.
-        write_text(path, f"addCurves({json.dumps(text)});\n")
+        script = f"addCurves({json.dumps(text)});\n"
+        write_text(path, f"// SHA-256 {_compute_checksum(script)}\n{script}")
+
+
+def _is_undamaged(path: Path) -> bool:
+    """Return True if a file of curves exists and its checksum is correct."""
+    if not path.is_file():
+        return False
+    try:
+        content = _CURVE_FILE.fullmatch(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return False
+    return content is not None and _compute_checksum(content["script"]) == content["checksum"]
+
+
+def _compute_checksum(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_page(path: Path, page: Mapping[str, Any]) -> Path:

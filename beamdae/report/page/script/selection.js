@@ -51,7 +51,8 @@ function clearSelection() {
 
 // Select the most accurate case with curves, or the first cases if no errors are known.
 function selectInitialCases() {
-  const candidates = groupCases().filter((run) => run.curves);
+  const inPage = groupCases().filter((run) => run.curves);
+  const candidates = inPage.length ? inPage : groupCases().filter(mayHaveCurves);
   const byAccuracy = candidates
     .filter((run) => !hasFailed(run) && displayedError(run) > 0 && run.cost > 0)
     .sort((a, b) => displayedError(a) - displayedError(b) || a.cost - b.cost);
@@ -96,7 +97,7 @@ function createCurveNote(run) {
   const fileState = describeCurveFile(run);
   if (hasFailed(run) && !fileState) return html("p", {}, `${run.label} has no curves: ${run.status}.`);
   const others = groupCases().filter((other) => other.curves);
-  if (isLoading(run) || !others.length) return html("p", {}, fileState);
+  if (isLoading(run) || !others.length) return html("p", {}, fileState ?? `${run.label} has no curves.`);
   const count = `${others.length} of ${groupCases().length} cases`;
   const nearest = nearestCase(run, others);
   const button = html("button", { type: "button", click: () => toggleCase(nearest.id) }, nearest.label);
