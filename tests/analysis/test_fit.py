@@ -244,6 +244,19 @@ def test_regression_fits_that_explain_little_cause_a_warning(exact):
         "parameters": {"stiffness": 0.25 * TRUE["stiffness"]},
         "bounds": {"damping": (0, 50)},
     }
-    with pytest.warns(bd.BeamdaeWarning, match=r"leaves \d+ % of the variance of the data unexpl"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"of the variance of the data unexpl|than their mean"
+    ):
         result = bd.fit(oscillator, data, "damping", METHOD, **options)
     assert any("start from other values" in sentence for sentence in result.warnings)
+
+
+@SLOW
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_regression_fits_of_constant_data_cause_no_warning(noise):
+    """The variance of the data is noise, or rounding, of which nothing can be explained."""
+    generator = np.random.default_rng(3)
+    at_rest = {"t [s]": TIMES, "mass.x": 1.0 + noise * generator.normal(size=TIMES.size)}
+    start = {"mass.x_dot": 0.0}
+    result = bd.fit(oscillator_with_unused_number, at_rest, "stiffness", METHOD, start=start)
+    assert not any("variance" in sentence or "mean" in sentence for sentence in result.warnings)

@@ -51,6 +51,8 @@ _MIN_RELATIVE_SIGMA = 1e-6
 _MIN_PROBABILITY = 1e-6
 # Larger shares of the variance that a fit without known errors leaves are reported.
 _MAX_UNEXPLAINED_SHARE = 0.5
+# Correlation of consecutive residuals up to which these are noise.
+_MIN_CORRELATION = 0.5
 # Singular values of the Jacobian with columns of unit length at which two estimates have a
 # correlation of 0.99: s^2 = 1 - 0.99.
 _MIN_INDEPENDENCE = 0.1
@@ -594,18 +596,39 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
 
 
 def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
-    """Return a warning if most of the variation of the data about their means is left."""
+    """Return a warning if most of the variation of the data about their means is left.
+
+    Consecutive residuals of a wrong model are alike; those of noise are not, about which the data
+    of a state at rest vary. Values of one column have one mean over all experiments.
+    """
     if problem.data.is_sigma_known:
         return ()
-    variation = sum(
-        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
+    columns: dict[str, list[Array]] = {}
+    end, products, pairs = 0, 0.0, 0
+    for series in problem.data.series:
+        columns.setdefault(series.column, []).append(
+            np.stack([series.values, 1.0 / series.sigma**2])
+        )
+        begin, end = end, end + len(series.values)
+        products += float(residuals[begin : end - 1] @ residuals[begin + 1 : end])
+        pairs += len(series.values) - 1
+    variation = size = 0.0
+    for parts in columns.values():
+        values, weights = np.concatenate(parts, axis=1)
+        variation += float(weights @ (values - np.average(values, weights=weights)) ** 2)
+        size += float(weights @ values**2)
+    left = float(residuals @ residuals)
+    is_noise = left <= _MIN_RELATIVE_SIGMA**2 * size or (
+        pairs > 0 and products <= _MIN_CORRELATION * left
     )
-    share = float(residuals @ residuals) / variation if variation > 0.0 else 0.0
-    if share <= _MAX_UNEXPLAINED_SHARE:
+    if is_noise or left <= _MAX_UNEXPLAINED_SHARE * variation:
         return ()
+    amount = "explains the data less well than their mean does"
+    if left <= variation:
+        amount = f"leaves {100.0 * left / variation:.0f} % of the variance of the data unexplained"
     return (
-        f"The model leaves {100.0 * share:.0f} % of the variance of the data unexplained; start "
-        "from other values, or pass bounds= and starts= to search from several.",
+        f"The model {amount}; start from other values, or pass bounds= and starts= to search from "
+        "several.",
     )
 
 

@@ -247,13 +247,13 @@ def _check_maxima(
                 continue
             factor, term = terms[0]
             times = SampleGrid.of(solution.trajectory).t
-            largest = abs(factor) * float(
-                np.max(np.abs(sample_column(solution, term.column, times)[1]))
-            )
-            if value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
+            largest = factor * float(np.max(np.abs(sample_column(solution, term.column, times)[1])))
+            if 0.0 < value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
+                excess, bound = 100.0 * (largest / value - 1.0), limit.bound
                 messages.append(
-                    f"The largest magnitude of {term.column} in the run, {largest:.4g}, exceeds "
-                    f"the limit {limit.bound:.4g}, although its smooth approximation does not; "
-                    f"repeat the optimization with the limit {limit.bound * value / largest:.4g}."
+                    f"The largest magnitude of {term.column} in the run is {largest:.4g}, "
+                    f"{excess:.1f} % above its smooth approximation, whose limit is {bound:.4g}; "
+                    f"to keep the magnitude below {bound:.4g}, repeat the optimization with the "
+                    f"limit {bound * value / largest:.4g}."
                 )
     return tuple(messages)
