@@ -44,7 +44,8 @@ _DEGREES = {"linear": 1, "pchip": 3, "spline": 3}
 _MAX_AXES = 2
 # Smaller jumps of the slope, relative to the steepest slope, are rounding errors of rows on a line.
 _MIN_SLOPE_JUMP = 1e-12
-# Smaller slopes are rounding errors, relative to the largest value and the shortest interval.
+# Slopes that change the values of both adjacent intervals less, relative to the values at their
+# ends, are rounding errors.
 _SLOPE_ROUNDING = 1e-14
 
 # Units that headers of CSV files may contain, in SI units.
@@ -365,11 +366,11 @@ class Table:
     def _corners(self) -> list[Array]:
         """Numbers of `_Numbers.corners`; values and slopes have small rounding errors."""
         arrays = [self.values]
-        rounding = [_SLOPE_ROUNDING * float(np.max(np.abs(self.values)))]
+        rounding = [_SLOPE_ROUNDING * np.abs(self.values)]
         if self.kind != "linear":
             for axis, knots in enumerate(self.axes):
                 slopes = [_differentiate_axis(knots, x, axis, self.kind) for x in arrays]
-                bounds = [x / float(np.min(np.diff(knots))) for x in rounding]
+                bounds = [_bound_slopes(knots, x, axis) for x in rounding]
                 # Rounding errors would hide how slopes depend on parameters of a model.
                 arrays += [
                     np.where(np.abs(x) > bound, x, 0.0)
@@ -453,6 +454,20 @@ def _differentiate_axis(knots: Array, values: Array, axis: int, kind: str) -> Ar
     if kind == "pchip":
         return np.asarray(PchipInterpolator(knots, values, axis=axis)(knots, 1))
     return np.asarray(CubicSpline(knots, values, axis, bc_type="natural")(knots, 1))
+
+
+def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
+    """Return the slope at each row that changes the values of both adjacent intervals by `changes`.
+
+    Changes are the largest of the row and of its neighbors along the axis.
+    """
+    rows = np.moveaxis(changes, axis, 0)
+    rows = np.concatenate([rows[:1], rows, rows[-1:]])
+    largest = np.maximum.reduce([rows[:-2], rows[1:-1], rows[2:]])
+    lengths = np.diff(knots)
+    # A shorter length would also exclude slopes that matter in the longer interval.
+    longest = np.maximum(np.append(lengths[0], lengths), np.append(lengths, lengths[-1]))
+    return np.moveaxis(largest / longest.reshape(-1, *[1] * (rows.ndim - 1)), 0, axis)
 
 
 def _fit_axis(knots: Array, values: Array, kind: str) -> Array:

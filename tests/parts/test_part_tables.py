@@ -41,6 +41,28 @@ def test_numbers_symbols_and_scipy_agree(kind, x):
     assert table(x[0]) == table(np.array(x))[0]
 
 
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [
+        ([0.0, 1e-12, 1.0, 2.0, 3.0, 4.0], [0.0, 5e-15, 0.005, 0.01, 0.015, 1.0]),
+        ([0.0, 1e-11, 1.0, 2.0, 3.0, 4.0], [100.0, 100.0, 100.01, 100.02, 100.03, 100.04]),
+        ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1e-20, 3e-20, 1e-10, 1.0]),
+    ],
+    ids=["step", "line", "decades"],
+)
+def test_regression_short_intervals_keep_the_slopes_of_other_rows(x, y):
+    # Slopes below a bound from the shortest interval were zero in the whole table.
+    places, argument = np.array([1e-13, 0.3, 1.0, 1.2, 1.5, 2.5, 3.5]), ca.SX.sym("x")
+    pchip, spline = PchipInterpolator(x, y), CubicSpline(x, y, bc_type="natural")
+    for kind, reference in (("pchip", pchip), ("spline", spline)):
+        table = bd.table(x, y, kind)
+        value = table(argument)
+        formula = ca.Function("table", [argument], [value, ca.gradient(value, argument)])
+        values, slopes = np.array([[float(n) for n in formula(place)] for place in places]).T
+        assert_allclose(values, table(places), rtol=1e-12, atol=1e-28)
+        assert_allclose(slopes[1:], reference(places[1:], 1), rtol=1e-9, atol=1e-15)
+
+
 @pytest.mark.parametrize("kind", ["linear", "spline"])
 def test_grids_are_products_of_the_interpolations_of_both_arguments(kind):
     z, rng = np.array([0.0, 1.0, 1.5, 4.0]), np.random.default_rng(0)
