@@ -226,6 +226,31 @@ def test_files_of_curves_are_kept_replaced_and_removed(tmp_path):
     assert not folder.exists()
 
 
+def test_regression_pages_with_the_same_stem_have_their_own_curves(tmp_path):
+    """Each page removed the curves of the other."""
+    for name in ("a.html", "a.htm", "a"):
+        write_page(tmp_path / name, page_with_files())
+    write_page(tmp_path / "a.html", sweep_page())
+    assert not (tmp_path / "a_curves").exists()
+    for folder in ("a.htm_curves", "a._curves"):
+        assert len(list((tmp_path / folder).iterdir())) == 2
+
+
+def test_regression_links_in_place_of_folders_of_curves_are_not_followed(tmp_path):
+    """Files were removed from and written to the folder that the link named."""
+    page, path = page_with_files(), tmp_path / "page.html"
+    write_page(path, page)
+    (tmp_path / "page_curves").rename(tmp_path / "mine")
+    names = sorted((tmp_path / "mine").iterdir())
+    (tmp_path / "page_curves").symlink_to(tmp_path / "mine")
+    with pytest.raises(
+        bd.BeamdaeError, match="page_curves: the path must be a folder, but is a link"
+    ):
+        write_page(path, page | {"curve_files": [curve_block(5, key="second")]})
+    write_page(path, sweep_page())
+    assert sorted((tmp_path / "mine").iterdir()) == names
+
+
 def test_names_in_files_of_curves_are_plain_text(tmp_path):
     curves = build_curves(1.0) | {"observed": dict.fromkeys(ODD_NAMES, T), "error": None}
     block = CurveBlock(("__proto__",), "key", lambda: {"__proto__": curves})

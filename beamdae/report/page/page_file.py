@@ -52,6 +52,9 @@ _SCRIPTS = (
 # Lines that begin with a comment, after indentation is removed.
 _COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILINE)
 
+# Comments at the ends of lines. Texts between quotation marks are not comments.
+_END_COMMENTS = re.compile(r"(?<=\S) +// [^\"'`\n]*$", re.MULTILINE)
+
 # Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
 _TABLE_DEFAULTS: dict[str, Any] = {"title": "", "head": [], "rows": [], "section": "results"}
@@ -207,7 +210,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.
         - "curve_files": list of `CurveBlock`, written to a folder beside the page that has the name
-          of the page and "_curves".
+          of the page, without ".html", and "_curves".
 
         A page with one case and without columns is the page of a run: it has no case table. The
         order of every page is motion, curves, results, error budget, solver.
@@ -220,8 +223,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     Raises
     ------
     BeamdaeError
-        If two groups or two cases have the same id, a case refers to an unknown group, or the file
-        cannot be written.
+        If two groups or two cases have the same id, a case refers to an unknown group, the folder
+        of the curves is a link, or a file cannot be written.
     """
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)
@@ -229,6 +232,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     folder = _curve_folder(path)
     content["curve_files"] = [f"{quote(folder.name)}/{block.name}" for block in blocks]
     sources = _FILE_SOURCES if blocks else ""
+    if blocks and folder.is_symlink():
+        raise BeamdaeError(f"{folder}: the path must be a folder, but is a link; remove the link.")
     for block in blocks:
         block.write(folder)
     page_text = fill_template("page", _STYLES, _SCRIPTS, content, title=title, sources=sources)
@@ -238,12 +243,19 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
 
 
 def _curve_folder(page: Path) -> Path:
-    return page.with_name(f"{page.stem}_curves")
+    # With their suffix, a.html, a.htm and a have different folders.
+    name = page.stem if page.suffix == ".html" else f"{page.stem}{page.suffix or '.'}"
+    return page.with_name(f"{name}_curves")
 
 
 def remove_curve_files(page: Path, used: Collection[str] = ()) -> None:
-    """Remove the files of curves of an earlier page, and their folder if it is empty then."""
+    """Remove the files of curves of an earlier page, and their folder if it is empty then.
+
+    A link in place of the folder is not followed.
+    """
     folder = _curve_folder(page)
+    if folder.is_symlink():
+        return
     with suppress(OSError):
         for file in folder.iterdir():
             if _CURVE_FILE_NAME.fullmatch(file.name) and file.name not in used:
@@ -282,9 +294,10 @@ def fill_template(
 
 
 def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    """Return the content of files without indentation, empty lines and lines of comments."""
+    """Return the content of files without indentation, empty lines and comments."""
     text = "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
-    return _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
+    lines = _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
+    return _END_COMMENTS.sub("", lines)
 
 
 def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:

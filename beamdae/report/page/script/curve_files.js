@@ -1,7 +1,7 @@
 // Curves in script files beside the page, which are loaded when one of their cases is selected: a page that was
 // opened from a folder may load scripts, but no data.
 
-const curveFiles = new Map(); // "loading", "loaded", "damaged" or "missing", by index of the file
+const curveFiles = new Map(); // loading, loaded, damaged or missing, by index of the file
 const loadedIds = new Set(); // cases whose curves a file contained
 
 function mayHaveCurves(run) {
