@@ -196,21 +196,23 @@ class WrittenFiles:
         console = create_console()
         print_written_files(console, self.paths)
         for path in self.views if self.paths else ():
-            if path in self.paths or not path.is_file():
+            if path in self.paths:
                 continue
-            try:
-                path.unlink()
-                if path.suffix == ".html":
-                    from beamdae.report.page.page_file import remove_curve_files
-
-                    remove_curve_files(path)
-            except OSError as problem:
-                reason = f"shows earlier results and cannot be removed ({problem.strerror})"
-                print_error(f"failed: {path}: the file {reason}; remove it.")
-                self.failed = True
-            else:
+            if path.is_file():
+                try:
+                    path.unlink()
+                except OSError as problem:
+                    reason = f"shows earlier results and cannot be removed ({problem.strerror})"
+                    print_error(f"failed: {path}: the file {reason}; remove it.")
+                    self.failed = True
+                    continue
                 line = f"removed: {make_printable(str(path))} showed earlier results"
                 console.print(line, style="dim", soft_wrap=True)
+            if path.suffix == ".html":
+                from beamdae.report.page.page_file import remove_curve_files
+
+                # Also if the page was removed by hand.
+                remove_curve_files(path)
 
     def finish(self, status: Status | None = None) -> None:
         """End an analysis: print the paths and the reason for a failure, and set the exit code.

@@ -94,6 +94,15 @@ def test_regression_skipped_pictures_of_earlier_results_are_removed(
     assert curves.exists() == (old[0].suffix != ".html")
 
 
+def test_regression_curves_of_a_page_that_was_removed_by_hand_are_removed(tmp_path):
+    """Without the page, its files of curves stayed."""
+    curves = tmp_path / "report_curves" / f"curves_{16 * '0'}.js"
+    curves.parent.mkdir()
+    curves.touch()
+    WrittenFiles([tmp_path / "new.csv"], (tmp_path / "report.html",)).print_paths()
+    assert not curves.parent.exists()
+
+
 def test_earlier_results_that_cannot_be_removed_are_reported(tmp_path, monkeypatch, capsys):
     def fail(path):
         raise PermissionError(13, "Permission denied")
