@@ -1,4 +1,4 @@
-"""Self-contained HTML pages of runs and studies, and the notebook animation player.
+"""HTML pages of runs and studies, and the notebook animation player.
 
 May import: errors, equations.measures, report.text, results.
 To extend: add a panel to `page.html`, with functions in `script/` and styles in `style/`, and list
