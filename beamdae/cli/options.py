@@ -235,6 +235,7 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
 
     bounds = {}
     for name, text in parse_assignments(settings, "--bounds").items():
+        # Analyses reject unknown names.
         info = model.parameter_info.get(name)
         ends: list[float | None] = []
         for end in text.split(":"):
@@ -243,6 +244,12 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
             except ValueError:
                 ends.append(info and parse_value(model.name, name, end, info.unit))
         low, *others = ends
+        if info is None and None in ends:
+            names = list(model.parameter_info)
+            raise BeamdaeError(
+                f"--bounds {name}={text}: {model.name} has no parameter {name}"
+                f"{suggest(name, names)}; its parameters are {', '.join(names)}."
+            )
         if low is None or len(others) != 1 or others[0] is None:
             raise BeamdaeError(
                 f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers with "
