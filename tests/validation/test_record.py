@@ -2,6 +2,7 @@
 
 import ast
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
@@ -187,6 +189,120 @@ def test_resumed_runs_are_kept(tmp_path, monkeypatch):
     for elements in (2, 2, 4):
         record.solve("beamdae", ["roll_up"], "Auto", elements, tmp_path, True)
     assert calls == ["roll_up", "roll_up"]
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """Record of two mechanisms without runs, with stub runs that equal the stored references."""
+    names = ("double_four_bar", "rod_pendulum")
+    for name in names:
+        shutil.copytree(MECHANISMS / name, tmp_path / "mechanisms" / name)
+    (tmp_path / "results").mkdir()
+    scores = pd.read_csv(FOLDER / "results" / "scores.csv")
+    scores = scores[scores["mechanism"].isin(names)]
+    scores.to_csv(tmp_path / "results" / "scores.csv", index=False, float_format="%.4g")
+
+    def run_tool(tool, problem, setting, elements):
+        if tool == "beamdae" and problem["name"] == "double_four_bar":
+            raise RuntimeError("stopped")
+        return read(problem["name"]), {"success": True, "reason": "stub", "processor_time": 1.0}
+
+    def run_solve(arguments, exudyn_python, resume):
+        tool, *names, _, setting = arguments
+        record.solve(tool, names, setting, results=tmp_path / "results", resume=resume)
+
+    monkeypatch.setattr(record, "MECHANISMS", tmp_path / "mechanisms")
+    monkeypatch.setattr(record, "RESULTS", tmp_path / "results")
+    monkeypatch.setattr(record, "run_tool", run_tool)
+    monkeypatch.setattr(record, "run_solve", run_solve)
+    monkeypatch.setattr(record, "require_tools", lambda *arguments: None)
+    for name in ("draw", "write_iftomm"):
+        monkeypatch.setattr(record.documents, name, lambda *arguments: None)
+    monkeypatch.setattr(scorer, "plot_work_precision", lambda *arguments: None)
+    return tmp_path
+
+
+def test_regression_rebuild_of_one_mechanism_keeps_the_scores_of_the_others(clone):
+    file = clone / "results" / "scores.csv"
+    before = pd.read_csv(file)
+    record.rebuild(["rod_pendulum"], workers=1)
+    after = pd.read_csv(file)
+    is_new = after["mechanism"] == "rod_pendulum"
+    pd.testing.assert_frame_equal(
+        after[~is_new], before[before["mechanism"] != "rod_pendulum"], check_dtype=False
+    )
+    assert set(after.loc[is_new, "reason"]) == {"stub"}
+    assert len(after) == len(before)
+    assert "double_four_bar" in (clone / "results" / "scores.md").read_text()
+
+
+def test_regression_documents_are_rebuilt_without_runs(clone):
+    contents = {file: file.read_bytes() for file in clone.rglob("*.*") if file.is_file()}
+    record.rebuild(["all"], documents_only=True)
+    assert {file for file in clone.rglob("*.*") if file.is_file()} == set(contents)
+    assert [file for file, content in contents.items() if file.read_bytes() != content] == []
+
+
+def test_regression_scores_without_runs_are_kept(clone):
+    file = clone / "results" / "scores.csv"
+    content = file.read_bytes()
+    with pytest.raises(typer.BadParameter, match="contains no runs"):
+        record.score(clone / "results")
+    assert file.read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["double_four_bar", "rod_pendulum"])
+def test_regression_rebuild_without_exudyn_keeps_its_entries(clone, name):
+    file = clone / "mechanisms" / name / "confirmation.json"
+    stored = json.loads(file.read_text())["codes"][1]
+    scores = pd.read_csv(clone / "results" / "scores.csv").set_index(["tool", "mechanism"])
+    record.rebuild([name], workers=1, without_exudyn=True)
+    confirmation = json.loads(file.read_text())
+    assert confirmation["codes"][1] == stored
+    assert confirmation["status"] == "confirmed"
+    if name == "double_four_bar":
+        # Only Exudyn confirms it.
+        assert confirmation["uncertainty"] == stored["largest"]
+        uncertainty = pd.read_csv(file.with_name("uncertainty.csv"))
+        pd.testing.assert_frame_equal(uncertainty, read(name, "uncertainty"))
+    rebuilt = pd.read_csv(clone / "results" / "scores.csv").set_index(["tool", "mechanism"])
+    row = ("exudyn_fine", name)
+    pd.testing.assert_series_equal(rebuilt.loc[row], scores.loc[row])
+    assert rebuilt.loc[("plain_coarse", name), "reason"] == "stub"
+
+
+def test_entries_of_another_problem_are_not_kept(clone):
+    file = clone / "mechanisms" / "double_four_bar" / "problem.json"
+    file.write_text(file.read_text() + "\n")
+    record.write_documents("rod_pendulum")
+    assert record.stored_code("rod_pendulum", "exudyn")["largest"] < 1e-4
+    assert record.stored_code("double_four_bar", "exudyn") is None
+
+
+def test_rebuild_refuses_unknown_mechanisms_before_the_first_run(clone):
+    with pytest.raises(typer.BadParameter, match="unknown mechanism"):
+        record.rebuild(["rod_pendulum", "rod"])
+    assert [path.name for path in (clone / "results").iterdir()] == ["scores.csv"]
+
+
+@pytest.mark.slow(reason="starts two processes")
+def test_regression_rebuild_stops_if_a_tool_cannot_be_imported(tmp_path):
+    with pytest.raises(typer.BadParameter, match=r"exudyn: .*No such file.*--without-exudyn"):
+        record.require_tools(["exudyn"], str(tmp_path / "python"))
+    (tmp_path / "exudyn.py").write_text("raise ImportError('no wheel')")
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nPYTHONPATH={tmp_path} exec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    with pytest.raises(typer.BadParameter, match=r"exudyn: .*no wheel.*--exudyn-python"):
+        record.require_tools(["exudyn"], str(python))
+    record.require_tools(["plain"], str(python))
+
+
+def test_table_of_results_shows_the_stored_scores(tmp_path):
+    scores = record.read_scores(FOLDER / "results" / "scores.csv")
+    scorer.write_markdown(scores, tmp_path / "scores.md", record.FIRST)
+    table = (tmp_path / "scores.md").read_text()
+    assert table == (FOLDER / "results" / "scores.md").read_text()
 
 
 def test_plain_code_reproduces_its_reference():

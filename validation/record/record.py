@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,6 +70,14 @@ SETTINGS = {
     "casadi": {"idas": 2},
     "scipy": {"Radau": 2},
 }
+# Modules that a tool needs, imported before the first run of a rebuild.
+MODULES = {
+    "plain": "plain_beams",
+    "exudyn": "adapters.exudyn_adapter",
+    "beamdae": "adapters.beamdae_adapter",
+    "casadi": "adapters.equations_adapter",
+    "scipy": "adapters.equations_adapter",
+}
 CONFIRMING = {"beamdae": "Radau 1e-8 exact", "exudyn": "fine"}
 # Factors of the elements above for short elements between attachments, and for waves.
 CONFIRMING_FACTORS = {
@@ -81,6 +90,8 @@ CONFIRMING_FACTORS = {
 INTEGRATORS = ("Ida", "Radau", "GeneralizedAlpha")
 # Runs that are references, not results.
 UNSCORED = ("plain_fine",)
+# First columns of scores.md.
+FIRST = ("beamdae_Auto", "beamdae_certify_0.01", "beamdae_certify_0.001")
 IFTOMM_RESULT = "beamdae_certify_0.001"
 QUICK = ("rod_pendulum", "two_link_chain", "princeton_cantilever")
 
@@ -103,8 +114,12 @@ def all_names() -> list[str]:
 
 
 def expand(names: list[str]) -> list[str]:
-    """Return the given names, or all for `all`."""
-    return all_names() if names == ["all"] else names
+    """Return the given names, or all for `all`; unknown names are errors."""
+    if names == ["all"]:
+        return all_names()
+    for name in names:
+        load_problem(name)
+    return names
 
 
 def run_tool(tool: str, problem: dict[str, Any], setting: str, elements: int) -> Any:
@@ -202,24 +217,55 @@ def solve(
 def score(
     results: Annotated[Path, typer.Option(help="Folder TOOL/NAME.csv of results.")] = RESULTS,
 ) -> None:
-    """Score all results: scores.csv, scores.md, results.html and work_precision.png."""
+    """Score all results: scores.csv, scores.md, results.html and work_precision.png.
+
+    Rows of scores.csv without a run in the folder are kept: runs are not part of the repository.
+    """
+    file = results / "scores.csv"
     scores = scorer.score_all(MECHANISMS, results)
+    if scores.empty:
+        raise typer.BadParameter(f"{results}: contains no runs; add runs with `solve`.")
     scores = scores[~scores["tool"].isin(UNSCORED)]
-    scores.to_csv(results / "scores.csv", index=False, float_format="%.4g")
+    if file.exists():
+        stored = pd.read_csv(file)
+        stored = stored[stored["mechanism"].isin(all_names())]
+        scores = pd.concat([stored, scores]).drop_duplicates(["tool", "mechanism"], keep="last")
+    scores = scores.sort_values(["tool", "mechanism"])
+    scores.to_csv(file, index=False, float_format="%.4g")
+    # The documents show the stored digits, with and without the runs.
+    scores = read_scores(file)
     scorer.plot_work_precision(scores, results / "work_precision.png")
     scorer.write_page(scores, results / "results.html")
-    first = ["beamdae_Auto", "beamdae_certify_0.01", "beamdae_certify_0.001"]
-    scorer.write_markdown(scores, results / "scores.md", first)
+    scorer.write_markdown(scores, results / "scores.md", FIRST)
     summary = scores.groupby("tool")["error"].agg(["count", "median", "max"])
     typer.echo(summary.to_string())
 
 
-def write_reference(name: str) -> None:
-    """Write reference, uncertainty and confirmation from the stored runs of all codes.
+def read_scores(file: Path) -> pd.DataFrame:
+    """Return the table of scores.csv."""
+    return pd.read_csv(file).fillna({"worst column": "", "reason": ""})
+
+
+def stored_code(name: str, tool: str) -> dict[str, Any] | None:
+    """Return the stored entry of a confirming tool; None if the problem has changed since."""
+    folder = MECHANISMS / name
+    file = folder / "confirmation.json"
+    if not file.exists() or any("problem.json" in x for x in documents.check_checksums(folder)):
+        return None
+    codes: list[dict[str, Any]] = json.loads(file.read_text())["codes"]
+    return next((code for code in codes if code["tool"] == tool), None)
+
+
+def write_reference(name: str, kept: Sequence[str] = ()) -> None:
+    """Write reference, uncertainty and confirmation from the runs of all codes.
 
     The refinement part of the uncertainty is the change from two thirds of the elements and steps,
     which exceeds the error of any method of at least second order. The uncertainty is the larger of
     this part and the difference from the best second code. Both are running maxima in time.
+
+    The tools of `kept` are not evaluated: their entries in confirmation.json are those of the last
+    confirmation, as long as the problem is the same. If such a tool agrees best, the stored
+    uncertainty bounds its difference.
     """
     folder = MECHANISMS / name
     fine, coarse = (pd.read_csv(RESULTS / f"plain_{x}" / f"{name}.csv") for x in ("fine", "coarse"))
@@ -230,6 +276,12 @@ def write_reference(name: str) -> None:
     for tool, tool_setting in CONFIRMING.items():
         file = RESULTS / folder_name(tool, tool_setting) / f"{name}.csv"
         code: dict[str, Any] = {"tool": tool, "setting": tool_setting}
+        if tool in kept:
+            code = stored_code(name, tool) or code | {"largest": None, "column": "not run"}
+            codes.append(code)
+            if code["largest"] is not None and (best is None or code["largest"] < best[0]):
+                best = code["largest"], pd.read_csv(folder / "uncertainty.csv")
+            continue
         information = json.loads(file.with_suffix(".json").read_text())
         if not file.exists() or not information["success"]:
             code |= {"largest": None, "column": information["reason"][:80]}
@@ -244,13 +296,15 @@ def write_reference(name: str) -> None:
     if best is not None:
         uncertainty = pd.DataFrame(np.maximum(refinement, best[1]), columns=fine.columns)
     uncertainty[TIME] = fine[TIME]
-    relative = float((uncertainty.drop(columns=TIME).max() / half).max())
+    relative = refinement_error = float((refinement.drop(columns=TIME).max() / half).max())
+    if best is not None:
+        relative = max(relative, best[0])
     confirmation = {
         "status": "confirmed" if best is not None and relative <= AGREEMENT else "open",
         "code": "plain",
         "elements": setting[0],
         "steps_per_row": setting[1],
-        "refinement": float((refinement.drop(columns=TIME).max() / half).max()),
+        "refinement": refinement_error,
         "uncertainty": relative,
         "codes": codes,
     }
@@ -278,10 +332,16 @@ def rebuild(
     exudyn_python: Annotated[str, typer.Option(help="Python with exudyn.")] = sys.executable,
     workers: Annotated[int, typer.Option(help="Number of processes.")] = 2,
     resume: Annotated[bool, typer.Option(help="Keep results with the same inputs.")] = False,
-    documents_only: Annotated[bool, typer.Option(help="Keep all runs and references.")] = False,
+    documents_only: Annotated[
+        bool, typer.Option(help="Keep all runs, references and scores.")
+    ] = False,
+    without_exudyn: Annotated[
+        bool, typer.Option("--without-exudyn", help="Keep the stored results of Exudyn.")
+    ] = False,
 ) -> None:
     """Run all tools, then write references, data packages, scores and tables."""
     chosen = expand(names)
+    kept = ("exudyn",) if without_exudyn else ()
     if not documents_only:
         commands = [
             [tool, name, "--setting", setting]
@@ -291,23 +351,47 @@ def rebuild(
         commands += [
             [tool, *chosen, "--setting", setting]
             for tool in SETTINGS
-            if tool != "plain"
+            if tool not in ("plain", *kept)
             for setting in SETTINGS[tool]
         ]
         if resume:
             commands = [x for x in commands if not all_current(x)]
+        # A tool that cannot be imported would replace its stored results by failures.
+        require_tools(dict.fromkeys(x[0] for x in commands), exudyn_python)
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(lambda x: run_solve(x, exudyn_python, resume), commands))
         for name in chosen:
-            write_reference(name)
+            write_reference(name, kept)
     for name in chosen:
         write_documents(name)
-    score()
-    scores = pd.read_csv(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
-    for name in documents.IFTOMM:
-        row = scores.loc[(IFTOMM_RESULT, name)]
-        result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
-        documents.write_iftomm(MECHANISMS / name, result, row.to_dict())
+    if not documents_only:
+        score(RESULTS)
+    scores = read_scores(RESULTS / "scores.csv").set_index(["tool", "mechanism"])
+    for name in chosen:
+        if name in documents.IFTOMM and (IFTOMM_RESULT, name) in scores.index:
+            result = RESULTS / IFTOMM_RESULT / f"{name}.csv"
+            row = scores.loc[(IFTOMM_RESULT, name)].to_dict()
+            # Without the run, the stored solution stays.
+            documents.write_iftomm(MECHANISMS / name, result if result.exists() else None, row)
+
+
+def require_tools(tools: Iterable[str], exudyn_python: str) -> None:
+    """Raise an error if a tool cannot be imported."""
+    for tool in tools:
+        python = exudyn_python if tool == "exudyn" else sys.executable
+        statement = f"import sys; sys.path.insert(0, {str(HERE)!r}); import record, {MODULES[tool]}"
+        try:
+            command = [python, "-c", statement]
+            run = subprocess.run(command, capture_output=True, text=True, check=False)
+        except OSError as error:
+            failure = str(error)
+        else:
+            failure = run.stderr.strip().rpartition("\n")[2] if run.returncode else ""
+        if failure:
+            remedy = f"install it for {python}"
+            if tool == "exudyn":
+                remedy = "set --exudyn-python, or keep its stored results by --without-exudyn"
+            raise typer.BadParameter(f"{tool}: cannot be imported ({failure}); {remedy}.")
 
 
 def all_current(arguments: list[str]) -> bool:
