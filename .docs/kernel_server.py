@@ -31,7 +31,8 @@ def start():
     address = os.path.join(folder.name, "socket")
     command = [sys.executable, __file__, "serve", address]
     server = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    server.stdout.readline()  # It is ready.
+    if not server.stdout.readline():
+        raise RuntimeError(f"the server of notebook kernels ended with code {server.wait()}")
     kernel = Path(folder.name, "kernels", "python3", "kernel.json")
     kernel.parent.mkdir(parents=True)
     # The client imports nothing of the environment, so that it starts fast.
