@@ -143,7 +143,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
     first = str(table.columns[1])
     return {
         "title": title,
-        "subtitle": f"{len(modes)} modes about {modes.about}",
+        "subtitle": f"{_format_count(len(modes), 'mode')} about {modes.about}",
         "made": versions(),
         "notes": list(modes.warnings),
         "groups": [{"id": _ID}],
@@ -237,6 +237,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
         "notes": list(response.warnings),
         "groups": [{"id": _ID}],
         "noun": "motions",
+        "families": ["stable", "unstable"],
         "leads": True,
         "columns": [
             {"key": "label", "label": "motion", "unit": "", "kind": "text"},
@@ -335,7 +336,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     number = {"kind": "number"}
     return {
         "title": title,
-        "subtitle": f"{n_modes} modes at {len(speeds)} speeds",
+        "subtitle": f"{_format_count(n_modes, 'mode')} at {_format_count(len(speeds), 'speed')}",
         "made": versions(),
         "notes": list(diagram.warnings),
         "groups": [{"id": _ID}],
@@ -503,6 +504,10 @@ def periodic_facts(motion: PeriodicMotion) -> dict[str, str]:
         "stability": motion.stability,
         "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
     }
+
+
+def _format_count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _settings_table(settings: Mapping[str, Any]) -> dict[str, Any]:

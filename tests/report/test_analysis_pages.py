@@ -1,5 +1,7 @@
 """Pages of equilibria, modes, buckling, periodic motions, responses and Campbell diagrams."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -205,6 +207,22 @@ def test_the_page_of_a_response_in_a_browser(response, show):
     assert tab.locator("#precision .mark").count() == 0
 
 
+def test_regression_unstable_motions_look_the_same_without_stable_ones(response, show):
+    """Without stable motions, unstable ones had their marker, and there was no legend."""
+
+    def find_marker(page):
+        tab = show(page)
+        legend = tab.locator("#families button").all_inner_texts()
+        return legend, tab.locator("#precision .run[data-case='1'] .marker").get_attribute("d")
+
+    both, marker = find_marker(build_response_page(response, "shaken"))
+    unstable = replace(response, points=response.points[1:3])
+    legend, other_marker = find_marker(build_response_page(unstable, "shaken"))
+    assert both == ["stable", "unstable"]
+    assert legend == ["unstable"]
+    assert other_marker == marker
+
+
 @pytest.fixture(scope="module")
 def rotor():
     """Return a mass on an isotropic bearing: whirl frequencies (10 - speed) and (10 + speed)."""
@@ -232,6 +250,17 @@ def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_pa
     assert_allclose(marks, [2.0, 2.5, 10.0 / 3.0, 10.0 / 3.0, 5.0, 5.0], rtol=1e-6)
     assert all(case["frames"] is not None for case in page["cases"])
     assert rotor.page(tmp_path / "campbell.html").stat().st_size > 10_000
+    assert page["subtitle"] == "3 modes at 3 speeds"
+
+
+def test_regression_subtitles_count_one_mode_and_one_speed():
+    """They read "1 modes at 1 speeds"."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0))
+    assert build_campbell_page(bd.campbell(mech, [1.0]), "")["subtitle"] == "1 mode at 1 speed"
+    assert build_modes_page(bd.modes(mech), "")["subtitle"].startswith("1 mode about ")
 
 
 def test_modes_of_a_campbell_diagram_keep_their_phase_from_speed_to_speed():

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages with tables, charts and animations that open offline."""
+"""HTML pages with tables, charts and animations that open offline."""
 
 from __future__ import annotations
 
@@ -85,6 +85,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "sliders": [],
     "map": None,
     "sequential": False,
+    "families": [],
     "time": {},
     "portrait": None,
     "overlays": [],
@@ -186,6 +187,9 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           (the mechanism morphs between neighboring values). They select the motion, which is
           interpolated between the cases that have "frames".
         - "map": indices of the two sliders that are the axes of a map of a response, or None.
+        - "families" that have the first colors and markers, in this order; with two or more, there
+          is a legend even if only one of them occurs. Other families follow in the order of the
+          cases.
         - "sequential": True if the families follow a parameter; their colors form a sequence.
         - "time": "name" and "unit" of the quantity that takes the place of the time, for example
           the load factor of an equilibrium path.

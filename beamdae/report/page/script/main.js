@@ -2,7 +2,7 @@
 
 const page = decodePage(JSON.parse(byId("data").textContent));
 Object.assign(timeAxis, page.time);
-const families = removeDuplicates(page.cases.map((run) => run.family));
+const families = removeDuplicates([...page.families, ...page.cases.map((run) => run.family)]);
 const columns = listTableColumns();
 const quantities = listQuantities();
 const state = {
