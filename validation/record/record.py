@@ -277,10 +277,11 @@ def write_reference(name: str, kept: Sequence[str] = ()) -> None:
         file = RESULTS / folder_name(tool, tool_setting) / f"{name}.csv"
         code: dict[str, Any] = {"tool": tool, "setting": tool_setting}
         if tool in kept:
-            code = stored_code(name, tool) or code | {"largest": None, "column": "not run"}
-            codes.append(code)
-            if code["largest"] is not None and (best is None or code["largest"] < best[0]):
-                best = code["largest"], pd.read_csv(folder / "uncertainty.csv")
+            stored = stored_code(name, tool)
+            codes += [stored] if stored else []
+            largest = stored and stored["largest"]
+            if largest is not None and (best is None or largest < best[0]):
+                best = largest, pd.read_csv(folder / "uncertainty.csv")
             continue
         information = json.loads(file.with_suffix(".json").read_text())
         if not file.exists() or not information["success"]:
