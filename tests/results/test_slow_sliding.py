@@ -2,6 +2,7 @@
 
 import warnings
 
+import casadi as ca
 import pytest
 
 import beamdae as bd
@@ -52,3 +53,39 @@ def test_regression_friction_below_its_law_is_reported(integrator):
 def test_sliding_sticking_and_resting_contacts_carry_no_warning(settings):
     run = simulate_quietly(glass(**settings), t_end=0.5)
     assert not any("friction_speed" in sentence for sentence in run.warnings)
+
+
+def drag(speed):
+    """Return a driver of a block, and no other load."""
+    return lambda mech, block: bd.TranslationalDriver(
+        "drag", mech.ground.at(0.0, 0.0), block.point, lambda t: speed * t
+    )
+
+
+def push(law):
+    """Return a load on a block, as a function of its mechanism and of the block."""
+    return lambda mech, block: bd.Force("push", block.point, (law, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("load", "is_reported"),
+    [
+        # 64 % and 38 % of friction N: the block vibrates by 5e-5 m, or creeps over 2 mm.
+        (push(lambda t: 5.0 * ca.sin(60.0 * t)), False),
+        (push(3.0), False),
+        # Slides over 1 mm with a fifth of the friction.
+        (drag(2e-4), True),
+    ],
+    ids=["vibration", "creep", "driver"],
+)
+def test_regression_contacts_that_stick_carry_no_warning(load, is_reported):
+    # The slip was summed without its sign, so that every contact moved in long runs.
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    law = {"restitution": 0.5, "impact_speed": 0.1, "friction": 0.4}
+    mech.add(bd.Contact("floor", block.point, floor, 1e6, **law))
+    mech.add(load(mech, block))
+    mech.observe("block", block.point)
+    run = simulate_quietly(mech, t_end=5.0)
+    assert any("friction_speed" in x for x in run.warnings) == is_reported
