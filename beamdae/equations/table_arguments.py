@@ -18,6 +18,10 @@ Array = np.ndarray
 
 # Distance from the end of a table, relative to its range, that is a rounding error.
 _ROUNDING = 1e-9
+# Smaller values at the end of a table, or changes there, are zero: relative to the range of values,
+# and to the largest value.
+_ROUNDING_OF_RANGE = 1e-9
+_ROUNDING_OF_VALUES = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +65,11 @@ class TableArgumentTerm:
 
     def continues_as_constant(self, side: int) -> bool:
         """Return True if the table is zero or constant at its first (0) or last (-1) row."""
-        rows = np.moveaxis(self.table.values, self.axis, 0)
+        largest = float(np.max(np.abs(self.table.values))) or 1.0
+        rows = np.moveaxis(self.table.values / largest, self.axis, 0)
         edge, neighbor = rows[side], rows[1 if side == 0 else -2]
-        return not np.any(edge) or np.array_equal(edge, neighbor)
+        rounding = max(_ROUNDING_OF_RANGE * float(np.ptp(rows)), _ROUNDING_OF_VALUES)
+        return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
 
     def evaluate(self, t: Array, branch: float, state: State) -> Array:
         """Return the argument, (rows,), at times `t` (rows,) on one branch."""

@@ -37,6 +37,24 @@ def test_zero_and_constant_ends_of_tables_continue_without_a_warning(values):
         bd.simulate(falling(table), t_end=0.9)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [(0.1 + 0.2, 0.3, 3.0), (1e-16, 1.0, 3.0), (0.1 + 0.2, 0.3, 0.3)],
+    ids=["constant end", "zero end", "constant"],
+)
+def test_regression_ends_with_rounding_errors_continue_without_a_warning(values):
+    table = bd.table([0.5, 1.0, 1.5], list(values), kind="linear")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.simulate(falling(table), t_end=0.6)
+
+
+def test_regression_the_warning_names_the_remedy_for_a_constant_end():
+    table = bd.table([0.5, 1.0, 1.5], [2.0, 2.001, 3.0], kind="linear")
+    with pytest.warns(bd.BeamdaeWarning, match="repeat its first value there if it stays constant"):
+        bd.simulate(falling(table), t_end=0.6)
+
+
 def test_tables_over_time_hold_their_last_value_without_a_warning():
     table = bd.table([0.0, 0.1], [0.0, 3.0], kind="linear")
     with warnings.catch_warnings():

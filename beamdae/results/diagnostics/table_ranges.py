@@ -40,10 +40,11 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
         t, x = np.concatenate(times), np.concatenate(values)
         low, high = term.limits
         excesses = (low - x, x - high)
-        for side, excess in zip((0, -1), excesses, strict=True):
+        for side, row, excess in zip((0, -1), ("first", "last"), excesses, strict=True):
             k = int(np.argmax(excess))
             if excess[k] > _MIN_EXCESS * (high - low) and not term.continues_as_constant(side):
                 yield (
                     f"{term.describe(float(x[k]))} at t = {t[k]:.6g} s, where its value is held; "
-                    "extend the table, or end the run there with outside='error'."
+                    f"extend the table, repeat its {row} value there if it stays constant, or end "
+                    "the run there with outside='error'."
                 )
