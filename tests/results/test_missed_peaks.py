@@ -1,6 +1,9 @@
 """Peaks of contact forces between output rows: warnings, extremes, sweeps and certificates."""
 
+import tracemalloc
 import warnings
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import beamdae as bd
 from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
+from beamdae.results.diagnostics import missed_peaks
 
 MISSED = "the output rows miss its largest value"
 
@@ -87,3 +91,46 @@ def test_regression_a_certificate_requires_rows_at_the_peak():
     assert certificate.status.kind == "limited"
     assert certificate.budget.loc["stop.N [N]", "certified"] == "no"
     assert_allclose(certificate.good_until, 0.4516, atol=1e-3)
+
+
+def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatch):
+    # The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns.
+    headers = [f"force {k} [N]" for k in range(80)]
+    # One interval per event, and one with several blocks.
+    limits = [0, 1, 2, 5, 50_000, 60_000]
+    times = np.linspace(0.0, 2.0, limits[-1])
+    shift = np.linspace(0.0, 1.0, len(headers))
+
+    def evaluate(rows, q):
+        columns = np.sin(rows[:, :1]) * np.ones(len(headers)) + shift
+        columns[rows[:, 0] == times[30_000], :3] = np.nan, np.inf, -np.inf
+        return columns
+
+    monkeypatch.setattr(missed_peaks, "ObservedRows", lambda equations: evaluate)
+    part, of_all = SimpleNamespace(gaps=(None,)), SimpleNamespace(headers=headers)
+    mechanism = SimpleNamespace(parts={"stop": part})
+    equations = SimpleNamespace(mechanism=mechanism, observables=(of_all,))
+    intervals = [
+        SimpleNamespace(
+            times=np.stack([times[a:b], times[a:b]], axis=1),
+            nodes_per_step=1,
+            state=(np.zeros((b - a, 1)),),
+        )
+        for a, b in pairwise(limits)
+    ]
+    tracemalloc.start()
+    try:
+        extremes = missed_peaks.measure_step_extremes(
+            equations, SimpleNamespace(intervals=intervals), 0.0, 1.9
+        )
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 16e6  # 38 MB for all steps
+    assert list(extremes) == headers[3:]
+    peak_time = times[np.argmax(np.sin(times))]
+    for header, offset in zip(headers[3:], shift[3:], strict=True):
+        x = extremes[header]
+        assert_allclose([x.min, x.max], [offset, 1.0 + offset], atol=1e-8)
+        assert x.min_time == 0.0
+        assert x.max_time == pytest.approx(peak_time, abs=1e-4)

@@ -65,23 +65,41 @@ def measure_step_extremes(
     headers = [header for o in equations.observables for header in o.headers]
     if mechanism is None or not headers or not any(x.gaps for x in mechanism.parts.values()):
         return {}
-    evaluate, times, values = ObservedRows(equations), [], []
+    evaluate = ObservedRows(equations)
+    extremes: tuple[Array, Array] | None = None
     for interval in trajectory.intervals:
         rows = interval.times[:: interval.nodes_per_step]
         (steps,) = np.nonzero((rows[:, 0] >= begin) & (rows[:, 0] <= end))
         for k in range(0, len(steps), _MAX_ROWS_AT_ONCE):
             block = steps[k : k + _MAX_ROWS_AT_ONCE]
-            times.append(rows[block, 0])
-            values.append(evaluate(rows[block], *(x[block] for x in interval.state)))
-    if not values:
+            columns = evaluate(rows[block], *(x[block] for x in interval.state))
+            # The columns of all steps may exceed the memory.
+            of_block = _find_extremes(rows[block, 0], columns)
+            if extremes is not None:
+                pairs = zip(extremes, of_block, strict=True)
+                of_block = _find_extremes(*(np.concatenate(pair) for pair in pairs))
+            extremes = of_block
+    if extremes is None:
         return {}
-    t, columns = np.concatenate(times), np.concatenate(values)
-    low, high = np.argmin(columns, axis=0), np.argmax(columns, axis=0)
+    times, values = extremes
     return {
-        header: StepExtremes(float(columns[i, k]), float(t[i]), float(columns[j, k]), float(t[j]))
-        for k, (header, i, j) in enumerate(zip(headers, low, high, strict=True))
-        if np.isfinite(columns[:, k]).all()
+        header: StepExtremes(low, low_time, high, high_time)
+        for header, (low, high), (low_time, high_time) in zip(
+            headers, values.T.tolist(), times.T.tolist(), strict=True
+        )
+        if np.isfinite([low, high]).all()
     }
+
+
+def _find_extremes(times: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the times and the values of the extremes of each column, smallest first, (2, k) each.
+
+    An extreme of a column with values that are not finite is one of them. `times` has shape (rows,)
+    or (rows, k), and `columns` (rows, k).
+    """
+    rows = np.stack([np.argmin(columns, axis=0), np.argmax(columns, axis=0)])
+    t = np.broadcast_to(times.reshape(len(columns), -1), columns.shape)
+    return np.take_along_axis(t, rows, 0), np.take_along_axis(columns, rows, 0)
 
 
 def find_missed_peaks(
