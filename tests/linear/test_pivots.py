@@ -209,6 +209,7 @@ def test_compiled_elimination_agrees(kind):
         elimination._solve_scaled,
         elimination._eliminate,
         elimination._set_refinements,
+        elimination.eliminate,
     ):
         numba.extending.register_jitable(error_model="numpy")(function)
     compiled = [numba.njit(error_model="numpy")(f) for f in (refactorize, solve)]

@@ -4,8 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_allclose
 
 FOLDER = Path(__file__).parents[2] / "validation" / "performance"
 sys.path.insert(0, str(FOLDER))
@@ -36,11 +38,30 @@ def test_cost_of_small_sizes(tmp_path):
 
     table = pd.DataFrame([scaling.measure_costs(scaling.beam, size, 1) for size in (2, 4, 8)])
     assert (table[list(scaling.TIME_COLUMNS[:-1])] > 0.0).all(axis=None)
-    assert list(scaling.fit_slopes(table, "beam", 2)["sizes"]) == ["2 to 4", "4 to 8", "from 2 on"]
     scaling.draw_scaling([(table, "beam", "elements")], tmp_path / "scaling.png")
     assert scaling.measure_costs(scaling.ring, 4, 1)["unknowns"] > 0
     assert scaling.measure_costs(scaling.exact, 4, 1)["unknowns"] > 0
     assert set(scaling.time_motions(1, 2)["model"]) == {"exact", "beam"}
+
+
+def test_slopes_of_times():
+    import scaling
+
+    sizes = np.array([2, 4, 8])
+    table = pd.DataFrame({"beam": sizes, **dict.fromkeys(scaling.TIME_COLUMNS, sizes**1.5)})
+    slopes = scaling.fit_slopes(table, "beam", 2)
+    assert list(slopes["sizes"]) == ["2 to 4", "4 to 8", "from 2 on"]
+    assert_allclose(slopes[list(scaling.TIME_COLUMNS)], 1.5, rtol=1e-12)
+
+
+def test_regression_negative_differences_of_times_have_no_slope():
+    import scaling
+
+    table = pd.DataFrame({"beam": [2, 4, 8], **dict.fromkeys(scaling.TIME_COLUMNS, 1.0)})
+    table.loc[1, "step [us]"] = -1.0
+    slopes = scaling.fit_slopes(table, "beam", 2)
+    assert slopes["step [us]"].isna().all()
+    assert_allclose(slopes[list(scaling.TIME_COLUMNS[:-1])], 0.0, atol=1e-12)
 
 
 def test_time_of_mechanisms_relative_to_their_size(monkeypatch):

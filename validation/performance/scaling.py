@@ -86,13 +86,19 @@ def count_steps(unknowns: int) -> int:
 
 
 def fit_slopes(table: pd.DataFrame, size: str, first: int) -> pd.DataFrame:
-    """Return slopes between neighboring sizes, and over all sizes from `first` on."""
-    logs = np.log(table[[size, *TIME_COLUMNS]])
+    """Return slopes between neighboring sizes, and over all sizes from `first` on.
+
+    A step is the difference of two runs: where the load of the machine makes it negative, its
+    slopes are NaN.
+    """
+    numbers = table[[size, *TIME_COLUMNS]]
+    logs = np.log(numbers.where(numbers > 0.0))
     slopes = logs[list(TIME_COLUMNS)].diff().div(logs[size].diff(), axis=0).iloc[1:]
     slopes.insert(0, "sizes", [f"{a} to {b}" for a, b in pairwise(table[size])])
     late = logs[table[size] >= first]
     if len(late) > 1:
-        fits = {name: np.polyfit(late[size], late[name], 1)[0] for name in TIME_COLUMNS}
+        deviations = late[size] - late[size].mean()
+        fits = {name: deviations @ late[name] / (deviations @ deviations) for name in TIME_COLUMNS}
         slopes.loc[len(table)] = {"sizes": f"from {first} on", **fits}
     return slopes
 
