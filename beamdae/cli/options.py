@@ -127,6 +127,22 @@ Parquet = Annotated[
 ]
 Page = Annotated[bool, typer.Option(metavar="", help="Write a page (HTML) with charts and tables.")]
 Picture = Annotated[bool, typer.Option(metavar="", help="Write the picture (PNG).")]
+PlottedColumns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--plot",
+        metavar="NAME",
+        help="Column or observable in the picture; repeatable. Defaults to the columns that vary.",
+    ),
+]
+HorizontalColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--x",
+        metavar="NAME",
+        help="Column on the horizontal axis of the picture, for example tip.x for the path of tip.",
+    ),
+]
 Pictures = Annotated[
     bool, typer.Option("--picture/--no-picture", metavar="", help="Write pictures (PNG, SVG).")
 ]

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from beamdae.cli import signals
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.progress import show_run_progress
-from beamdae.errors import BeamdaeWarning
+from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
@@ -23,6 +23,19 @@ if TYPE_CHECKING:
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
     from beamdae.results.storage.continued_runs import RunParts
+
+
+class RunPlot(NamedTuple):
+    """Columns, horizontal axis and measured data of the picture; see `beamdae.plot`."""
+
+    columns: Sequence[str] = ()
+    x: str | None = None
+    data: Path | None = None
+
+    @property
+    def is_default(self) -> bool:
+        """True if the picture shows the columns that vary."""
+        return not self.columns and self.x is None and self.data is None
 
 
 @dataclass
@@ -50,6 +63,8 @@ class Run:
         Certificate of the run; None unless an accuracy was required.
     interrupted
         True if an interrupt ended the integration or a later step.
+    plot
+        Contents of the picture.
     """
 
     model: Model
@@ -62,6 +77,7 @@ class Run:
     accuracy_warning: str = ""
     certificate: Certificate | None = None
     interrupted: bool = False
+    plot: RunPlot = field(default_factory=RunPlot)
 
     @property
     def picture(self) -> Path:
@@ -88,6 +104,29 @@ class Run:
                 raise
             acknowledge()
             self.interrupted = True
+
+
+def require_plot(run: Run, is_drawn: bool) -> None:
+    """Reject options of the picture before the run; a run may take hours.
+
+    Raises
+    ------
+    BeamdaeError
+        If no picture is drawn, the model does not have a column, or the data do not fit.
+    """
+    if run.plot.is_default:
+        return
+    if not is_drawn:
+        raise BeamdaeError("run: --plot, --x and --data require the picture; omit --no-picture.")
+    from beamdae.equations.measures import LEDGER_COLUMNS, TIME
+    from beamdae.report.pictures.time_plots import select_plot
+    from beamdae.results.run_data import coordinate_headers
+    from beamdae.simulation import as_equations
+
+    equations = as_equations("run", run.model, sampled=True)
+    observed = [header for o in equations.observables for header in o.headers]
+    headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
+    select_plot(list(headers), [TIME, *observed, *LEDGER_COLUMNS], *run.plot)
 
 
 def can_resume(status: Status) -> bool:
@@ -279,11 +318,27 @@ def write_page(run: Run, solution: Solution) -> None:
 
 def draw_run(run: Run, solution: Solution) -> None:
     """Write the picture of the run; the title states if the run ended early."""
-    from beamdae.report.pictures.time_plots import save_run_figure
+    from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
+    from beamdae.results.columns import merge_columns
 
     status = solution.status
     title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
-    run.files.write(run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)])
+    if run.plot.is_default:
+        run.files.write(
+            run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
+        )
+        return
+    # The table covers all parts of a continued run.
+    columns = dict(run.columns)
+    if len(next(iter(columns.values()))) == len(solution.t):
+        columns = merge_columns(columns, solution.coordinates())
+    plot = run.plot
+    run.files.write(
+        run.picture.name,
+        lambda: [
+            save_selected_columns(run.picture, columns, plot.columns, plot.x, plot.data, title)
+        ],
+    )
 
 
 def print_results(run: Run, solution: Solution) -> None:

@@ -253,8 +253,8 @@ class Equilibrium(HasPage):
         columns = merge_columns(observed, self.coordinates())
         return columns, select_columns(columns, name, "Equilibrium", observed)
 
-    def plot(self, *names: str) -> Plot:
-        """Plot the load factor over columns, one panel per column.
+    def plot(self, *names: str, x: str | None = None) -> Plot:
+        """Plot the load factor over columns, or columns over a column; one panel per column.
 
         Unstable segments are dashed, and critical points are marked. If the path has several
         stages, their load factors are added.
@@ -264,13 +264,17 @@ class Equilibrium(HasPage):
         *names
             Names of observed columns, coordinates or multipliers, as in `equilibrium[name]`.
             Defaults to the observed columns that change. At most twelve columns are plotted.
+        x
+            Column on the horizontal axis, such as "tip.x" for the path of a point; the named
+            columns are then on the vertical axes. Defaults to the named columns, with the load
+            factor on the vertical axes.
 
         Raises
         ------
         BeamdaeError
-            If a name selects no column.
+            If a name selects no column, or `x` selects several columns.
         """
-        return load_views().plot_equilibrium_path(self, names)
+        return load_views().plot_equilibrium_path(self, names, x)
 
     def table(self) -> pd.DataFrame:
         """Return load factors, observed columns, unstable directions and kinds of critical points.

@@ -119,22 +119,24 @@ class FrequencyResponse(HasPage):
             "fold": fold,
         }
 
-    def plot(self, column: str) -> Plot:
+    def plot(self, column: str, x: str | None = None) -> Plot:
         """Plot the half range of an observed column over the parameter.
 
-        Unstable parts of the curve are dashed, and its peaks are marked.
+        Unstable parts of the curve are dashed, and its peaks over the parameter are marked.
 
         Parameters
         ----------
         column
             Name of the column, with or without its unit, such as "tip.y".
+        x
+            Observed column whose half range is on the horizontal axis. Defaults to the parameter.
 
         Raises
         ------
         BeamdaeError
             If no observed column has this name.
         """
-        return load_views().plot_frequency_response(self, column)
+        return load_views().plot_frequency_response(self, column, x)
 
     @property
     def folds(self) -> list[float]:

@@ -170,20 +170,27 @@ class TimeSeries:
             )
         return one._over_time(headers) - two._over_time(headers)
 
-    def plot(self, *names: str) -> Plot:
-        """Plot columns over time, see `beamdae.plot`.
+    def plot(self, *names: str, x: str | None = None, data: Any = None) -> Plot:
+        """Plot columns over time or over another column, see `beamdae.plot`.
 
         Parameters
         ----------
         *names
-            Names of columns, see `solution[name]`. Defaults to up to three characteristic columns.
+            Names of columns, see `solution[name]`. Defaults to the columns of `data` or, without
+            data, to up to three characteristic columns.
+        x
+            Column on the horizontal axis, such as "tip.x". Defaults to time.
+        data
+            Measured values, plotted as markers: a table or the path of a CSV file, see
+            `beamdae.plot`.
 
         Raises
         ------
         BeamdaeError
-            If a name selects no column.
+            If a name selects no column, `x` selects several columns, or the data cannot be read or
+            contain none of the plotted columns.
         """
-        return load_views().plot_time_series(self, *names)
+        return load_views().plot_time_series(self, *names, x=x, data=data)
 
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet and return the path.

@@ -255,7 +255,12 @@ LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1
     ("changes", "message"),
     [
         ({"data": {"t [s]": [1.0], "mass.x": [1.0], "mass.x [m]": [1.0]}}, "are the same observed"),
-        ({"data": {"t [s]": [1.0], "mass.x [mm]": [1.0]}}, "is in mm, but the model .* in m"),
+        ({"data": {"t [s]": [1.0], "mass.x [kg]": [1.0]}}, "is in kg, but the model .* in m"),
+        (
+            {"data": {"t [m]": [1.0], "mass.x": [1.0]}},
+            "times 't \\[m\\]' of data must be in a unit",
+        ),
+        ({"data": {"t [s]": [1.0], "t [ms]": [1.0], "mass.x": [1.0]}}, "are both times"),
         ({"data": {"t [s]": [1.0, 2.0], "mass.x": ["1", "a"]}}, "got 'a' in row 2"),
         ({"data": {"t [s]": [1.0], "mass.x": [1e200]}}, "got 1e\\+200 in row 1"),
         ({"data": "missing.csv"}, "'missing.csv' cannot be read"),
@@ -319,3 +324,22 @@ def test_bad_files_are_rejected_in_one_sentence(tmp_path, text):
         bd.fit(oscillator, path, "stiffness", METHOD, sigma=1.0)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("fit: ")
+
+
+@pytest.mark.parametrize("is_sigma_known", [True, False])
+def test_data_in_other_units_are_converted(is_sigma_known):
+    values = np.array([1.0, 1.1, 1.3])
+    data = {"t [ms]": 1e3 * TIMES[:3], "mass.x [mm]": 1e3 * values}
+    sigma = 5.0 if is_sigma_known else None
+    offset = "mass.x [mm]" if is_sigma_known else "mass.x"
+    problem = FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=sigma, offset=offset)
+    (series,) = problem.data.series
+    np.testing.assert_allclose(series.times, TIMES[:3], rtol=1e-15)
+    np.testing.assert_allclose(series.values, values, rtol=1e-15)
+    np.testing.assert_allclose(series.sigma, 5e-3 if is_sigma_known else 1.0, rtol=1e-15)
+    assert problem.headers == ("mass.x [m]",) == (series.column,)
+    assert problem.sensors.offsets[0].unit == "m"
+    long = {"observable": ["mass.x [mm]"] * 3, "time [us]": 1e6 * TIMES[:3], "value": 1e3 * values}
+    (other,) = FitProblem(oscillator, long, ["stiffness"], METHOD).data.series
+    np.testing.assert_allclose(other.times, TIMES[:3], rtol=1e-15)
+    np.testing.assert_allclose(other.values, values, rtol=1e-15)

@@ -214,3 +214,9 @@ def test_plot_is_dashed_where_the_path_is_unstable(tmp_path):
     assert_allclose([x.get_ydata()[0] for x in marks], [LIMIT, -LIMIT], rtol=1e-9)
     assert plot.save(tmp_path / "path.png").stat().st_size > 5000
     assert len(path.plot("crown").figure.axes) == 2
+    (axis,) = path.plot("crown.x", x="crown.y").figure.axes
+    assert_allclose(axis.lines[1].get_xydata().T[0], between.get_xdata())
+    assert_allclose(axis.lines[1].get_ydata(), path["crown.x"].iloc[rows[0] : rows[1] + 1])
+    assert axis.get_aspect() == 1.0
+    with pytest.raises(bd.BeamdaeError, match=r"Equilibrium.plot: 'crown' selects several columns"):
+        path.plot("crown.x", x="crown")

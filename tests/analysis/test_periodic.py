@@ -206,6 +206,9 @@ def test_response_of_a_duffing_oscillator_passes_both_folds():
     lines = response.plot("mass.x").figure.axes[0].lines
     # Up to the first fold, between the folds, beyond the second one; and the peak.
     assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "None"]
+    (axis,) = response.plot("mass.x_dot", x="mass.x").figure.axes
+    assert axis.get_xlabel() == "mass.x, half range [m]"
+    np.testing.assert_array_equal(axis.lines[0].get_xdata(), lines[0].get_ydata())
     expected = [
         find_fold(response.points[k].parameter, sample_motion(response.points[k]) - 1.0)
         for k in folds

@@ -133,3 +133,33 @@ def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path,
     result, kinds = call(tmp_path, "sweep", "--no-picture", "--no-page")
     assert result.exit_code == 0
     assert not kinds & {".html", ".png", ".svg"}
+
+
+def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_path):
+    path, data = tmp_path / "column.py", tmp_path / "measured.csv"
+    path.write_text(MODEL)
+    data.write_text("t [ms],tip.x [mm],tip.y [mm]\n0,0,1000\n2,0,999\n")
+    options = ["--no-estimate", "--no-page", "--out", str(tmp_path / "out")]
+    plot = ["--plot", "tip.y", "--plot", "strut", "--x", "tip.x", "--data", str(data)]
+    result = CliRunner().invoke(app, ["run", str(path), *plot, *options])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out/column.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--plot", "tip.z"], "there is no column 'tip.z' (did you mean"),
+        (["--x", "tip"], "'tip' selects several columns"),
+        (["--data", "none.csv"], "'none.csv' cannot be read"),
+        (["--x", "tip.x", "--no-picture"], "--plot, --x and --data require the picture"),
+    ],
+)
+def test_invalid_options_of_the_picture_are_refused_before_the_run(tmp_path, options, message):
+    path = tmp_path / "column.py"
+    path.write_text(MODEL)
+    arguments = ["run", str(path), *options, "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert not (tmp_path / "out").exists()

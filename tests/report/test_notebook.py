@@ -5,6 +5,7 @@ import pickle
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from benchmarks.cases import PENDULUM
 from numpy.testing import assert_allclose, assert_array_equal
@@ -63,6 +64,57 @@ def test_columns_are_selected_by_header_name_or_observable(run):
     assert_array_equal(run["energy.kinetic"], run.ledger["energy.kinetic [J]"])
     assert_array_equal(run["lam.hinge"].iloc[:, 0], run.lam[:, 0])
     assert_array_equal(run["beam.x0_dot"], run.v[:, 0])
+
+
+def test_columns_are_plotted_over_other_columns(run):
+    figure = run.plot("tip.y", "tip.y_dot", x="tip.x").figure
+    for axis, name in zip(figure.axes, ("tip.y", "tip.y_dot"), strict=True):
+        curve, start = axis.lines
+        assert_array_equal(curve.get_xdata(), run["tip.x"])
+        assert_array_equal(curve.get_ydata(), run[name])
+        assert_array_equal(start.get_xydata()[0], curve.get_xydata()[0])
+        assert axis.get_xlabel() == "tip.x [m]"
+    # Coordinates of one point have equal scales; a velocity over a coordinate has not.
+    assert [axis.get_aspect() for axis in figure.axes] == [1.0, "auto"]
+    assert [axis.get_title() for axis in run.plot(x="tip.x").figure.axes] == ["tip.y", "tip.angle"]
+    assert bd.plot([run, run], "tip.y", x="tip.x").figure.legends
+    with pytest.raises(bd.BeamdaeError, match="plot: 'tip' selects several columns; name one"):
+        run.plot("tip.y", x="tip")
+    with pytest.raises(bd.BeamdaeError, match=r"no column 'tip\.z' .did you mean"):
+        run.plot("tip.y", x="tip.z")
+
+
+def test_measured_data_are_plotted_as_markers_in_the_units_of_the_run(run, tmp_path):
+    t = run.t[1::3]
+    x, y = (run.at_times(t)[name].to_numpy() for name in ("tip.x", "tip.y"))
+    data = {"t [ms]": 1e3 * t, "tip.x": x, "tip.y [mm]": 1e3 * y, "room [K]": 0.0 * t}
+    path = tmp_path / "measured.csv"
+    pd.DataFrame(data).to_csv(path, index=False)
+    figure = run.plot(data=path).figure
+    assert [axis.get_title() for axis in figure.axes] == ["tip.x", "tip.y"]
+    assert_allclose(figure.axes[1].lines[1].get_xydata(), np.stack([t, y], axis=1), rtol=1e-14)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [run.label, "data"]
+    experiments = {"one": pd.DataFrame(data), "two": pd.DataFrame(data).iloc[1:]}
+    *_, first, second = run.plot("tip.y", x="tip.x", data=experiments).figure.axes[0].lines
+    assert_allclose(first.get_xydata(), np.stack([x, y], axis=1), rtol=1e-14)
+    assert_allclose(second.get_xydata(), first.get_xydata()[1:], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("none.csv", "plot: 'none.csv' cannot be read"),
+        (3, "plot: data must be a table"),
+        ({"t [s]": [0.0], "room [K]": [1.0]}, "must contain values of a column of the run"),
+        ({"t [s]": [0.0], "tip.x": [1.0]}, "must contain one of the plotted columns .tip.y"),
+        ({"t [s]": [0.0], "tip.y [kg]": [1.0]}, "is in kg, but the model observes it in m"),
+        ({"t [kg]": [0.0], "tip.y": [1.0]}, "must be in a unit such as s or ms, got kg"),
+        ({"tip.y": [1.0]}, "plot: data must contain the column 't .s.'"),
+    ],
+)
+def test_invalid_measured_data_are_refused(run, data, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        run.plot("tip.y", data=data)
 
 
 def test_regression_observables_take_precedence_over_bodies_of_the_same_name():

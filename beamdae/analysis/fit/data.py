@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from beamdae.errors import (
     require_positive,
     short_repr,
 )
+from beamdae.model_parameters import parse_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.storage.files import unescape_cell
 
@@ -29,6 +30,7 @@ Array = np.ndarray
 
 # Columns of long tables. Tables with the first two are long.
 _OBSERVABLE, _VALUE, _EXPERIMENT, _SIGMA = "observable", "value", "experiment", "sigma"
+_TIMES = ("t", "time")
 _TIME_NAMES = (measures.TIME, "time [s]", "time", "t")
 _LONG_COLUMNS = (_EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, _VALUE, _SIGMA)
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
@@ -60,6 +62,8 @@ class Series:
         Measured values (k,), all finite.
     sigma
         Standard deviations (k,) of the errors of the values.
+    name_in_data
+        Name of the column in the data, if `convert_units` has changed it; otherwise "".
     """
 
     experiment: str
@@ -67,6 +71,7 @@ class Series:
     times: Array
     values: Array
     sigma: Array
+    name_in_data: str = ""
 
     @property
     def label(self) -> str:
@@ -113,27 +118,7 @@ def read_data(data: Any, sigma: Any = None) -> FitData:
     BeamdaeError
         If the data are incomplete, contain text, do not ascend in time, or contradict `sigma`.
     """
-    path = None if isinstance(data, Mapping) else path_as_text(data)
-    if path is not None and not (is_valid_path(path) and path.strip()):
-        raise BeamdaeError(f"fit: data must be {_ALLOWED}, got {short_repr(data)}.")
-    name = "data" if path is None else path
-    given = _read_csv(path) if path is not None else data
-    table = _as_columns(given, name)
-    has_sigma = False
-    if _OBSERVABLE in table and _VALUE in table:
-        series, has_sigma = _read_long_table(table, name), _SIGMA in table
-    elif table and all(_is_table(x) for x in table.values()):
-        series = []
-        for experiment, columns in table.items():
-            if not (experiment.strip() and experiment.isprintable()):
-                raise BeamdaeError(
-                    f"fit: an experiment cannot have the name {short_repr(experiment)}; use "
-                    "printable characters."
-                )
-            place = f"the experiment {experiment!r}"
-            series += _read_wide_table(_as_columns(columns, place), place, experiment)
-    else:
-        series = _read_wide_table(table, name, ONLY_EXPERIMENT)
+    series, has_sigma, name = _read_series("fit", data)
     count = sum(len(x.values) for x in series)
     if count > _MAX_DATA:
         raise BeamdaeError(
@@ -151,13 +136,100 @@ def read_data(data: Any, sigma: Any = None) -> FitData:
     return FitData(tuple(present), True)
 
 
+def read_series(part: str, data: Any) -> list[Series]:
+    """Return the measured series of data as in `fit`; `part` is the calling function.
+
+    Raises
+    ------
+    BeamdaeError
+        If the data are incomplete, contain text or do not ascend in time.
+    """
+    series, _, _ = _read_series(part, data)
+    return series
+
+
+def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
+    """Return a series in the unit of the observed column of the same name.
+
+    Series without a unit, or of other columns, are returned unchanged.
+
+    Parameters
+    ----------
+    part
+        The calling function, for messages.
+    series
+        The series. A name such as "tip.y [mm]" contains the unit.
+    headers
+        Headers of the observed columns.
+
+    Raises
+    ------
+    BeamdaeError
+        If the unit is unknown or measures another quantity than the observed column.
+    """
+    name = series.column
+    headers = list(headers)
+    column, unit = _split_unit(name)
+    if name in headers or not unit:
+        return series
+    for header in headers:
+        observed, observed_unit = _split_unit(header)
+        if column != observed:
+            continue
+        source, target = parse_unit(unit), parse_unit(observed_unit)
+        if source is None or target is None or source[1] != target[1]:
+            raise BeamdaeError(
+                f"{part}: the column {column!r} of data is in {unit}, but the model observes it in "
+                f"{observed_unit}; convert the values and name the column {header!r}."
+            )
+        factor = float(source[0] / target[0])
+        return replace(
+            series,
+            column=header,
+            name_in_data=name,
+            values=series.values * factor,
+            sigma=series.sigma * factor,
+        )
+    return series
+
+
+def _split_unit(header: str) -> tuple[str, str]:
+    """Return name and unit of a header 'name [unit]'; the unit is '' if there is none."""
+    name, _, unit = header.removesuffix("]").rpartition(" [")
+    return (name, unit) if name and header.endswith("]") else (header, "")
+
+
+def _read_series(part: str, data: Any) -> tuple[list[Series], bool, str]:
+    """Return the series, True if their standard deviations are known, and the name of the data."""
+    path = None if isinstance(data, Mapping) else path_as_text(data)
+    if path is not None and not (is_valid_path(path) and path.strip()):
+        raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
+    name = "data" if path is None else path
+    given = _read_csv(part, path) if path is not None else data
+    table = _as_columns(part, given, name)
+    if _OBSERVABLE in table and _VALUE in table:
+        return _read_long_table(part, table, name), _SIGMA in table, name
+    if table and all(_is_table(x) for x in table.values()):
+        series = []
+        for experiment, columns in table.items():
+            if not (experiment.strip() and experiment.isprintable()):
+                raise BeamdaeError(
+                    f"{part}: an experiment cannot have the name {short_repr(experiment)}; use "
+                    "printable characters."
+                )
+            place = f"the experiment {experiment!r}"
+            series += _read_wide_table(part, _as_columns(part, columns, place), place, experiment)
+        return series, False, name
+    return _read_wide_table(part, table, name, ONLY_EXPERIMENT), False, name
+
+
 def _is_table(value: Any) -> bool:
     import pandas as pd
 
     return isinstance(value, (pd.DataFrame, Mapping))
 
 
-def _as_columns(data: Any, name: str) -> dict[str, Any]:
+def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
     """Return the columns of a table by name."""
     import pandas as pd
 
@@ -165,13 +237,13 @@ def _as_columns(data: Any, name: str) -> dict[str, Any]:
         repeated = data.columns[data.columns.duplicated()]
         if len(repeated):
             raise BeamdaeError(
-                f"fit: {name} contains the column {short_repr(repeated[0])} twice; remove one."
+                f"{part}: {name} contains the column {short_repr(repeated[0])} twice; remove one."
             )
         data = {column: data[column].to_numpy() for column in data}
-    return require_mapping("fit", name, data, _ALLOWED)
+    return require_mapping(part, name, data, _ALLOWED)
 
 
-def _read_csv(path: str) -> Any:
+def _read_csv(part: str, path: str) -> Any:
     import pandas as pd
 
     try:
@@ -187,85 +259,109 @@ def _read_csv(path: str) -> Any:
     except OSError as problem:
         reason = problem.strerror or format_message(problem)
         raise BeamdaeError(
-            f"fit: {short_repr(path)} cannot be read: {reason}; check the path."
+            f"{part}: {short_repr(path)} cannot be read: {reason}; check the path."
         ) from None
     except Exception as problem:  # Of several kinds in pandas: encoding, ragged rows, no columns.
         raise BeamdaeError(
-            f"fit: {path} is not a CSV table: {format_message(problem)}; write a table with a "
+            f"{part}: {path} is not a CSV table: {format_message(problem)}; write a table with a "
             "header, commas and decimal points."
         ) from None
     return table.rename(columns=lambda x: unescape_cell(str(x).strip()))
 
 
-def _as_numbers(values: Any, column: str, name: str) -> Array:
+def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
     """Return a column (k,) as floats; missing values become NaN."""
     try:
         numbers = np.asarray(values, float)
     except Exception:  # Of any kind in conversions of the user's objects.
-        raise BeamdaeError(_describe_text(values, column, name)) from None
+        raise BeamdaeError(_describe_text(part, values, column, name)) from None
     if numbers.ndim != 1:
         raise BeamdaeError(
-            f"fit: the column {column!r} of {name} must have one finite number or NaN per time, "
+            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
             f"got {short_repr(values)}."
         )
     if np.isinf(numbers).any() or np.any(np.abs(numbers) > _MAX_MAGNITUDE):
         k = int(np.argmax(np.nan_to_num(np.abs(numbers))))
         raise BeamdaeError(
-            f"fit: the column {column!r} of {name} must have one finite number or NaN per time, "
+            f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
             f"got {numbers[k]:g} in row {k + 1}."
         )
     return numbers
 
 
-def _describe_text(values: Any, column: str, name: str) -> str:
+def _describe_text(part: str, values: Any, column: str, name: str) -> str:
     try:
         for k, value in enumerate(values):
             try:
                 float("nan" if value is None else value)
             except (TypeError, ValueError):
                 return (
-                    f"fit: the column {column!r} of {name} must contain numbers, got "
+                    f"{part}: the column {column!r} of {name} must contain numbers, got "
                     f"{short_repr(value)} in row {k + 1}; leave missing values empty."
                 )
     except Exception:  # Of any kind in iterations over the user's objects.
         pass
-    return f"fit: the column {column!r} of {name} must contain numbers, got {short_repr(values)}."
+    return (
+        f"{part}: the column {column!r} of {name} must contain numbers, got {short_repr(values)}."
+    )
 
 
-def _require_times(times: Array, name: str) -> None:
+def _require_times(part: str, times: Array, name: str) -> None:
     if not times.size or not np.isfinite(times).all() or times.min() < 0.0:
         raise BeamdaeError(
-            f"fit: the times of {name} must be finite and ascend, from 0 s or later."
+            f"{part}: the times of {name} must be finite and ascend, from 0 s or later."
         )
 
 
-def _find_time(table: Mapping[str, Any], names: Sequence[str]) -> str | None:
-    return next((x for x in names if x in table), None)
-
-
-def _read_wide_table(table: Mapping[str, Any], name: str, experiment: str) -> list[Series]:
-    """Return the series of a table with a column of times and one column per observed column."""
-    time = measures.TIME
-    columns = [column for column in table if column != time]
-    if time not in table or not columns:
+def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str | None:
+    """Return the column of times: "t" or "time" with any unit of time, or one of `names`."""
+    parts = {x: _split_unit(x) for x in table}
+    candidates = [x for x, (y, unit) in parts.items() if x in names or (y in _TIMES and unit)]
+    if len(candidates) > 1:
         raise BeamdaeError(
-            f"fit: {name} must contain the column {time!r} and measured columns (or the columns "
-            f"observable, {time}, value), got columns {', '.join(map(repr, table)) or 'none'}."
+            f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
+            "remove one."
         )
-    times = _as_numbers(table[time], time, name)
-    _require_times(times, name)
+    return candidates[0] if candidates else None
+
+
+def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Array:
+    """Return the column of times in seconds."""
+    numbers, unit = _as_numbers(part, table[time], time, name), _split_unit(time)[1] or "s"
+    parsed = parse_unit(unit)
+    if parsed is None or parsed[1] != {"s": 1}:
+        raise BeamdaeError(
+            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}."
+        )
+    return numbers if unit == "s" else numbers * float(parsed[0])
+
+
+def _read_wide_table(
+    part: str, table: Mapping[str, Any], name: str, experiment: str
+) -> list[Series]:
+    """Return the series of a table with a column of times and one column per observed column."""
+    time = _find_time(part, table, (measures.TIME,))
+    columns = [column for column in table if column != time]
+    if time is None or not columns:
+        raise BeamdaeError(
+            f"{part}: {name} must contain the column {measures.TIME!r} and measured columns (or "
+            f"the columns observable, {measures.TIME}, value), got columns "
+            f"{', '.join(map(repr, table)) or 'none'}."
+        )
+    times = _read_times(part, table, time, name)
+    _require_times(part, times, name)
     if np.any(np.diff(times) <= 0.0):
         k = int(np.argmax(np.diff(times) <= 0.0))
         raise BeamdaeError(
-            f"fit: the times of {name} must be finite and ascend, got {times[k + 1]:g} s after "
+            f"{part}: the times of {name} must be finite and ascend, got {times[k + 1]:g} s after "
             f"{times[k]:g} s in row {k + 2}; sort the rows and average repeated ones."
         )
     series = []
     for column in columns:
-        values = _as_numbers(table[column], column, name)
+        values = _as_numbers(part, table[column], column, name)
         if values.shape != times.shape:
             raise BeamdaeError(
-                f"fit: the column {column!r} of {name} must have one finite number or NaN per "
+                f"{part}: the column {column!r} of {name} must have one finite number or NaN per "
                 f"time, got {len(values)} for {len(times)} times."
             )
         present = np.isfinite(values)
@@ -274,31 +370,33 @@ def _read_wide_table(table: Mapping[str, Any], name: str, experiment: str) -> li
     return series
 
 
-def _read_long_table(table: Mapping[str, Any], name: str) -> list[Series]:
+def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Series]:
     """Return the series of a table with one value per row; their rows may have any order."""
-    unknown = [x for x in table if x not in _LONG_COLUMNS]
-    time = _find_time(table, _TIME_NAMES)
+    time = _find_time(part, table, _TIME_NAMES)
+    unknown = [x for x in table if x not in _LONG_COLUMNS and x != time]
     if time is None or unknown:
         problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
         raise BeamdaeError(
-            f"fit: the long table {name} must have the columns experiment, observable, "
+            f"{part}: the long table {name} must have the columns experiment, observable, "
             f"{measures.TIME}, value, sigma (the first and the last are optional), {problem}."
         )
-    times = _as_numbers(table[time], time, name)
-    values = _as_numbers(table[_VALUE], _VALUE, name)
-    sigma = _as_numbers(table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
-    names = _as_names(table[_OBSERVABLE], _OBSERVABLE, name)
+    times = _read_times(part, table, time, name)
+    values = _as_numbers(part, table[_VALUE], _VALUE, name)
+    sigma = (
+        _as_numbers(part, table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
+    )
+    names = _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)
     experiments = [ONLY_EXPERIMENT] * len(times)
     if _EXPERIMENT in table:
-        experiments = _as_names(table[_EXPERIMENT], _EXPERIMENT, name)
+        experiments = _as_names(part, table[_EXPERIMENT], _EXPERIMENT, name)
     if not len(times) == len(values) == len(sigma) == len(names) == len(experiments):
-        raise BeamdaeError(f"fit: the columns of {name} must have equal lengths.")
+        raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
     present = np.isfinite(values)
-    _require_times(times[present], name)
+    _require_times(part, times[present], name)
     if not np.all(sigma[present] > 0.0):
         k = int(np.argmax(present & ~(sigma > 0.0)))
         raise BeamdaeError(
-            f"fit: sigma of {name} must be positive, got {sigma[k]:g} in row {k + 1}; fill in "
+            f"{part}: sigma of {name} must be positive, got {sigma[k]:g} in row {k + 1}; fill in "
             "all rows, or remove the column."
         )
     rows: dict[tuple[str, str], list[int]] = {}
@@ -311,23 +409,23 @@ def _read_long_table(table: Mapping[str, Any], name: str) -> list[Series]:
         if len(repeated):
             k = order[repeated[0] + 1]
             raise BeamdaeError(
-                f"fit: {name} contains {label_series(column, experiment)} at {times[k]:g} s twice, "
-                f"again in row {k + 1}; average repeated values, or name the experiments."
+                f"{part}: {name} contains {label_series(column, experiment)} at {times[k]:g} s "
+                f"twice, again in row {k + 1}; average repeated values, or name the experiments."
             )
         series.append(Series(experiment, column, times[order], values[order], sigma[order]))
     return series
 
 
-def _as_names(values: Any, column: str, name: str) -> list[str]:
+def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
     """Return a column of texts; numbers become texts."""
     what = f"the column {column!r} of {name}"
     texts = []
-    for k, value in enumerate(require_iterable("fit", what, values, "names")):
+    for k, value in enumerate(require_iterable(part, what, values, "names")):
         number = as_real(value)
         text = as_text(value) or ("" if number is None or number != number else f"{number:g}")
         if not (text.strip() and text.isprintable()):
             raise BeamdaeError(
-                f"fit: {what} must contain names, got {short_repr(value)} in row {k + 1}."
+                f"{part}: {what} must contain names, got {short_repr(value)} in row {k + 1}."
             )
         texts.append(text.strip())
     return texts

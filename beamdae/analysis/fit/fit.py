@@ -65,7 +65,8 @@ def fit(
         data, from 0 on up to at most ten times the end time of the model, and measured columns with
         names of observed columns, such as "tip.y [m]" or "tip.y"; missing values are NaN. A long
         table contains one value per row: the columns "observable" (name of an observed column),
-        "t [s]", "value", and optionally "experiment" and "sigma".
+        "t [s]", "value", and optionally "experiment" and "sigma". Columns in other units, such as
+        "t [ms]" or "tip.y [mm]", are converted; their results are in the units of the model.
     by
         Names of the parameters to estimate. They must be floats.
     integrator

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.fit.column_rates import column_rates
-from beamdae.analysis.fit.data import FitData, read_data
+from beamdae.analysis.fit.data import FitData, Series, convert_units, read_data
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, sensitivities
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -124,7 +124,7 @@ class FitProblem:
         self.parameters = complete_parameters("fit", model, parameters)
         self.data: FitData = read_data(data, sigma)
         self._settings = self._read_experiments(experiments)
-        self.headers = self._match_columns()
+        self.data, self.headers = self._match_columns()
         self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
@@ -184,8 +184,8 @@ class FitProblem:
             given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
         return {name: given.get(name, {}) for name in known}
 
-    def _match_columns(self) -> tuple[str, ...]:
-        """Return the header of the observed column of each series."""
+    def _match_columns(self) -> tuple[FitData, tuple[str, ...]]:
+        """Return the data in observed units, and the header of the column of each series."""
         observed: dict[str, list[str]] = {}
         for experiment, values in self._settings.items():
             mechanism = self.model(**{**self.parameters, **values})
@@ -193,10 +193,15 @@ class FitProblem:
             observed[experiment] = [x for o in equations.observables for x in o.headers]
         headers: list[str] = []
         taken: dict[tuple[str, str], str] = {}
-        for series in self.data.series:
-            name, present = series.column, observed[series.experiment]
-            _require_unit(name, present)
-            selected = select_observed_columns("fit", [name], present)
+        matched: list[Series] = []
+        for given in self.data.series:
+            name, present = given.column, observed[given.experiment]
+            series = convert_units("fit", given, present)
+            if not self.data.is_sigma_known:
+                # All weights are equal.
+                series = replace(series, sigma=given.sigma)
+            matched.append(series)
+            selected = select_observed_columns("fit", [series.column], present)
             if len(selected) > 1:
                 raise BeamdaeError(
                     f"fit: the column {name!r} of data stands for several observed columns; name "
@@ -209,7 +214,7 @@ class FitProblem:
                     "column; remove one."
                 )
             headers += selected
-        return tuple(headers)
+        return replace(self.data, series=tuple(matched)), tuple(headers)
 
     def _latest_times(self) -> dict[str, float]:
         """Return the last time at which the run of each experiment may be compared [s]."""
@@ -349,20 +354,6 @@ class FitProblem:
             projected -= np.outer(inverse[j], weighted[rows].T @ residuals[rows])
         jacobian = np.hstack([scaled, matrix])
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
-
-
-def _require_unit(name: str, headers: Sequence[str]) -> None:
-    """Reject a name with another unit than the observed column of the same name."""
-    if name in headers or not name.endswith("]"):
-        return
-    column, _, unit = name.removesuffix("]").rpartition(" [")
-    for header in headers:
-        observed, _, observed_unit = header.removesuffix("]").rpartition(" [")
-        if column == observed:
-            raise BeamdaeError(
-                f"fit: the column {column!r} of data is in {unit}, but the model observes it in "
-                f"{observed_unit}; convert the values and name the column {header!r}."
-            )
 
 
 class Scaling:

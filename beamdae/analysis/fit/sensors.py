@@ -133,6 +133,16 @@ def _read_shift_bounds(label: str, bounds: Any, first: float) -> tuple[float, fl
     return low, high
 
 
+def _names_of_column(series: Series, header: str) -> tuple[str, ...]:
+    return (
+        _ALL_COLUMNS,
+        series.column,
+        series.name_in_data or series.column,
+        header,
+        header.rpartition(" [")[0],
+    )
+
+
 class _Selection:
     """Rows of the data by column, and by experiment and column."""
 
@@ -150,8 +160,7 @@ class _Selection:
             numbers = [
                 k
                 for k, (x, header) in enumerate(zip(self._series, self._headers, strict=True))
-                if column in (_ALL_COLUMNS, x.column, header, header.rpartition(" [")[0])
-                and experiment in (None, x.experiment)
+                if column in _names_of_column(x, header) and experiment in (None, x.experiment)
             ]
             if not numbers:
                 labels = dict.fromkeys(x.column for x in self._series)
@@ -183,7 +192,8 @@ class _Selection:
 
     def _split_text(self, name: str) -> tuple[str | None, str]:
         """Return the experiment and the column of "column" or "experiment:column"."""
-        if not any(name in (x.column, y) for x, y in zip(self._series, self._headers, strict=True)):
+        pairs = zip(self._series, self._headers, strict=True)
+        if not any(name in _names_of_column(x, header) for x, header in pairs):
             for experiment in dict.fromkeys(x.experiment for x in self._series):
                 if experiment and name.startswith(f"{experiment}:"):
                     return experiment, name[len(experiment) + 1 :]

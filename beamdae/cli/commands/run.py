@@ -12,12 +12,14 @@ from beamdae.cli import run_outputs, signals
 from beamdae.cli.options import (
     EndTime,
     FixedStep,
+    HorizontalColumn,
     IntegratorName,
     ModelName,
     ModelPath,
     Out,
     OutputStep,
     Picture,
+    PlottedColumns,
     RelativeTolerance,
     Settings,
     Starts,
@@ -29,7 +31,7 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import create_console, print_error, record_results
 from beamdae.cli.output_paths import require_writable
-from beamdae.cli.run_outputs import Run
+from beamdae.cli.run_outputs import Run, RunPlot
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -94,6 +96,16 @@ def run_command(
         ),
     ] = True,
     picture: Picture = True,
+    plot: PlottedColumns = None,
+    x: HorizontalColumn = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DATA.csv",
+            help="Measured values, shown as markers in the picture: a column of times, such as "
+            "'t [ms]', and columns of the model, such as 'tip.y [mm]'.",
+        ),
+    ] = None,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the final state to this file.")
     ] = None,
@@ -154,7 +166,8 @@ def run_command(
         )
     names = None if sensitivities is None else [x.strip() for x in sensitivities.split(",")]
     _require_differentiable(names, required_accuracy, resume_from)
-    run = Run(model, method, out / f"{model.name}.csv")
+    run = Run(model, method, out / f"{model.name}.csv", plot=RunPlot(plot or (), x, data))
+    run_outputs.require_plot(run, picture)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
     files += [path for path, is_written in ((run.page, page), (run.picture, picture)) if is_written]

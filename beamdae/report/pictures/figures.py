@@ -43,6 +43,8 @@ _LEGEND_LETTER_WIDTH = 0.075  # approximate width of a letter [inch]
 _LEGEND_LINE_WIDTH = 0.8  # width of the line beside a legend entry [inch]
 _LEGEND_ROW_HEIGHT = 0.19  # [inch]
 MAX_PANELS = 12
+# Largest number of ticks for which numbers with six digits do not overlap.
+_MAX_HORIZONTAL_TICKS = 5
 _RESOLUTION = 150  # of picture files [dots per inch]
 
 # Sizes in a figure of panels [inch]. Sizes of texts are fixed because measuring all texts, as the
@@ -198,6 +200,24 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
     axis.tick_params(labelsize=9, which="both")
     axis.yaxis.get_offset_text().set_fontsize(9)
     axis.spines[["top", "right"]].set_visible(False)
+
+
+def format_horizontal_axis(axis: Axes, header: str, vertical: str) -> None:
+    """Set label and ticks of an axis that shows the column `header` instead of time.
+
+    If both columns are coordinates of one point, such as "tip.x [m]" and "tip.y [m]", both axes
+    have equal scales.
+    """
+    from beamdae.report.pictures.tick_labels import format_ticks
+
+    axis.margins(x=0.05)
+    format_ticks(axis.xaxis)
+    axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
+    axis.set_xlabel(shorten_text(header, MAX_LABEL_LETTERS))
+    axis.xaxis.get_offset_text().set_fontsize(9)
+    columns = [Header.of(x) for x in (header, vertical)]
+    if columns[0].name == columns[1].name and {x.unit for x in columns} == {"m"}:
+        axis.set_aspect("equal", adjustable="datalim")
 
 
 def single_point_marker(rows: Sequence[Any] | Array | pd.Series) -> dict[str, Any]:

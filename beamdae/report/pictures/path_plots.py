@@ -11,17 +11,22 @@ import numpy as np
 
 from beamdae.report.pictures.figures import (
     COLORS,
-    MAX_LABEL_LETTERS,
     add_legend,
     create_panels,
     disable_math_text,
     format_axis,
+    format_horizontal_axis,
     mask_huge_values,
     save_figure,
     varying_columns,
 )
-from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, merge_columns, select_column, select_columns
+from beamdae.results.columns import (
+    Header,
+    merge_columns,
+    require_one_column,
+    select_column,
+    select_columns,
+)
 from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
@@ -32,8 +37,6 @@ if TYPE_CHECKING:
 
 # Columns with smaller ranges are not plotted; relative to the length of the mechanism, or in rad.
 _MIN_RANGE = 1e-9
-# Largest number of ticks for which numbers with six digits do not overlap.
-_MAX_TICKS = 5
 _UNSTABLE_DASHES = (0, (3, 2))
 _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
@@ -54,41 +57,53 @@ def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
     return save_figure(_create_path_figure(equilibrium, columns, title), path)
 
 
-def plot_path(equilibrium: Equilibrium, names: Sequence[str]) -> Plot:
-    """Plot the load factor over the named columns; see `Equilibrium.plot` for the default."""
+def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
+    """Plot the load factor over the named columns, or these over `x`; see `Equilibrium.plot`."""
     merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
-    selections = (
-        select_columns(merged, name, "Equilibrium", equilibrium.columns) for name in names
+
+    def select(name: str) -> list[str]:
+        return select_columns(merged, name, "Equilibrium", equilibrium.columns)
+
+    headers = dict.fromkeys(header for name in names for header in select(name))
+    columns = {h: np.asarray(merged[h]) for h in headers} if names else dict(equilibrium.columns)
+    abscissa = None
+    if x is not None:
+        abscissa = require_one_column("Equilibrium.plot", x, select(x))
+        columns[abscissa] = np.asarray(merged[abscissa])
+    figure = _create_path_figure(
+        equilibrium, mask_huge_values(columns), "", tuple(headers), abscissa
     )
-    headers = dict.fromkeys(header for selection in selections for header in selection)
-    columns = {h: np.asarray(merged[h]) for h in headers} if names else equilibrium.columns
-    figure = _create_path_figure(equilibrium, mask_huge_values(columns), "", tuple(headers))
     disable_math_text(figure)
     return Plot(figure)
 
 
 def _create_path_figure(
-    equilibrium: Equilibrium, columns: Any, title: str, names: Sequence[str] = ()
+    equilibrium: Equilibrium,
+    columns: Any,
+    title: str,
+    names: Sequence[str] = (),
+    abscissa: str | None = None,
 ) -> Figure:
-    from beamdae.report.pictures.tick_labels import format_ticks
-
-    names = names or [c for c in varying_columns(columns) if _is_varying(equilibrium, c)]
+    if not names:
+        observed = {c: x for c, x in columns.items() if c in equilibrium.columns}
+        names = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
+        names = [c for c in names if c != abscissa]
     factors, is_unstable = equilibrium.factors.sum(axis=1), _find_unstable_segments(equilibrium)
     figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):
-        values = columns[name]
+        horizontal = name if abscissa is None else abscissa
+        values = columns[horizontal]
+        heights = factors if abscissa is None else columns[name]
         for unstable, segments in groupby(range(len(values) - 1), is_unstable.__getitem__):
             rows = list(segments)
             points = slice(rows[0], rows[-1] + 2)
             dashes = _UNSTABLE_DASHES if unstable else "-"
-            axis.plot(values[points], factors[points], color=COLORS[0], lw=1.2, ls=dashes)
+            axis.plot(values[points], heights[points], color=COLORS[0], lw=1.2, ls=dashes)
         for point in equilibrium.critical:
-            axis.plot(values[point.row], factors[point.row], **_marker_style(point.kind))
-        format_axis(axis, "", "load factor [-]")
-        axis.margins(x=0.03)
-        format_ticks(axis.xaxis)
-        axis.locator_params(axis="x", nbins=_MAX_TICKS)
-        axis.set_xlabel(shorten_text(name, MAX_LABEL_LETTERS))
+            axis.plot(values[point.row], heights[point.row], **_marker_style(point.kind))
+        vertical = "load factor [-]" if abscissa is None else name
+        format_axis(axis, "", vertical)
+        format_horizontal_axis(axis, horizontal, vertical)
     entries: dict[str, dict[str, Any]] = {}
     if not all(is_unstable):
         entries["stable"] = {"color": COLORS[0], "ls": "-"}
@@ -127,13 +142,16 @@ def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
     return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit
 
 
-def plot_response(response: FrequencyResponse, column: str) -> Plot:
-    """Plot the half range of an observed column over the parameter; unstable parts are dashed."""
+def plot_response(response: FrequencyResponse, column: str, x: str | None = None) -> Plot:
+    """Plot the half range of a column over the parameter or over that of another column.
+
+    Unstable parts are dashed.
+    """
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    _draw_response(figure.add_subplot(), response, column)
+    _draw_response(figure.add_subplot(), response, column, x)
     disable_math_text(figure)
     return Plot(figure)
 
@@ -151,10 +169,15 @@ def create_response_figure(response: FrequencyResponse, title: str) -> Figure:
     return figure
 
 
-def _draw_response(axis: Axes, response: FrequencyResponse, column: str) -> None:
+def _draw_response(
+    axis: Axes, response: FrequencyResponse, column: str, x: str | None = None
+) -> None:
     values, amplitudes = response.curve(column)
-    if response.points:
-        column = select_column("frequency_response", response.points[0].solution.columns, column)
+    horizontal = response.parameter
+    if x is not None:
+        _, values = response.curve(x)
+        horizontal = _label_half_range(response, x)
+    vertical = _label_half_range(response, column)
     is_stable = np.array([point.stable for point in response.points], bool)
     # Each line has the stability of its first point and extends to the start of the next line.
     changes = np.flatnonzero(np.diff(is_stable)) + 1
@@ -163,10 +186,17 @@ def _draw_response(axis: Axes, response: FrequencyResponse, column: str) -> None
             points = slice(rows[0], rows[-1] + 2)
             dashes = "-" if is_stable[rows[0]] else "--"
             axis.plot(values[points], amplitudes[points], dashes, color=COLORS[0], lw=1.6)
-    for value, amplitude in response.peaks(column):
+    for value, amplitude in response.peaks(column) if x is None else ():
         axis.plot(value, amplitude, "o", color=COLORS[1], ms=4)
-    axis.set_xlabel(response.parameter)
-    unit = Header.of(column).unit if response.points else ""
-    axis.set_ylabel(f"{column.removesuffix(f' [{unit}]')}, half range [{unit}]")
+    axis.set_xlabel(horizontal)
+    axis.set_ylabel(vertical)
     axis.grid(color="0.9", lw=0.6)
     axis.spines[["top", "right"]].set_visible(False)
+
+
+def _label_half_range(response: FrequencyResponse, name: str) -> str:
+    if not response.points:
+        return f"{name}, half range"
+    header = select_column("frequency_response", response.points[0].solution.columns, name)
+    unit = Header.of(header).unit
+    return f"{header.removesuffix(f' [{unit}]')}, half range [{unit}]"

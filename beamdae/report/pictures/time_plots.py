@@ -1,12 +1,15 @@
-"""Plots over time: columns of runs, figures of a single run and of a comparison of runs."""
+"""Plots of columns of runs over time or over another column, of one run and of a comparison."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import (
@@ -25,6 +28,7 @@ from beamdae.report.pictures.figures import (
     create_panels,
     disable_math_text,
     format_axis,
+    format_horizontal_axis,
     mask_huge_values,
     save_figure,
     set_legend_names,
@@ -32,24 +36,39 @@ from beamdae.report.pictures.figures import (
     varying_columns,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, merge_columns, select_columns
+from beamdae.results.columns import Header, merge_columns, require_one_column, select_columns
 from beamdae.results.displays import Plot
 from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
+    from beamdae.analysis.fit.data import Series
     from beamdae.report.pictures.figures import Columns
+
+Array = np.ndarray
 
 _TITLE_LETTERS = 40  # of a panel title
 _TITLE_LETTERS_BESIDE_LEGEND = 22
 _PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
 _PANEL_LEGEND_COLUMNS = 4
+_DATA_COLOR = "#333333"
+_DATA_MARKERS = "osD^v"  # of experiments
 
 
-def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Plot:
-    """Plot columns of one or several runs over time, in one panel for each of up to 12 columns.
+def plot(
+    solutions: Any,
+    *names: str,
+    labels: Sequence[str] | None = None,
+    x: str | None = None,
+    data: Any = None,
+) -> Plot:
+    """Plot columns of one or several runs over time or over another column.
+
+    Each of up to 12 columns has one panel. Over another column, a dot marks the start of each run.
+    Coordinates of one point, such as "tip.y" over "tip.x", have equal scales.
 
     Parameters
     ----------
@@ -57,11 +76,18 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
         A solution or a run of a sweep, or several of them.
     *names
         Headers with or without units, or names of observables or parts, which select all their
-        columns; see `Solution.__getitem__`. Defaults to up to three characteristic columns of the
-        first run.
+        columns; see `Solution.__getitem__`. Defaults to the columns of `data` or, without data, to
+        up to three characteristic columns of the first run.
     labels
         Labels of the runs. Defaults to the labels of the integrators or of the runs of a sweep,
         numbered if they are not distinct.
+    x
+        Column on the horizontal axis, such as "tip.x" for the path of a point, or "tip.y" for the
+        phase plot of "tip.y_dot". Defaults to time.
+    data
+        Measured values, plotted as markers: a table or the path of a CSV file, as in `fit`. Columns
+        such as "t [ms]" and "tip.y [mm]" are converted to the units of the run. Columns that the
+        runs do not contain are ignored.
 
     Returns
     -------
@@ -71,7 +97,8 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     Raises
     ------
     BeamdaeError
-        If a run does not contain one of the columns, or the arguments are invalid.
+        If a run does not contain one of the columns, `x` selects several columns, the data cannot
+        be read or contain none of the plotted columns, or the arguments are invalid.
 
     Examples
     --------
@@ -85,30 +112,175 @@ def plot(solutions: Any, *names: str, labels: Sequence[str] | None = None) -> Pl
     runs = _require_runs(solutions)
     run_labels = _require_labels(runs, labels)
     tables = [merge_columns(run.all_columns(), run.coordinates()) for run in runs]
-    first = runs[0].all_columns()
-    selections = (
-        select_columns(tables[0], name, observed=first)
-        for name in names or characteristic_columns(first)
-    )
-    columns = list(dict.fromkeys(column for selection in selections for column in selection))
-    figure, axes = create_panels(len(columns), "")
-    styles = _line_styles(len(runs))
+    observed = list(runs[0].all_columns())
+    selection = select_plot(list(tables[0]), observed, names, x, data)
+    figure = _create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed)
+    disable_math_text(figure)
+    return Plot(figure)
+
+
+def save_selected_columns(
+    path: Path,
+    table: Mapping[str, Any],
+    names: Sequence[str],
+    x: str | None,
+    data: Any,
+    title: str,
+) -> Path:
+    """Plot the selected columns of a table as in `plot`, and write an image file."""
+    headers = [str(header) for header in table]
+    selection = select_plot(headers, headers, names, x, data)
+    return save_figure(_create_figure({"run": table}, selection, headers, title), path)
+
+
+def _create_figure(
+    tables: Mapping[str, Mapping[str, Any]],
+    selection: PlotSelection,
+    observed: Sequence[str],
+    title: str = "",
+) -> Figure:
+    """Plot the selected columns of runs, whose tables are given by label."""
+    abscissa, columns, points = selection
+    first = next(iter(tables.values()))
+    if not columns:
+        characteristic = characteristic_columns({c: first[c] for c in observed})
+        columns = [c for c in characteristic if c != abscissa]
+    is_over_time = abscissa == TIME
+    figure, axes = create_panels(len(columns), title, x_label=TIME if is_over_time else None)
+    styles = dict(zip(tables, _line_styles(len(tables)), strict=True))
     for axis, column in zip(axes, columns, strict=False):
-        for table, style in zip(tables, styles, strict=True):
-            (own_column,) = select_columns(table, column)
-            masked = mask_huge_values({TIME: table[TIME], own_column: table[own_column]})
-            time = masked[TIME]
-            axis.plot(time, masked[own_column], lw=1.4, **style, **single_point_marker(time))
+        for label, table in tables.items():
+            (horizontal,), (vertical,) = (select_columns(table, c) for c in (abscissa, column))
+            masked = mask_huge_values({c: table[c] for c in (horizontal, vertical)})
+            values, style = masked[horizontal], styles[label]
+            axis.plot(values, masked[vertical], lw=1.4, **style, **single_point_marker(values))
+            if not is_over_time:
+                start = {"color": style["color"], "marker": "o", "ms": 4}
+                axis.plot(values[:1], masked[vertical][:1], **start)
+        for k, measured in enumerate(points.get(column, {}).values()):
+            axis.plot(*measured, **_marker_style(k))
         header = Header.of(column)
         name = column.removesuffix(f" [{header.unit}]")
         format_axis(axis, shorten_text(name, _TITLE_LETTERS), f"[{header.unit}]")
-    if len(runs) > 1:
-        lines = {
-            label: {"lw": 1.4, **style} for label, style in zip(run_labels, styles, strict=True)
-        }
-        add_legend(figure, lines)
-    disable_math_text(figure)
-    return Plot(figure)
+        if not is_over_time:
+            format_horizontal_axis(axis, abscissa, column)
+    entries: dict[str, dict[str, Any]] = {}
+    if len(tables) > 1 or points:
+        entries = {label: {"lw": 1.4, **style} for label, style in styles.items()}
+    experiments = max(points.values(), key=len, default={})
+    entries |= {
+        f"data, {name}" if name else "data": _marker_style(k) for k, name in enumerate(experiments)
+    }
+    if entries:
+        add_legend(figure, entries)
+    return figure
+
+
+class PlotSelection(NamedTuple):
+    """Contents of a plot.
+
+    Attributes
+    ----------
+    abscissa
+        Header of the column on the horizontal axis.
+    columns
+        Headers of the plotted columns; empty for the characteristic columns.
+    points
+        Measured values (k,) of the abscissa and of the column, by column and experiment; empty
+        without data.
+    """
+
+    abscissa: str
+    columns: list[str]
+    points: dict[str, dict[str, tuple[Array, Array]]]
+
+
+def select_plot(
+    headers: Sequence[str],
+    observed: Sequence[str],
+    names: Sequence[str],
+    x: str | None = None,
+    data: Any = None,
+) -> PlotSelection:
+    """Select the contents of a plot from the headers of the first run; see `plot`.
+
+    Parameters
+    ----------
+    headers
+        Headers of all columns of the run.
+    observed
+        Headers that take precedence if a name also selects other headers.
+    names, x, data
+        See `plot`.
+
+    Raises
+    ------
+    BeamdaeError
+        If a name selects no column, `x` selects several columns, or the data cannot be read or
+        contain none of the plotted columns.
+    """
+
+    def select(name: str) -> list[str]:
+        return select_columns(headers, name, observed=observed)
+
+    abscissa = TIME if x is None else require_one_column("plot", x, select(x))
+    measured = [] if data is None else _read_measured(data, headers)
+    present = [series.column for series in measured if series.column != abscissa]
+    columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
+    points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
+    if data is not None and not any(points.values()):
+        plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
+        raise BeamdaeError(
+            f"plot: data must contain {plotted}"
+            f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
+            f"{', '.join(dict.fromkeys(s.column for s in measured))}."
+        )
+    return PlotSelection(abscissa, columns, points)
+
+
+def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
+    """Return the measured series whose columns a run contains, in the units of the run."""
+    from beamdae.analysis.fit.data import convert_units, read_series
+
+    measured = []
+    given = read_series("plot", data)
+    for series in given:
+        converted = convert_units("plot", series, headers)
+        selected = [c for c in headers if converted.column in (c, c.rpartition(" [")[0])]
+        if selected and len(series.values):
+            measured.append(replace(converted, column=selected[0]))
+    if not measured:
+        raise BeamdaeError(
+            "plot: data must contain values of a column of the run, got the columns "
+            f"{', '.join(dict.fromkeys(s.column for s in given))}; name them as in the table of "
+            "the run, such as 'tip.y [mm]'."
+        )
+    return measured
+
+
+def _pair_with(
+    abscissa: str, column: str, measured: Sequence[Series]
+) -> dict[str, tuple[Array, Array]]:
+    """Return the measured values of the abscissa and of the column, by experiment."""
+    pairs: dict[str, tuple[Array, Array]] = {}
+    for series in measured:
+        if series.column != column:
+            continue
+        if abscissa == TIME:
+            pairs[series.experiment] = series.times, series.values
+            continue
+        for other in measured:
+            if other.column == abscissa and other.experiment == series.experiment:
+                _, here, there = np.intersect1d(series.times, other.times, return_indices=True)
+                if len(here):
+                    pairs[series.experiment] = other.values[there], series.values[here]
+    return pairs
+
+
+def _marker_style(number: int) -> dict[str, Any]:
+    """Return the style of measured values of an experiment."""
+    marker = _DATA_MARKERS[number % len(_DATA_MARKERS)]
+    return {"color": _DATA_COLOR, "ls": "", "marker": marker, "ms": 3.5, "mfc": "none"}
 
 
 def _line_styles(count: int) -> list[dict[str, Any]]:
