@@ -297,6 +297,8 @@ def require_finite(part: str, name: str, value: Any) -> float:
     The value must be a real number of at most 1e75 in absolute value. `part` and `name` begin the
     message.
     """
+    if type(value) is float and -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
+        return value
     number = as_real(value)
     if number is None:
         raise BeamdaeError(
@@ -348,7 +350,10 @@ def require_sequence(part: str, name: str, value: Any, what: str) -> list[Any]:
     Entries that are instances of subclasses of str become plain strings. Sets, strings and
     iterators are rejected with a BeamdaeError; `what` describes the expected value in its message.
     """
-    is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+    # Most sequences are tuples or lists; the check of the abstract class takes ten times as long.
+    is_sequence = type(value) in (tuple, list) or (
+        isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+    )
     try:
         dimensions = getattr(value, "ndim", 0)
         if is_sequence or (isinstance(dimensions, int) and dimensions > 0):
@@ -461,6 +466,9 @@ def call_progress(progress: Callable[..., Any], *status: Any) -> Any:
 
 def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Return `value` if it equals one of `choices` in value and type, or raise BeamdaeError."""
+    for choice in choices:
+        if value is choice:
+            return value
     value = unbox_scalar(value)
     if not any(type(value) is type(choice) and value == choice for choice in choices):
         raise BeamdaeError(
@@ -490,20 +498,31 @@ def require_name(kind: str, name: Any) -> str:
     header "name.x [m]". `kind` begins the message.
     """
     name = plain_text(name)
+    if type(name) is str and _is_valid_name(name):
+        return name
     if not isinstance(name, str) or not name.strip():
         raise BeamdaeError(f"{kind}: the name must be a non-empty string, got {short_repr(name)}.")
-    # Spreadsheets read a cell that begins with one of these signs as a formula.
-    if name[0] in "=+-@" or name != name.strip() or set(name) & set("[]"):
+    if _has_forbidden_characters(name):
         raise BeamdaeError(
             f"{kind}: a name must not start with =, +, - or @, contain [ or ], or start or end "
             f"with a space, got {short_repr(name)}."
         )
-    if len(name) > _MAX_NAME_LENGTH or not name.isprintable():
-        raise BeamdaeError(
-            f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters and no line breaks "
-            f"or other control characters, got {short_repr(name)}."
-        )
-    return name
+    raise BeamdaeError(
+        f"{kind}: a name must have at most {_MAX_NAME_LENGTH} characters and no line breaks "
+        f"or other control characters, got {short_repr(name)}."
+    )
+
+
+# Models are often built again with the same names.
+@lru_cache(maxsize=1024)
+def _is_valid_name(name: str) -> bool:
+    is_short = 0 < len(name) <= _MAX_NAME_LENGTH
+    return is_short and name.isprintable() and not _has_forbidden_characters(name)
+
+
+def _has_forbidden_characters(name: str) -> bool:
+    # Spreadsheets read a cell that begins with one of these signs as a formula.
+    return name[0] in "=+-@" or name != name.strip() or bool(set(name) & set("[]"))
 
 
 def require_unit(part: str, unit: Any) -> str:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -233,9 +234,13 @@ class Model:
         return self._origin(self.parameters)
 
     def _origin(self, parameters: Mapping[str, Any]) -> Origin:
-        units = {x.name: x.unit for x in self.parameter_info.values() if x.unit not in ("", "-")}
         values = ReadOnlyDict(copy_containers(dict(parameters)))
-        return Origin(self.name, values, self.t_end, ReadOnlyDict(units))
+        return Origin(self.name, values, self.t_end, self._units)
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        units = {x.name: x.unit for x in self.parameter_info.values() if x.unit not in ("", "-")}
+        return ReadOnlyDict(units)
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a complete run; see `beamdae.check`."""
@@ -455,8 +460,10 @@ def extend_import_path(folder: Path) -> Iterator[None]:
     finally:
         with suppress(ValueError):
             sys.path.remove(str(folder))
-        # Two sets of all modules would take as long as a sixth of a small model.
-        added = set() if list(sys.modules) == before else set(sys.modules).difference(before)
+        # Two sets of all modules would take as long as a sixth of a small model. New modules are
+        # the last ones.
+        is_unchanged = len(sys.modules) == len(before) and next(reversed(sys.modules)) == before[-1]
+        added = set() if is_unchanged else set(sys.modules).difference(before)
         # Models are built often, but rarely import modules.
         known = {name.partition(".")[0] for name in before} if added else set()
         for name in added:

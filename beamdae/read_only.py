@@ -228,12 +228,13 @@ def _protect_matrix(matrix: Any, depth: int, known: _Known) -> Any:
         return matrix
     attributes, is_compressed = vars(matrix), matrix.format in _COMPRESSED_FORMATS
     names = _COMPRESSED_ARRAYS if is_compressed else _SPARSE_ARRAYS
-    arrays = {x: attributes[x] for x in names if isinstance(attributes.get(x), np.ndarray)}
-    for array in arrays.values():
-        if array.flags.writeable:
+    for name in names:
+        array = attributes.get(name)
+        if isinstance(array, np.ndarray) and array.flags.writeable:
             break
     else:
         return matrix
+    arrays = {x: attributes[x] for x in names if isinstance(attributes.get(x), np.ndarray)}
     if not is_compressed:
         copied = matrix.copy()
         arrays = {name: getattr(copied, name) for name in arrays}

@@ -5,6 +5,7 @@ The module also contains the checks of the settings and the warnings about curva
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
@@ -43,7 +44,6 @@ from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
-from beamdae.read_only import read_only
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
 from beamdae.symbolic.statements import (
     SX,
@@ -97,8 +97,6 @@ _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 # Lower bound of the memory of a run per element and node interval, for all integrators [bytes].
 # Measured: 95 to 150 kB, in long chains of beams and in a single beam of 10 000 elements.
 _BYTES_PER_ELEMENT_INTERVAL = 9e4
-
-_OUTLINE_POINTS = 33
 
 
 class Beam(Part):
@@ -411,7 +409,7 @@ class Beam(Part):
     @cached_property
     def outline(self) -> Array:
         """Points along the reference curve (k, 2) [m]."""
-        return read_only(self.curve.point(np.linspace(0.0, self.length, _OUTLINE_POINTS)))
+        return self._requested_mesh.outline
 
     def forces(self, gravity: Array) -> list[ForceStatement]:
         """Return the forces of inertia, elasticity, material damping and weight.
@@ -839,15 +837,13 @@ def attachment_errors(
 
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:
     """Return the largest curvature times element length and, if known, times section height."""
-    s = mesh.gauss_arc_lengths(mesh.nodes)
-    curvature = np.abs(mesh.curve.curvature(s))
-    turns = curvature * np.repeat(mesh.element_lengths, mesh.nodes)
-    measures = {"largest curvature times element length": float(turns.max())}
-    heights = (
-        np.full(len(s), section.height, float)
-        if isinstance(section, Section)
-        else np.array([section.at(x).height for x in s.tolist()], float)
-    )
+    curvature = mesh.gauss_curvature
+    measures = {"largest curvature times element length": mesh.largest_turn}
+    if isinstance(section, Section):
+        heights = np.array(section.height, float)
+    else:
+        s = mesh.gauss_arc_lengths(mesh.nodes)
+        heights = np.array([section.at(x).height for x in s.tolist()], float)
     if not np.isnan(heights).any():
         measures["largest curvature times section height"] = float(np.max(curvature * heights))
     return measures
@@ -881,8 +877,13 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
 
 
 def _require_valid_slenderness(part: str, section: Section | VaryingSection, length: float) -> None:
-    for x in map(section.at, np.linspace(0.0, length, _GYRATION_SAMPLES)):
-        gyration = float(np.sqrt(x.second_moment / x.area))
+    samples = (
+        [section]
+        if isinstance(section, Section)
+        else map(section.at, np.linspace(0.0, length, _GYRATION_SAMPLES))
+    )
+    for x in samples:
+        gyration = math.sqrt(x.second_moment / x.area)
         if not _MIN_GYRATION_RATIO <= gyration / length <= _MAX_GYRATION_RATIO:
             raise BeamdaeError(
                 f"{part}: second_moment {x.second_moment:g} m^4 and area {x.area:g} "

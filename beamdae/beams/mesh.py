@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ _MAX_GROWTH_FACTOR, _MAX_GROWTH = 2, 8
 # Meshes cached for later beams, and the largest number of nodes of such a mesh.
 _MAX_CACHED_MESHES = 32
 _MAX_CACHED_NODES = 1000
+_OUTLINE_POINTS = 33
 _LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
 
 
@@ -190,15 +191,37 @@ class Mesh:
             If the polygon through the nodes of an element is less than half as long as the part of
             the curve between its ends. The message names the beam, `part`.
         """
+        polygon, arc = self._worst_polygon
+        if not polygon >= _MIN_POLYGON_LENGTH * arc:
+            raise BeamdaeError(
+                f"{part}: elements={self.elements} with {self.nodes} nodes each are "
+                f"too few for the curve, where a polygon of {polygon:.3g} m through the "
+                f"nodes replaces an arc of {arc:.3g} m; use more elements."
+            )
+
+    @cached_property
+    def _worst_polygon(self) -> tuple[float, float]:
+        """Lengths [m] of the relatively shortest polygon through nodes and of its element."""
         steps = np.diff(self.node_points, axis=1)
         polygons = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
         worst = int(np.argmin(polygons / self.element_lengths))
-        if not polygons[worst] >= _MIN_POLYGON_LENGTH * self.element_lengths[worst]:
-            raise BeamdaeError(
-                f"{part}: elements={self.elements} with {self.nodes} nodes each are "
-                f"too few for the curve, where a polygon of {polygons[worst]:.3g} m through the "
-                f"nodes replaces an arc of {self.element_lengths[worst]:.3g} m; use more elements."
-            )
+        return float(polygons[worst]), float(self.element_lengths[worst])
+
+    @cached_property
+    def outline(self) -> Array:
+        """Equidistant points along the curve [m], in inertial axes, shape (k, 2)."""
+        return self.curve.point(np.linspace(0.0, self.curve.length, _OUTLINE_POINTS))
+
+    @cached_property
+    def gauss_curvature(self) -> Array:
+        """Absolute curvature of the curve [1/m] at `nodes` Gauss points of each element."""
+        return np.abs(self.curve.curvature(self.gauss_arc_lengths(self.nodes)))
+
+    @cached_property
+    def largest_turn(self) -> float:
+        """Largest curvature times element length [rad]."""
+        turns = self.gauss_curvature * np.repeat(self.element_lengths, self.nodes)
+        return float(turns.max())
 
     def axis(self, element: Array, xi: Array) -> AxisPoints:
         """Return points on the interpolated axes (eqs. 2, 13 and 14 of Pan & Liu, 2012).
@@ -284,7 +307,16 @@ def consists_of_numbers(value: object) -> bool:
     """Return True if a value is immutable and consists of numbers, texts and None only."""
     if isinstance(value, tuple):
         return all(map(consists_of_numbers, value))
-    if is_dataclass(value) and not isinstance(value, type):
-        is_frozen = value.__dataclass_params__.frozen  # type: ignore[attr-defined]
-        return is_frozen and all(consists_of_numbers(getattr(value, f.name)) for f in fields(value))
-    return value is None or isinstance(value, (int, float, str))
+    if value is None or isinstance(value, (int, float, str)):
+        return True
+    kind: Any = type(value)
+    names = _names_of_frozen_fields(kind)
+    return names is not None and all(consists_of_numbers(getattr(value, x)) for x in names)
+
+
+@cache
+def _names_of_frozen_fields(kind: type) -> tuple[str, ...] | None:
+    """Return the names of the fields of a frozen dataclass; None for other types."""
+    if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        return None
+    return tuple(field.name for field in fields(kind))

@@ -58,8 +58,12 @@ class PlaneCurve(Protocol):
 
 def require_curve(part: str, curve: Any) -> PlaneCurve:
     """Return `curve` if it is a plane curve of positive length, or raise BeamdaeError."""
-    # Curve classes, unlike instances, are rejected although they have the same methods.
-    if isinstance(curve, type) or not is_instance(curve, PlaneCurve):
+    # Curve classes, unlike instances, are rejected although they have the same methods. The check
+    # of the protocol takes 20 times as long as that of a type.
+    is_curve = type(curve) in (Line, Arc) or (
+        not isinstance(curve, type) and is_instance(curve, PlaneCurve)
+    )
+    if not is_curve:
         raise BeamdaeError(
             f"{part}: curve must be a Line, Arc, Parabola, Curve, IntrinsicCurve or Segment, "
             f"got {short_repr(curve)}."

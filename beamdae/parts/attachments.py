@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -24,6 +25,8 @@ from beamdae.errors import (
 from beamdae.read_only import read_only_data
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, Piece
+
+_MAX_CACHED_POINTS = 1000  # of an outline whose size is cached
 
 
 @read_only_data
@@ -184,6 +187,18 @@ def rotate(angle: Any, vector: Any) -> SX:
 
 def largest_distance(points: np.ndarray) -> float:
     """Return the largest distance [m] between two of `points` (k, 2) [m]; 0 without points."""
+    if len(points) > _MAX_CACHED_POINTS:
+        return _largest_distance(points)
+    # Models are often built again with the same outlines.
+    return _cached_largest_distance(np.asarray(points, float).tobytes())
+
+
+@lru_cache(maxsize=256)
+def _cached_largest_distance(points: bytes) -> float:
+    return _largest_distance(np.frombuffer(points).reshape(-1, 2))
+
+
+def _largest_distance(points: np.ndarray) -> float:
     if not len(points):
         return 0.0
     # Points far from the center first: the search ends once no remaining pair can be farther apart.

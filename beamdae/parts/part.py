@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -104,8 +105,9 @@ class Part:
     @property
     def _values(self) -> list[Any]:
         # A dataclass with slots has no `vars` for its fields.
-        dataclass_fields: tuple[Any, ...] = fields(self) if is_dataclass(self) else ()
-        return _flatten({x.name: getattr(self, x.name) for x in dataclass_fields} | vars(self))
+        kind: Any = type(self)
+        names = _field_names(kind)
+        return _flatten({name: getattr(self, name) for name in names} | vars(self))
 
     @property
     def coordinates(self) -> tuple[Variable, ...]:
@@ -264,13 +266,24 @@ class Part:
         return None
 
 
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+
+
+@cache
+def _is_container(kind: type) -> bool:
+    # Named tuples such as statements are values, not lists.
+    return issubclass(kind, (list, set, frozenset, dict)) or kind is tuple
+
+
 def _flatten(value: Any) -> list[Any]:
     """Return the entries of a list, tuple, set or dictionary, and of those inside it."""
-    if isinstance(value, dict):
-        value = value.values()
     leaves: list[Any] = []
-    for entry in value:
-        # Named tuples such as statements are values, not lists.
-        is_container = isinstance(entry, (list, set, frozenset, dict)) or type(entry) is tuple
-        leaves += _flatten(entry) if is_container else [entry]
+    for entry in value.values() if isinstance(value, dict) else value:
+        kind: Any = type(entry)
+        if _is_container(kind):
+            leaves += _flatten(entry)
+        else:
+            leaves.append(entry)
     return leaves

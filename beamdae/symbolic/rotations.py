@@ -15,7 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.bounded_cache import bounded_cache
+from beamdae.read_only import read_only
 from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.sparse_operators import ConstantOperator
 
 Array = np.ndarray
 SX = ca.SX
@@ -86,6 +88,12 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     lack some columns still share the pattern. Results are cached, because models are often built
     again with other numbers but the same operators.
     """
+    constant = ConstantOperator(operator)
+    return (_cached_factor if constant.is_read_only else _factor)(constant, count)
+
+
+def _factor(constant: ConstantOperator, count: int) -> RotatedOperator:
+    operator = constant.matrix
     if np.all(operator.data == 1.0) and np.all(np.diff(operator.indptr) <= 1):
         return RotatedOperator(operator, None, np.zeros((0, count)))
     arrays = (operator.indptr, operator.indices, operator.data)
@@ -93,7 +101,14 @@ def factor_operator(operator: sp.csr_array, count: int) -> RotatedOperator:
     return _factor_arrays(operator.shape, contents, count)
 
 
-@bounded_cache(_MAX_CACHED_ENTRIES, lambda result: result.selection.nnz + result.data.size)
+def _count_entries(result: RotatedOperator) -> float:
+    return result.selection.nnz + result.data.size
+
+
+_cached_factor = bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)(_factor)
+
+
+@bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)
 def _factor_arrays(
     shape: tuple[int, int], contents: tuple[tuple[str, bytes], ...], count: int
 ) -> RotatedOperator:
@@ -131,7 +146,7 @@ def _factor_arrays(
     parts = (np.ones(len(keys)), global_column[by_row], starts)
     selection = sp.csr_array(parts, shape=(count * len(kinds), shape[1]))
     rotation = LocalRotation((rows, len(kinds)), tuple(ones), tuple(others))
-    return RotatedOperator(selection, rotation, values[~is_one])
+    return RotatedOperator(read_only(selection), rotation, read_only(values[~is_one]))
 
 
 def rotate_kernel(

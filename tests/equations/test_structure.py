@@ -2,9 +2,11 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hub_beam import hub_beam
 from slider_crank import slider_crank
 
@@ -192,3 +194,28 @@ def test_forms_are_cached_separately():
         FIRST_ORDER
     )
     assert formulate_step(equations, True) is not formulate_step(equations, False)
+
+
+def test_models_that_differ_only_in_numbers_share_their_operators():
+    one, other = equations(), equations(density=1000.0)
+    for a, b in zip(one.observables, other.observables, strict=True):
+        assert a.operator is b.operator
+        assert not a.operator.data.flags.writeable
+
+
+def test_operators_that_a_part_can_change_are_read_at_each_assembly():
+    """Cached operators would hide changes in place."""
+
+    class Block(bd.PointMass):
+        def forces(self, gravity):
+            (statement,) = super().forces(gravity)
+            (piece,) = statement.pieces
+            return [replace(statement, pieces=(piece._replace(operator=operator),))]
+
+    mech, operator = bd.Mechanism(), sp.csr_array(np.eye(2))
+    mech.add(Block("block", 1.0, at=(0.0, 0.0)))
+    before = bd.equations_of_motion(mech).structure.forces[0].operator.toarray()
+    operator.data[:] = 2.0
+    after = bd.equations_of_motion(mech).structure.forces[0]
+    rotated = after.operator if after.rotation is None else after.operator * 2.0
+    assert np.array_equal(rotated.toarray(), 2.0 * before)

@@ -87,7 +87,7 @@ class FloatingFrame(FormulationKinematics):
             self.free_curve is not None,
         )
 
-    @cached_property
+    @geometric_property
     def origin(self) -> tuple[float, float]:
         """Origin of the frame in the reference configuration, the start point [m]."""
         x, y = np.asarray(self.mesh.curve.point(0.0), float)
@@ -234,7 +234,13 @@ class FloatingFrame(FormulationKinematics):
         mass, stiffness = self._geometry.derive(
             ("points", layout.mass_points), lambda: self._measure_points(layout.mass_points)
         )
-        return assemble_point_data(mesh, layout, self.section, mass, stiffness)
+
+        def assemble() -> Array:
+            return assemble_point_data(mesh, layout, self.section, mass, stiffness)
+
+        if isinstance(self.section, VaryingSection):
+            return assemble()
+        return self._geometry.derive(("point data", layout), assemble)
 
     def _measure_points(self, mass_points: int) -> tuple[list[Array], list[Array]]:
         """Return the geometric values of the inertia points and of the stiffness points."""
@@ -288,8 +294,7 @@ class FloatingFrame(FormulationKinematics):
         curve = self.mesh.curve
         data = self.data(np.zeros(2))
         lengths = np.full((1, self.mesh.elements), curve.length)
-        samples = np.linspace(0.0, curve.length, _TURN_SAMPLES)
-        turning = float(np.ptp(curve.tangent_angle(samples)))
+        turning = self._turning
         # Measured: the curvature in the quadratic strains improves results only in a chord frame.
         remedies = {
             "frame='chord'": self.frame == "tangent" and has_chord(curve),
@@ -303,6 +308,12 @@ class FloatingFrame(FormulationKinematics):
             None if self.strain == "exact" else strain_defect_kernel(self.element),
             tuple(setting for setting, helps in remedies.items() if helps),
         )
+
+    @geometric_property
+    def _turning(self) -> float:
+        """Range of the tangent angles of the curve [rad]."""
+        samples = np.linspace(0.0, self.mesh.curve.length, _TURN_SAMPLES)
+        return float(np.ptp(self.mesh.curve.tangent_angle(samples)))
 
     @geometric_property
     def floating_frame(self) -> MaterialPoint:
