@@ -6,7 +6,7 @@ They include a structure, which models that differ only in numbers share, and th
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -211,10 +211,15 @@ class Observable:
     @property
     def headers(self) -> list[str]:
         """CSV headers of the columns, such as 'tip.x [m]'."""
-        return [
-            Variable(".".join(filter(None, (self.name, column.name))), column.unit).header
-            for column in self.columns
-        ]
+        return format_headers(self.name, self.columns)
+
+
+def format_headers(name: str, columns: Sequence[Variable]) -> list[str]:
+    """Return the CSV headers of the columns of an observable."""
+    return [
+        Variable(".".join(filter(None, (name, column.name))), column.unit).header
+        for column in columns
+    ]
 
 
 @dataclass(frozen=True)

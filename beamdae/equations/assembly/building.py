@@ -30,6 +30,7 @@ from beamdae.equations.equations_of_motion import (
     PartCoordinates,
     PartStatements,
     RangeTerm,
+    format_headers,
 )
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.equations.singular_laws import PartLaw
@@ -340,12 +341,21 @@ def require_unique_headers(
     coordinates: Sequence[Variable], multipliers: Sequence[Variable], observed: Sequence[Observable]
 ) -> None:
     """Reject duplicate headers of observed columns, and of coordinates and multipliers."""
-    observed_headers = [header for observable in observed for header in observable.headers]
-    require_unique("observed columns", "headers", [*observed_headers, *LEDGER_COLUMNS, TIME])
+    columns = tuple((observable.name, observable.columns) for observable in observed)
+    try:
+        _require_unique_columns(columns)
+    except TypeError:  # names of other types than str
+        _require_unique_columns.__wrapped__(columns)
     _require_unique_coordinates(tuple(coordinates), tuple(multipliers))
 
 
-# Models are often built again with the same coordinates.
+# Models are often built again with the same coordinates and columns.
+@lru_cache(maxsize=_MAX_CACHED_CHECKS)
+def _require_unique_columns(observed: tuple[tuple[str, tuple[Variable, ...]], ...]) -> None:
+    headers = [header for name, columns in observed for header in format_headers(name, columns)]
+    require_unique("observed columns", "headers", [*headers, *LEDGER_COLUMNS, TIME])
+
+
 @lru_cache(maxsize=_MAX_CACHED_CHECKS)
 def _require_unique_coordinates(
     coordinates: tuple[Variable, ...], multipliers: tuple[Variable, ...]
