@@ -134,6 +134,7 @@ from .parts.laws import piecewise as piecewise
 from .parts.laws import run_up as run_up
 from .parts.laws import sine as sine
 from .parts.mechanism import Mechanism as Mechanism
+from .parts.observables import acceleration as acceleration
 from .parts.observables import relative_displacement as relative_displacement
 from .parts.observables import relative_motion as relative_motion
 from .parts.part import Part as Part

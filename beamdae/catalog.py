@@ -456,6 +456,11 @@ GROUPS = (
         "Observables",
         (
             Public(
+                "acceleration",
+                "beamdae.parts.observables",
+                lambda m: {"of": m.disk.at(0.1, 0.2), "axes": "section"},
+            ),
+            Public(
                 "relative_displacement",
                 "beamdae.parts.observables",
                 lambda m: {

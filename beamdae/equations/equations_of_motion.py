@@ -199,6 +199,8 @@ class Observable:
         Slice of p with the numbers of the observable.
     rows
         Slice of the multipliers on which the columns depend; empty if they depend on none.
+    has_accelerations
+        True if local accelerations are the last argument of `function`.
     """
 
     name: str
@@ -207,6 +209,7 @@ class Observable:
     operator: sp.csr_array
     data: slice
     rows: slice
+    has_accelerations: bool = False
 
     @property
     def headers(self) -> list[str]:

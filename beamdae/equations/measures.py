@@ -47,7 +47,9 @@ class ObservedRows:
         columns = [np.ascontiguousarray(x.T) for x in (q, v)]
         for o in e.observables:
             local = (np.asarray(o.operator @ x).T for x in columns)
-            blocks.append(o.function(times, *local, e.p[o.data], lam[:, o.rows]))
+            accelerations = [np.asarray(o.operator @ a.T).T] if o.has_accelerations else []
+            arguments = (times, *local, e.p[o.data], lam[:, o.rows], *accelerations)
+            blocks.append(o.function(*arguments))
         return np.hstack(blocks)
 
 

@@ -421,6 +421,11 @@ def _select_outputs(e: EquationsOfMotion, outputs: Any) -> tuple[Output, ...]:
     result = []
     for header in headers:
         observable, k = columns[header]
+        if observable.has_accelerations:
+            raise BeamdaeError(
+                f"{PART}: {header} depends on accelerations, which FMUs do not compute; name other "
+                "outputs."
+            )
         name = header.rpartition(" [")[0] or header
         result.append(Output(name, observable.columns[k].unit, observable, k))
     return tuple(result)

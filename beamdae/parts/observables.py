@@ -89,6 +89,77 @@ def _section_motion(local: Local, on: Any, inclination: Callable[[], Any]) -> SX
 
 
 @dataclass(frozen=True)
+class _Acceleration:
+    """Acceleration of a point, and its angular acceleration if the rotation is not constant."""
+
+    axes: str
+    has_rotation: bool
+
+    def __call__(self, local: Local, of: Any, inclination: Callable[[], Any]) -> SX:
+        position, rotation = of(local.q)
+        values = local.ddot(position)
+        if self.axes == "section":
+            values = rotate(-(inclination()[0] + rotation), values)
+        return ca.vertcat(values, local.ddot(rotation)) if self.has_rotation else values
+
+
+@rebuilt_for_mesh
+def acceleration(of: Attachment, axes: str = "inertial") -> Quantity:
+    """Return the acceleration of a point and its angular acceleration.
+
+    The columns follow from the accelerations of the coordinates, which satisfy the equations of
+    motion at each step of a run; they are not differences of velocities. Between steps, they are
+    interpolated like reactions. An accelerometer measures this acceleration minus gravity.
+
+    They are columns of runs, of `sensitivities` and of `linearize`, but not of events, controllers,
+    FMUs and adjoint gradients.
+
+    Parameters
+    ----------
+    of
+        The point.
+    axes
+        Axes of the components: "inertial", or "section" for axes that rotate with `of`, such as the
+        axes of an accelerometer: along the axis of the beam and its left normal, or the axes of a
+        rigid body.
+
+    Returns
+    -------
+    Quantity
+        Columns ax, ay [m/s^2] and angle_ddot [rad/s^2]; the last one is omitted for particles and
+        points of the ground.
+
+    Raises
+    ------
+    BeamdaeError
+        If `of` is not an attachment, `axes` is unknown, or `of` is a particle and `axes` is
+        "section".
+
+    Examples
+    --------
+    >>> import beamdae as bd
+    >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
+    >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    >>> mech.observe("ball acceleration", bd.acceleration(ball.point))
+    >>> solution = bd.simulate(mech, t_end=0.1)
+    >>> print(f"{solution['ball acceleration.ay'].iloc[-1]:.2f} m/s^2")
+    -9.81 m/s^2
+    """
+    require_attachment("acceleration", "of", of)
+    require_choice("acceleration", "axes", axes, ("inertial", "section"))
+    if axes == "section":
+        require_angle("acceleration", of)
+    has_rotation = _has_rotation(of)
+    columns = [Variable("ax", "m/s^2"), Variable("ay", "m/s^2")]
+    columns += [Variable("angle_ddot", "rad/s^2")] * has_rotation
+    values, data = FormulaExpression.of(
+        _Acceleration(axes, has_rotation),
+        (of.checked_kinematics, constant_formula(of.inclination)),
+    )
+    return Quantity(tuple(columns), (of.piece,), values, data, has_accelerations=True)
+
+
+@dataclass(frozen=True)
 class _RelativeDisplacement:
     """Displacement and rotation of a point relative to the end of an arm.
 

@@ -136,6 +136,11 @@ class Sensor(Value):
     unit: str = "-"
 
     def __post_init__(self) -> None:
+        if self.of.has_accelerations:
+            raise BeamdaeError(
+                f"{self.name}: a sensor cannot measure accelerations, which follow from the "
+                "forces; measure a position or a velocity."
+            )
         if self.of.joint is not None:
             raise BeamdaeError(
                 f"{self.name}: a sensor cannot measure the reaction of a joint; measure a "

@@ -188,18 +188,19 @@ class Equilibrium(HasPage):
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """Observed columns (k,) by header, without rates."""
+        """Observed columns (k,) by header, without rates and accelerations, which are zero."""
         e, rows = self.equations, len(self.q)
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
+        accelerations = {x for o in e.observables if o.has_accelerations for x in o.headers}
         at_rest = np.zeros_like(self.q)
         times = np.full((rows, 2), self.t)
         values = ObservedRows(e)(times, self.q, at_rest, at_rest, self.lam).T
         return {
             header: column
             for header, column in zip(headers, values, strict=True)
-            if not Header.of(header).suffix.endswith("_dot")
+            if header not in accelerations and not Header.of(header).suffix.endswith("_dot")
         }
 
     def all_columns(self) -> dict[str, Any]:

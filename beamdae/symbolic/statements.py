@@ -33,6 +33,7 @@ from beamdae.symbolic.table_calls import TableCall
 
 __all__ = [
     "SX",
+    "AccelerationKernel",
     "ConstraintKernel",
     "ConstraintStatement",
     "ForceKernel",
@@ -339,6 +340,9 @@ class Quantity:
         The part `joint`, to reject a part of another mechanism with the same name; None if unknown.
     recipe
         Function call that returned the quantity, see `rebuilt_for_mesh`; None if unknown.
+    has_accelerations
+        True if the values depend on local.a. Such quantities are columns of results only, not of
+        events, controllers or FMUs, because accelerations follow from the forces.
     """
 
     columns: tuple[Variable, ...]
@@ -348,6 +352,7 @@ class Quantity:
     joint: str | None = None
     joint_part: Any = field(default=None, repr=False, compare=False)
     recipe: _Recipe | None = field(default=None, repr=False, compare=False)
+    has_accelerations: bool = False
 
     @property
     def can_be_rebuilt(self) -> bool:
@@ -442,5 +447,15 @@ class QuantityKernel:
 
     @cached_property
     def function(self) -> RowFunction:
-        """Function from rows of (time, q, v, data, lam) to rows of values."""
+        """Function from rows of `inputs` to rows of values."""
         return RowFunction(ca.Function("observed", self.inputs, [ca.densify(self.values)]))
+
+
+@dataclass(frozen=True)
+class AccelerationKernel(QuantityKernel):
+    """Expressions of the values of a quantity that depend on accelerations."""
+
+    @property
+    def inputs(self) -> list[SX]:
+        """Symbols on which the values may depend: (time, q, v, data, lam, a)."""
+        return [*super().inputs, self.local.a]

@@ -295,3 +295,146 @@ def test_relative_motion_has_no_angle_with_particles_and_no_axes_on_them():
     assert headers == ["x [m]", "y [m]", "x_dot [m/s]", "y_dot [m/s]"]
     with pytest.raises(bd.BeamdaeError, match=r"relative_motion: ball .* without an angle"):
         bd.relative_motion(mech.ground.at(0.0, 0.0), ball.point)
+
+
+@pytest.mark.parametrize("axes", ["section", "inertial"])
+def test_accelerations_are_the_second_derivatives_of_the_motion(axes):
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", mass=1.1, inertia=0.4, center=CENTER))
+    beam = mech.add(FIELDS[0].beam(ARC))
+    places = {"disk": disk.at(0.2, 0.5), "beam": beam.at(0.6 * ARC.length)}
+    for name, at in places.items():
+        mech.observe(name, at)
+        mech.observe(f"{name} acceleration", bd.acceleration(at, axes))
+    numeric = NumericEquations(mech)
+    q, v, a = random_state(numeric, seed=3)
+    h = 1e-5
+    for name in places:
+        before, after = (
+            numeric.observed(name, q=q + x * v + 0.5 * x * x * a, v=v + x * a) for x in (-h, h)
+        )
+        expected = (after - before)[3:] / (2.0 * h)
+        angle = numeric.observed(name, q=q)[2]
+        expected[:2] = rotation(-angle if axes == "section" else 0.0) @ expected[:2]
+        values = numeric.observed(f"{name} acceleration", q=q, v=v, a=a)
+        assert_allclose(values, expected, rtol=1e-6)
+
+
+def swing(length=0.5, mass=2.0, torque=0.0, gravity=9.81, hangs=False):
+    """Return a rod on a hinge, with the acceleration of its free end in both axes."""
+    mech = bd.Mechanism(gravity=(gravity, 0.0) if hangs else (0.0, -gravity))
+    rod = mech.add(bd.RigidBody("rod", mass=mass, inertia=1e-3, center=(length, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Moment("torque", rod.at(0.0, 0.0), torque))
+    mech.observe("end", rod.at(length, 0.0))
+    mech.observe("inertial", bd.acceleration(rod.at(length, 0.0)))
+    mech.observe("sensor", bd.acceleration(rod.at(length, 0.0), axes="section"))
+    return mech
+
+
+SWING = bd.model(t_end=1.0)(swing)
+METHODS = [bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(rtol=1e-7)]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda x: x.method)
+def test_accelerations_satisfy_the_equations_of_motion(method):
+    """At all rows, also between steps: inertia x angular acceleration = moment of gravity."""
+    run = bd.simulate(swing(), method, t_end=0.5)
+    angle, speed = run["end.angle"].to_numpy(), run["end.angle_dot"].to_numpy()
+    expected = -2.0 * 9.81 * 0.5 * np.cos(angle) / (2.0 * 0.25 + 1e-3)
+    size = np.abs(expected).max()
+    # Generalized-alpha is of second order; the other methods are within 2e-6.
+    atol = (1e-3 if method.method == "GeneralizedAlpha" else 1e-5) * size
+    assert_allclose(run["sensor.angle_ddot"], expected, rtol=0.0, atol=atol)
+    assert_allclose(run["sensor.ay"], 0.5 * expected, rtol=0.0, atol=atol)
+    assert_allclose(run["sensor.ax"], -0.5 * speed**2, rtol=0.0, atol=atol)
+    x = run["sensor.ax"] * np.cos(angle) - run["sensor.ay"] * np.sin(angle)
+    assert_allclose(run["inertial.ax"], x, rtol=0.0, atol=1e-12 * size)
+    rod = run.equations.mechanism.parts["rod"]
+    later = run.observe("again", bd.acceleration(rod.at(0.5, 0.0)))
+    assert list(later["again"]) == [
+        "again.ax [m/s^2]",
+        "again.ay [m/s^2]",
+        "again.angle_ddot [rad/s^2]",
+    ]
+    assert_allclose(later["again"], run["inertial"])
+
+
+@pytest.mark.parametrize(
+    "method",
+    [bd.Radau(1e-10), bd.GeneralizedAlpha(1e-3, newton_tolerance=1e-10)],
+    ids=lambda x: x.method,
+)
+def test_sensitivities_of_accelerations_are_those_of_differences(method):
+    run = bd.sensitivities(SWING, ["length", "torque"], method, t_end=0.3)
+    for name, size in (("length", 1e-3), ("torque", 1e-2)):
+        low, high = (
+            bd.simulate(SWING(**{name: SWING.parameters[name] + side * size}), method, t_end=0.3)
+            for side in (-1.0, 1.0)
+        )
+        for column in ("inertial.ay", "sensor.ax", "sensor.angle_ddot"):
+            exact = run.sensitivity(column, name).to_numpy()
+            expected = (high[column] - low[column]).to_numpy() / (2.0 * size)
+            assert_allclose(exact, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_accelerations_are_outputs_of_linear_models():
+    """Hanging at rest, the rod is accelerated by its torque and, after a turn, by gravity."""
+    model = bd.linearize(swing(hangs=True), inputs=["torque"], outputs=["sensor"])
+    inertia = 2.0 * 0.25 + 1e-3
+    assert_allclose(model.D[:, 0], [0.0, 0.5 / inertia, 1.0 / inertia], rtol=1e-9, atol=1e-12)
+    assert_allclose(model.C[2, 0] / model.C[1, 0], 2.0, rtol=1e-9)
+    assert_allclose(model.poles.imag.max() ** 2, 2.0 * 9.81 * 0.5 / inertia, rtol=1e-9)
+    with pytest.raises(bd.BeamdaeError, match="sensor cannot be an output in a rotating frame"):
+        bd.linearize(swing(gravity=0.0), about=bd.rotation(4.0), outputs=["sensor"])
+
+
+def test_accelerations_of_particles_have_no_angle_and_no_axes():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))
+    assert [x.header for x in bd.acceleration(ball.point).columns] == ["ax [m/s^2]", "ay [m/s^2]"]
+    with pytest.raises(bd.BeamdaeError, match=r"acceleration: ball .* without an angle"):
+        bd.acceleration(ball.point, axes="section")
+
+
+def cross(mech, of):
+    mech.observe("of", of)
+    mech.when("of.ay", crosses=1.0)
+    bd.simulate(mech, bd.Radau(), t_end=0.1)
+
+
+def control(mech, of):
+    mech.add(bd.Controller("pid", lambda sample: 0.0, 0.01, [of]))
+    bd.simulate(mech, bd.Radau(), t_end=0.1)
+
+
+def maximize(mech, of):
+    bd.gradient(SWING, bd.EndValue("sensor.ay"), ["length"], bd.Radau(), t_end=0.1)
+
+
+def reach(mech, of):
+    bd.equilibrium(swing(hangs=True), to={"sensor.ay": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (cross, "an event cannot depend on accelerations"),
+        (control, "a controller cannot read accelerations"),
+        (lambda mech, of: mech.sensor("gauge", of, "ax"), "a sensor cannot measure accelerations"),
+        (lambda mech, of: bd.export_fmu(mech, "swing.fmu"), "which FMUs do not compute"),
+        (maximize, "the objective must not contain accelerations"),
+        (reach, "to must name an observed position, got 'sensor.ay'"),
+    ],
+)
+def test_accelerations_are_refused_by_name_where_only_positions_and_velocities_are_known(
+    use, message, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    mech = swing()
+    with pytest.raises(bd.BeamdaeError, match=message):
+        use(mech, bd.acceleration(mech.parts["rod"].at(0.5, 0.0)))
+
+
+def test_columns_of_equilibria_contain_no_accelerations():
+    assert not [x for x in bd.equilibrium(swing(hangs=True)).columns if x.startswith("sensor")]

@@ -18,6 +18,7 @@ from beamdae.analysis.gradients.objectives import (
 )
 from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.errors import BeamdaeError
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
@@ -191,6 +192,11 @@ def add_term(
         return
     number, column = observed[header]
     o = equations.observables[number]
+    if o.has_accelerations:
+        raise BeamdaeError(
+            f"gradient: the objective must not contain accelerations, got {header}; use a "
+            "velocity, a force or bd.sensitivities."
+        )
     arguments = _column_arguments(o, equations, rows, at)
     value, derivatives = term.evaluate(o.function(*arguments)[:, column], weights)
     seeds.value += factor * value
@@ -262,6 +268,8 @@ def differentiate_end(
     columns = dict(zip(coordinates, zip(values, rates, strict=True), strict=True))
     time = np.array([grid.end, interval.branch])
     for o in equations.observables:
+        if o.has_accelerations:  # Objectives do not contain them.
+            continue
         arguments = _column_arguments(o, equations, time[None], State(*(x[None] for x in at)))
         observed = o.function(*arguments)[0]
         changes = time_derivative(o, equations, time, at, lam_rate)

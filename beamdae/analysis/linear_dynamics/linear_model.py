@@ -437,7 +437,7 @@ class _StateReduction:
             # Observables are functions of velocities in the inertial frame.
             generator = RotatingCoordinates.from_equations(e).generator
             dv = dv + lin.rotation.speed * (generator @ dq)
-        by_column, values, outputs = self._differentiate_outputs(observables, dq, dv, dlam)
+        by_column, values, outputs = self._differentiate_outputs(observables, dq, dv, da, dlam)
         states = [e.coordinates[k] for k in self.x_indices]
         states += [e.coordinates[k].rate for k in self.w_indices]
         return LinearModel(
@@ -455,7 +455,7 @@ class _StateReduction:
         )
 
     def _differentiate_outputs(
-        self, observables: Sequence[Observable], dq: Array, dv: Array, dlam: Array
+        self, observables: Sequence[Observable], dq: Array, dv: Array, da: Array, dlam: Array
     ) -> tuple[Array, Array, tuple[Variable, ...]]:
         """Return the Jacobian of the outputs, their values, and their names and units.
 
@@ -484,14 +484,22 @@ class _StateReduction:
                 )
             q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
             data = full.p[o.data]
-            _, by_q, by_v, by_data, by_lam = o.function.jacobians(lin.time, q, v, data, lam[o.rows])
+            if o.has_accelerations and lin.rotation is not None:
+                raise BeamdaeError(
+                    f"linearize: {o.name} cannot be an output in a rotating frame, because it "
+                    "depends on accelerations; choose other outputs."
+                )
+            arguments = [lin.time, q, v, data, lam[o.rows]]
+            arguments += [o.operator @ lin.state.a] * o.has_accelerations
+            _, by_q, by_v, by_data, by_lam, *by_a = o.function.jacobians(*arguments)
             derivatives.append(
                 by_q @ (o.operator @ dq)
                 + by_v @ (o.operator @ dv)
                 + by_data @ dp[o.data]
                 + by_lam @ full_dlam[o.rows]
+                + sum(by @ (o.operator @ da) for by in by_a)
             )
-            values.append(o.function(lin.time[None], q[None], v[None], data, lam[None, o.rows])[0])
+            values.append(o.function(*(x[None] for x in arguments))[0])
             for column in o.columns:
                 name = ".".join(filter(None, (o.name, column.name)))
                 names.append(Variable(name, column.unit))

@@ -8,6 +8,7 @@ import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
@@ -38,11 +39,12 @@ def differentiate_columns(
     o = select(equations)
     p, lam = equations.p[o.data], at.lam[:, o.rows]
     q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))
-    by_q, by_v, by_p, by_lam = (
-        o.function.derivative(k)(times, q, v, p, lam).reshape(len(times), size, len(o.columns))
-        for k, size in zip(
-            (1, 2, 3, 4), (q.shape[1], v.shape[1], len(p), lam.shape[1]), strict=True
-        )
+    arguments: tuple[Array, ...] = (times, q, v, p, lam)
+    if o.has_accelerations:
+        arguments = (*arguments, np.asarray(o.operator @ at.a.T).T)
+    by_q, by_v, by_p, by_lam, *by_a = (
+        o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
+        for k, x in enumerate(arguments[1:], 1)
     )
     result = {}
     for name, x in along.items():
@@ -52,7 +54,8 @@ def differentiate_columns(
             np.asarray(o.operator @ dx.T + change @ y.T).T for dx, y in ((x.q, at.q), (x.v, at.v))
         )
         dp = difference.derivative(lambda e: e.p[select(e).data])
-        parts = ((by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows]))
+        parts = [(by_q, dq), (by_v, dv), (by_lam, x.lam[:, o.rows])]
+        parts += [(by, np.asarray(o.operator @ x.a.T + change @ at.a.T).T) for by in by_a]
         result[name] = sum(np.einsum("rij,ri->rj", by, dx) for by, dx in parts) + np.einsum(
             "rij,i->rj", by_p, dp
         )
@@ -72,7 +75,17 @@ def time_derivative(
         (t, branch) and the state, whose accelerations are those of the motion.
     lam_rate
         Time derivatives of the multipliers, (m,).
+
+    Raises
+    ------
+    BeamdaeError
+        If the columns depend on accelerations, whose time derivatives are unknown.
     """
+    if o.has_accelerations:
+        raise BeamdaeError(
+            f"{o.name}: the time derivative of accelerations is unknown; do not observe them in "
+            "this analysis."
+        )
     local = [np.asarray(o.operator @ x)[None] for x in (at.q, at.v)]
     arguments = (time[None], *local, equations.p[o.data], at.lam[None, o.rows])
     rates = (

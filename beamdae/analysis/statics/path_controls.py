@@ -70,7 +70,11 @@ class DisplacementControl:
         for observable in equations.observables:
             for k, header in enumerate(observable.headers):
                 has_reactions = observable.rows.stop > observable.rows.start
-                if has_reactions or Header.of(header).suffix.endswith("_dot"):
+                if (
+                    has_reactions
+                    or observable.has_accelerations
+                    or Header.of(header).suffix.endswith("_dot")
+                ):
                     continue
                 positions[header] = positions[header.rpartition(" [")[0]] = (observable, k)
         if name not in positions:

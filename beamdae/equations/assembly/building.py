@@ -56,6 +56,7 @@ from beamdae.symbolic.signals import SignalNumbers, bind_laws, bind_signals, fin
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import (
     SX,
+    AccelerationKernel,
     ConstraintStatement,
     ForceStatement,
     Local,
@@ -225,8 +226,9 @@ def build_observable(
     require_columns_fit(name, quantity.columns)
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
+    kernel_type = AccelerationKernel if quantity.has_accelerations else QuantityKernel
     if isinstance(expression, FormulaExpression) and expression.is_shareable:
-        kernel, more = _build_shared_kernel(expression, *sizes), np.zeros(0)
+        kernel, more = _build_shared_kernel(kernel_type, expression, *sizes), np.zeros(0)
     else:
         local = Local(*sizes)
         values = call_part(name, "expression", lambda: ca.densify(SX(expression(local))))
@@ -236,7 +238,7 @@ def build_observable(
             data = np.append(data, binding.data)
             (values,) = bind_laws(local, binding.outputs, signal_numbers, laws_of_inputs)
             operator = coordinate_map.global_operator([*quantity.pieces, *binding.pieces])
-        kernel, more = generalize_quantity(QuantityKernel(local, values))
+        kernel, more = generalize_quantity(kernel_type(local, values))
     if kernel.values.shape != (len(quantity.columns), 1):
         columns = ", ".join(column.header for column in quantity.columns)
         raise BeamdaeError(
@@ -245,7 +247,15 @@ def build_observable(
         )
     data_slice = numbers.store(np.concatenate([data, more]))
     numbers.record_inputs(signal_numbers, data_slice.start)
-    return Observable(name, quantity.columns, kernel.function, operator, data_slice, lam_rows)
+    return Observable(
+        name,
+        quantity.columns,
+        kernel.function,
+        operator,
+        data_slice,
+        lam_rows,
+        quantity.has_accelerations,
+    )
 
 
 def add_observable(
@@ -292,10 +302,14 @@ def add_observable(
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
 def _build_shared_kernel(
-    expression: FormulaExpression, size: int, n_data: int, n_multipliers: int
+    kernel_type: type[QuantityKernel],
+    expression: FormulaExpression,
+    size: int,
+    n_data: int,
+    n_multipliers: int,
 ) -> QuantityKernel:
     local = Local(size, n_data, n_multipliers)
-    return QuantityKernel(local, expression(local))
+    return kernel_type(local, expression(local))
 
 
 def _build_event_terms(
@@ -332,6 +346,11 @@ def _build_event_terms(
                     "quantity and name one column."
                 )
             observable, column = observe(name, event.what.current), 0
+        if observable.has_accelerations:
+            raise BeamdaeError(
+                f"{name}: an event cannot depend on accelerations, which follow from the forces; "
+                "monitor a position, a velocity or a force."
+            )
         direction = DIRECTIONS[event.direction]
         terms[name] = EventTerm(name, observable, column, event.crosses, direction, event.do)
     return tuple(terms.values())

@@ -186,6 +186,11 @@ class Controller(Part):
                 f"{self.name}: a controller cannot read the reaction of a joint; read a "
                 "deformation or a motion."
             )
+        if any(quantity.has_accelerations for quantity in quantities):
+            raise BeamdaeError(
+                f"{self.name}: a controller cannot read accelerations, which follow from the "
+                "forces; read a position or a velocity."
+            )
         return quantities
 
     @property

@@ -174,11 +174,11 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
         lambda box, response: response.table(),
     ),
     "FrequencyResponse.plot": WorkingCall(
-        lambda box: {"column": "bob.x [m]"},
+        lambda box: {"column": "bob.x [m]", "x": "bob.x_dot"},
         return_result,
-        lambda box, column: bd.frequency_response(
+        lambda box, **arguments: bd.frequency_response(
             _shaken_model(box), "frequency", (100.0, 101.0), step=0.5, settle=1
-        ).plot(column),
+        ).plot(**arguments),
     ),
     "FrequencyResponse.peaks": WorkingCall(
         lambda box: {"column": "bob.x [m]"},
@@ -298,9 +298,9 @@ STATIC_CALLS: dict[str, WorkingCall] = {
         lambda box, name: bd.equilibrium(box.mech)[name],
     ),
     "Equilibrium.plot": WorkingCall(
-        lambda box: {"name": "knee"},
+        lambda box: {"name": "knee", "x": "knee.x"},
         return_result,
-        lambda box, name: bd.equilibrium(box.mech).plot(name),
+        lambda box, name, x: bd.equilibrium(box.mech).plot(name, x=x),
     ),
     "modes about a path": WorkingCall(
         lambda box: {"about": bd.equilibrium(box.mech)},

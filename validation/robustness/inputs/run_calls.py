@@ -121,7 +121,13 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
     ),
     "draw": WorkingCall(lambda box: {"mechanism": box.mech}, return_result),
     "plot": WorkingCall(
-        lambda box: {"solutions": [box.solution], "labels": ["run"]}, return_result
+        lambda box: {
+            "solutions": [box.solution],
+            "labels": ["run"],
+            "x": "knee.x",
+            "data": {"t [s]": [0.0, 0.1], "knee.x [mm]": [0.0, 1.0], "knee.y": [0.0, 1.0]},
+        },
+        return_result,
     ),
     "animate": WorkingCall(
         lambda box: {
