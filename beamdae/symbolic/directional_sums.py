@@ -24,7 +24,10 @@ SX = ca.SX
 
 
 def directional_plan(
-    plan: SumPlan, n_inputs: int, weight_changes: tuple[Array, Array] | None = None
+    plan: SumPlan,
+    n_inputs: int,
+    weight_changes: tuple[Array, Array] | None = None,
+    min_base: float = 0.0,
 ) -> SumPlan:
     """Return the plan of the directional derivative of a sum.
 
@@ -37,6 +40,8 @@ def directional_plan(
     weight_changes
         Derivatives of `gather_weights` and of `weights` of the plan, if L and S depend on the
         parameter of the direction: dr also contains S dk/dlocal dL x + dS k. None if they do not.
+    min_base
+        See `expand_powers`.
 
     Returns
     -------
@@ -54,7 +59,8 @@ def directional_plan(
     with_value = np.isin(np.arange(len(plan.batches)), entry_batch[moved])
     valued = {id(b.kernel) for b, x in zip(plan.batches, with_value, strict=True) if x}
     kernels = {
-        id(b.kernel): _directional_kernel(b.kernel, id(b.kernel) in valued) for b in plan.batches
+        id(b.kernel): _directional_kernel(b.kernel, id(b.kernel) in valued, min_base)
+        for b in plan.batches
     }
     # Each batch has twice as many local inputs: those of the original batch, then their tangents.
     batches = tuple(
@@ -137,19 +143,19 @@ def group_by_batch(count: int, *batches: Array) -> tuple[Array, Array]:
     return order, np.searchsorted(batch[order], np.arange(count), "right")
 
 
-def _directional_kernel(kernel: Kernel, with_value: bool) -> Kernel:
+def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Kernel:
     """Return the kernel of (shared, (local, tangent)) for the derivative along the tangent.
 
     If `with_value`, the outputs of `kernel` follow.
     """
-    key = "directional with value" if with_value else "directional"
+    key = f"directional{' with value' if with_value else ''} {min_base:g}"
     cached = kernel.rotated_kernels.get(key)
     if cached is not None:
         return cached
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, tangent = SX.sym("local", kernel.n_local), SX.sym("tangent", kernel.n_local)
-    value = expand_powers(function, shared, local)
+    value = expand_powers(function, shared, local, min_base=min_base)
     differentiate = directional_derivative if has_lookups(function) else ca.jtimes
     derivative = ca.densify(differentiate(value, local, tangent))
     results = ca.vertcat(derivative, value) if with_value else derivative

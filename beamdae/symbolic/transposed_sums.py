@@ -22,7 +22,7 @@ Array = np.ndarray
 SX = ca.SX
 
 
-def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
+def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumPlan:
     """Return the plan of the gradient of y . r with respect to the inputs and the numbers.
 
     Parameters
@@ -31,6 +31,8 @@ def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
         The sum r, with inputs x of size `n_inputs`.
     n_inputs
         Size of x.
+    min_base
+        See `expand_powers`.
 
     Returns
     -------
@@ -38,7 +40,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
         Sum with the inputs (x, y) and the result (dx, dp), where p are the numbers of the model.
         `SumPlan.sum` of the result takes p, as the original sum does.
     """
-    kernels = {id(b.kernel): _transposed_kernel(b.kernel) for b in plan.batches}
+    kernels = {id(b.kernel): _transposed_kernel(b.kernel, min_base) for b in plan.batches}
     starts = np.array([b.start for b in plan.batches], int)
     local_sizes = np.array([b.kernel.n_local * b.lanes for b in plan.batches], int)
     out_sizes = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
@@ -133,15 +135,16 @@ def _to_unsigned(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, np.uint32)
 
 
-def _transposed_kernel(kernel: Kernel) -> Kernel:
+def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     """Return the kernel of (shared, (local, weights)) for the gradient of weights . outputs."""
-    cached = kernel.rotated_kernels.get("transposed")
+    key = f"transposed {min_base:g}"
+    cached = kernel.rotated_kernels.get(key)
     if cached is not None:
         return cached
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
-    value = expand_powers(function, shared, local)
+    value = expand_powers(function, shared, local, min_base=min_base)
     if has_lookups(function):
         gradient = weighted_derivative(value, local, weights)
     else:
@@ -151,5 +154,5 @@ def _transposed_kernel(kernel: Kernel) -> Kernel:
         f"{function.name()}_transposed", [shared, ca.vertcat(local, weights)], [gradient]
     )
     result = Kernel(transposed, (ca.Sparsity.dense(kernel.n_local, 1),))
-    kernel.rotated_kernels["transposed"] = result
+    kernel.rotated_kernels[key] = result
     return result

@@ -8,7 +8,7 @@ import pytest
 import beamdae as bd
 from beamdae.analysis.gradients import number_derivatives
 from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
-from beamdae.analysis.gradients.objectives import SampleGrid, sample_column
+from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.directional_sums import directional_plan
@@ -127,7 +127,7 @@ def chain_rule(result, objective, parameter):
     grid, parts = SampleGrid.of(result.solution.trajectory), []
     for factor, term in objective.terms:
         times = term.sample_times(grid)
-        header, values = sample_column(result.solution, term.column, times)
+        header, values = read_column(result.solution.at_times(times), term.column)
         _, derivative = term.evaluate(values, grid.weights)
         column = result.at_times(times).sensitivity(header, parameter).to_numpy()
         parts.append(factor * derivative * column)
@@ -415,3 +415,34 @@ def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
         estimate = float(messages[0].partition(" estimated at ")[2].partition(" %")[0])
         # Errors are not exactly proportional to the square of the step.
         assert estimate == pytest.approx(100.0 * actual, rel=0.4)
+
+
+@bd.model(t_end=0.05)
+def resting_ball(height=0.0, stiffness=2e4):
+    """A ball that is placed on the floor, up to rounding."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 0.5, at=(0.0, height), velocity=(0.5, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("floor", ball.point, floor, stiffness, friction=0.2))
+    mech.observe("ball", ball.point)
+    return mech
+
+
+@pytest.mark.parametrize("height", [0.0, -1e-18, -1e-12])
+def test_regression_start_at_first_touch_of_a_contact(height):
+    """The stiffness of the contact is proportional to the square root of the penetration.
+
+    Its infinite slope made derivatives 1e142 at a penetration of zero, and 315 and -0.2 instead of
+    -0.52 at penetrations of 1e-18 m and 1e-12 m. Neglecting it changes derivatives by 1e-3.
+    """
+    method, values = bd.GeneralizedAlpha(step=1e-3), {"height": height}
+    objective, delta = bd.EndValue("ball.y"), 1e-6
+    ends = [
+        bd.simulate(resting_ball(height=height + x), method, 0.05)["ball.y"].iloc[-1]
+        for x in (-delta, delta)
+    ]
+    expected = (ends[1] - ends[0]) / (2.0 * delta)
+    result = bd.gradient(resting_ball, objective, ["height"], method, parameters=values)
+    forward = bd.sensitivities(resting_ball, ["height"], method, parameters=values)
+    assert result.derivatives["height"] == pytest.approx(expected, rel=2e-3)
+    assert forward.sensitivity("ball.y", "height").iloc[-1] == pytest.approx(expected, rel=2e-3)

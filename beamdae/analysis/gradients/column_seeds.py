@@ -13,7 +13,7 @@ from beamdae.analysis.gradients.objectives import (
     ColumnObjective,
     Objective,
     SampleGrid,
-    sample_column,
+    read_column,
     select_column,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
@@ -202,7 +202,9 @@ def add_term(
     seeds.value += factor * value
     by_columns = np.zeros((len(rows), len(o.columns)))
     by_columns[:, column] = factor * derivatives
-    add_columns(seeds, by_state, equations, lambda e: e.observables[number], rows, at, by_columns)
+    _add_gradient(
+        seeds, by_state, equations, lambda e: e.observables[number], arguments, at, by_columns
+    )
 
 
 def add_columns(
@@ -227,8 +229,21 @@ def add_columns(
     by_columns
         Derivatives of the objective with respect to the columns, (rows, columns).
     """
+    arguments = _column_arguments(select(equations), equations, rows, at)
+    _add_gradient(seeds, by_state, equations, select, arguments, at, by_columns)
+
+
+def _add_gradient(
+    seeds: ColumnSeeds,
+    by_state: Array,
+    equations: EquationsOfMotion,
+    select: Callable[[EquationsOfMotion], Observable],
+    arguments: tuple[Array, Array, Array, Array, Array],
+    at: State,
+    by_columns: Array,
+) -> None:
+    """Do the work of `add_columns`, with the arguments of the observable."""
     o, n = select(equations), equations.n
-    arguments = _column_arguments(o, equations, rows, at)
     gradient = o.function.weighted_gradient()(*arguments, by_columns)
     ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], len(arguments[3])])
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
@@ -276,7 +291,7 @@ def differentiate_end(
         columns |= dict(zip(o.headers, zip(observed, changes, strict=True), strict=True))
     result = 0.0
     for factor, term in objective.terms:
-        header, column = sample_column(solution, term.column, term.sample_times(grid))
+        header, column = read_column(solution.at_times(term.sample_times(grid)), term.column)
         value = term.evaluate(column, grid.weights)[0]
         y, rate = columns[header]
         result += factor * term.end_derivative(value, y, rate, grid.end - grid.start)

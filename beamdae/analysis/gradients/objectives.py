@@ -22,6 +22,7 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_columns
+from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -121,8 +122,13 @@ class Objective(Summand):
                 f"{type(self).__name__}: value needs a Solution, got {short_repr(solution)}."
             )
         grid, total = SampleGrid.of(solution.trajectory), 0.0
+        runs: dict[bytes, Solution] = {}
         for factor, term in self.terms:
-            values = sample_column(solution, term.column, term.sample_times(grid))[1]
+            times = term.sample_times(grid)
+            key = times.tobytes()
+            if key not in runs:
+                runs[key] = solution.at_times(times)
+            values = read_column(runs[key], term.column)[1]
             total += factor * term.evaluate(values, grid.weights)[0]
         return total
 
@@ -435,20 +441,19 @@ def _interval_grid(interval: Interval) -> tuple[Array, Array]:
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
 
 
-def sample_column(solution: Solution, name: str, times: Array) -> tuple[str, Array]:
-    """Return the header and the values of a column at ascending times.
+def read_column(run: Solution, name: str) -> tuple[str, Array]:
+    """Return the header and the values of a column at the output times of a run.
 
     Raises
     ------
     BeamdaeError
         If the name selects no column or several columns.
     """
-    run = solution.at_times(times)
-    headers, rows = run.coordinate_table()
+    headers = coordinate_headers(run.equations)
     header = select_column(name, headers[1:], list(run.columns))
     if header in run.columns:
         return header, run.columns[header]
-    return header, rows[:, headers.index(header)]
+    return header, run.coordinate_table()[1][:, headers.index(header)]
 
 
 def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:

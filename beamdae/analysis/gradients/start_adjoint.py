@@ -12,6 +12,7 @@ from scipy.sparse.linalg import splu
 
 from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
+from beamdae.analysis.sensitivities.start_derivatives import MIN_STIFF_PENETRATION
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -37,7 +38,10 @@ def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
     """Return the transposed derivatives of the sums `motion` and `saddle` of `StateSums`."""
     sums = plan_state_sums(structure)
     size = 3 * structure.n + structure.m
-    return transposed_plan(sums.motion, size), transposed_plan(sums.saddle, size)
+    return (
+        transposed_plan(sums.motion, size),
+        transposed_plan(sums.saddle, size, MIN_STIFF_PENETRATION),
+    )
 
 
 @cache_on_owner
@@ -82,26 +86,30 @@ class StartAdjoint:
         return self.solver.sums
 
     def moved_plan(
-        self, plan: Callable[[EquationsOfMotion], SumPlan], n_inputs: int
+        self,
+        plan: Callable[[EquationsOfMotion], SumPlan],
+        n_inputs: int,
+        min_base: float = 0.0,
     ) -> SumPlan | None:
         """Return the derivative of a sum along `moving`; None if operators are constant.
 
         `plan` returns the plan of the sum of equations, with inputs x of size `n_inputs`. The
         inputs of the result are (x, dx, dp); with zero dx and dp, it is the derivative through the
-        operators alone.
+        operators alone. For `min_base`, see `expand_powers`.
         """
         if self.moving is None:
             return None
-        return directional_plan_along(self.moving, plan, n_inputs)
+        return directional_plan_along(self.moving, plan, n_inputs, min_base)
 
     @cached_property
     def _moved_sums(self) -> dict[int, Sum]:
         """Derivatives of the transposed sums along `moving`, by id of the transposed sum."""
         size, p = 3 * self.equations.n + self.equations.m, self.equations.p
-        plans = (
-            (self._motion, self.moved_plan(lambda e: plan_state_sums(e.structure).motion, size)),
-            (self._saddle, self.moved_plan(lambda e: plan_state_sums(e.structure).saddle, size)),
+        motion = self.moved_plan(lambda e: plan_state_sums(e.structure).motion, size)
+        saddle = self.moved_plan(
+            lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
         )
+        plans = ((self._motion, motion), (self._saddle, saddle))
         return {id(total): plan.sum(False, p) for total, plan in plans if plan is not None}
 
     @cached_property

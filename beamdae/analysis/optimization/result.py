@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, sample_column
+from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
 from beamdae.analysis.optimization.problem import DesignProblem, parameter_values
 from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity
 from beamdae.analysis.optimization.search import SearchResult, find_active_bounds
@@ -236,7 +236,7 @@ def _check_maxima(
 ) -> tuple[str, ...]:
     """Return a warning for each column whose maximum exceeds the limit of its smooth maximum."""
     solution = next((x for x in results if isinstance(x, Solution)), None)
-    messages = []
+    messages, run = [], None
     for limit, value in zip(problem.limits, values[1:].tolist(), strict=True):
         quantity = limit.quantity
         if solution is None or limit.sign < 0 or not isinstance(quantity, (RunQuantity, LargestOf)):
@@ -246,8 +246,8 @@ def _check_maxima(
             if len(terms) != 1 or not isinstance(terms[0][1], SmoothMaximum):
                 continue
             factor, term = terms[0]
-            times = SampleGrid.of(solution.trajectory).t
-            largest = factor * float(np.max(np.abs(sample_column(solution, term.column, times)[1])))
+            run = run or solution.at_times(SampleGrid.of(solution.trajectory).t)
+            largest = factor * float(np.max(np.abs(read_column(run, term.column)[1])))
             if 0.0 < value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
                 excess, bound = 100.0 * (largest / value - 1.0), limit.bound
                 messages.append(

@@ -19,14 +19,18 @@ def moves_operators(difference: Difference) -> bool:
 
 
 def directional_plan_along(
-    difference: Difference, plan: Callable[[EquationsOfMotion], SumPlan], n_inputs: int
+    difference: Difference,
+    plan: Callable[[EquationsOfMotion], SumPlan],
+    n_inputs: int,
+    min_base: float = 0.0,
 ) -> SumPlan:
     """Return the plan of the derivative of a sum along a parameter that moves its operators.
 
-    `plan` returns the plan of the sum of equations, with inputs of size `n_inputs`.
+    `plan` returns the plan of the sum of equations, with inputs of size `n_inputs`. For `min_base`,
+    see `expand_powers`.
     """
     changes = (
         difference.derivative(lambda e: plan(e).gather_weights),
         difference.derivative(lambda e: plan(e).weights),
     )
-    return directional_plan(plan(difference.base), n_inputs, changes)
+    return directional_plan(plan(difference.base), n_inputs, changes, min_base)

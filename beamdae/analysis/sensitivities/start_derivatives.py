@@ -36,6 +36,11 @@ _TIME_DIFFERENCE = 1e-5
 _MAX_EQUILIBRIUM_CORRECTION = 1e-4
 # Difference of time for partial derivatives with respect to time, relative to the step.
 _STEP_FRACTION = 1e-3
+# Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
+# bound. Up to this penetration [m], starting values are differentiated with constant stiffnesses:
+# a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
+# From this penetration on, the effect of the slopes was less than 1e-3 of a derivative.
+MIN_STIFF_PENETRATION = 1e-6
 # Factors and accelerations at one state that are remembered, because all directions need them.
 _MAX_REMEMBERED = 8
 
@@ -45,7 +50,10 @@ def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
     """Return the directional derivatives of the sums `motion` and `saddle` of `StateSums`."""
     sums = plan_state_sums(structure)
     size = 3 * structure.n + structure.m
-    return directional_plan(sums.motion, size), directional_plan(sums.saddle, size)
+    return (
+        directional_plan(sums.motion, size),
+        directional_plan(sums.saddle, size, min_base=MIN_STIFF_PENETRATION),
+    )
 
 
 @dataclass(frozen=True)
@@ -73,15 +81,18 @@ class StartDerivatives:
     _remembered: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def directional_plan(
-        self, plan: Callable[[EquationsOfMotion], SumPlan], n_inputs: int
+        self,
+        plan: Callable[[EquationsOfMotion], SumPlan],
+        n_inputs: int,
+        min_base: float = 0.0,
     ) -> SumPlan:
         """Return the directional derivative of a sum with inputs of size `n_inputs`.
 
-        `plan` returns the plan of the sum of equations.
+        `plan` returns the plan of the sum of equations. For `min_base`, see `expand_powers`.
         """
         if self.moving is not None:
-            return directional_plan_along(self.moving, plan, n_inputs)
-        return directional_plan(plan(self.equations), n_inputs)
+            return directional_plan_along(self.moving, plan, n_inputs, min_base)
+        return directional_plan(plan(self.equations), n_inputs, min_base=min_base)
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -106,7 +117,10 @@ class StartDerivatives:
             return _plan_directional_sums(self.equations.structure)
         size = 3 * self.equations.n + self.equations.m
         motion = self.directional_plan(lambda e: plan_state_sums(e.structure).motion, size)
-        return motion, self.directional_plan(lambda e: plan_state_sums(e.structure).saddle, size)
+        saddle = self.directional_plan(
+            lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
+        )
+        return motion, saddle
 
     def consistent_state(
         self,
