@@ -54,6 +54,7 @@ from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.signals import Input
 from beamdae.results.columns import select_columns
 from beamdae.results.storage.files import require_file_path, write_bytes
 from beamdae.simulation import as_equations, unpack_model
@@ -162,12 +163,16 @@ def export_fmu(
     Communication steps can have any length: they are divided into equal internal steps of at most
     `step`. Each change of the internal step, and each breakpoint of a law, restarts the method with
     consistent accelerations; constant communication steps that are multiples of `step` avoid this.
-    Inputs are constant during a communication step.
+    A communication step shorter than 1 % of `step` extrapolates the motion and is part of the next.
+
+    Inputs are constant during a communication step. Where inputs or parameters change,
+    accelerations and reactions change with them, as at the samples of a `Controller`; outputs that
+    are read before the next step show this.
 
     Directional derivatives are those of the outputs at the end of the last internal step with
-    respect to inputs and parameters held during this step, for the same state at its beginning. The
-    state of an instance can be saved, restored and serialized; runs from a restored state are equal
-    to the last bit.
+    respect to inputs and parameters held during this step, for the same positions and velocities at
+    its beginning. The state of an instance can be saved, restored and serialized; runs from a
+    restored state are equal to the last bit.
 
     Parameters
     ----------
@@ -178,14 +183,16 @@ def export_fmu(
     step
         Internal step [s].
     inputs
-        Names of inputs of the mechanism. Defaults to all inputs whose value is a number.
+        Names of inputs of the mechanism, which must not prescribe motions. Defaults to all inputs
+        whose value is a number.
     outputs
         Names of observed columns or observables, such as "tip.x" or "tip". Defaults to all.
     parameters
         Names of parameters of the model function to be tunable. A parameter is accepted if it
         changes nothing but numbers of the equations, each through a sum of products of powers of
         the parameters, and neither positions nor velocities at the start. Both are verified by
-        building the model with other values.
+        building the model with other values, up to a million times smaller and larger ones; the
+        FMU rejects values beyond the last one that the model accepts.
     fmi
         Version of the interface, 2 (accepted by most tools) or 3.
     rho_inf, newton_tolerance
@@ -214,8 +221,8 @@ def export_fmu(
     ------
     BeamdaeError
         If the model has events, parts that events switch, sampled controllers, redundant
-        constraints, tables that end the run or formulas that have no C expression, an argument is
-        invalid, or no C compiler is found.
+        constraints, tables that end the run or formulas that have no C expression, an input
+        prescribes a motion, an argument is invalid, or no C compiler is found.
 
     Examples
     --------
@@ -384,6 +391,13 @@ def _require_parameters(model: Any, parameters: Any) -> list[str]:
 
 def _select_inputs(e: EquationsOfMotion, inputs: Any) -> list[tuple[Value, np.ndarray]]:
     terms = {term.name: term for term in e.inputs}
+    driven = {
+        signal.name: part.part.name
+        for part in e.statements
+        for constraint in part.constraints
+        for signal, _ in constraint.signals
+        if isinstance(signal, Input)
+    }
     if inputs is None:
         names = [name for name, term in terms.items() if term.law is None]
     else:
@@ -397,6 +411,12 @@ def _select_inputs(e: EquationsOfMotion, inputs: Any) -> list[tuple[Value, np.nd
         if terms[name].law is not None:
             raise BeamdaeError(
                 f"{PART}: the input {name} is a law of time; give it a number to export it."
+            )
+        if name in driven:
+            raise BeamdaeError(
+                f"{PART}: the input {name} prescribes the motion of {driven[name]}, which would "
+                "jump where the FMU changes the input; drive by a force or moment (bd.pid), or "
+                "omit the input from inputs=."
             )
     return [
         (Value(x.name, x.unit, float(x.value), is_input=True), np.array(x.indices, int))

@@ -5,6 +5,7 @@ https://fmi-standard.org
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from importlib.metadata import version
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -80,7 +81,7 @@ def _describe_2(x: Description) -> Element:
             variables, "ScalarVariable", {"name": value.name, "valueReference": str(k)}
         )
         variable.attrib |= _role(value)
-        SubElement(variable, "Real", {"start": repr(value.start), **_unit(value.unit)})
+        SubElement(variable, "Real", _number(value))
     for k, output in enumerate(x.outputs, len(x.values)):
         variable = SubElement(
             variables,
@@ -118,9 +119,7 @@ def _describe_3(x: Description) -> Element:
     variables = SubElement(root, "ModelVariables")
     for k, value in enumerate(x.values):
         attributes = {"name": value.name, "valueReference": str(k), **_role(value)}
-        SubElement(
-            variables, "Float64", {**attributes, "start": repr(value.start), **_unit(value.unit)}
-        )
+        SubElement(variables, "Float64", {**attributes, **_number(value)})
     for k, output in enumerate(x.outputs, len(x.values)):
         attributes = {"name": output.name, "valueReference": str(k), "causality": "output"}
         SubElement(variables, "Float64", {**attributes, **_unit(output.unit)})
@@ -171,6 +170,12 @@ def _role(value: Value) -> dict[str, str]:
     if value.is_input:
         return {"causality": "input", "variability": "continuous"}
     return {"causality": "parameter", "variability": "tunable"}
+
+
+def _number(value: Value) -> dict[str, str]:
+    limits = {"min": value.low, "max": value.high}
+    finite = {name: repr(x) for name, x in limits.items() if math.isfinite(x)}
+    return {"start": repr(value.start), **finite, **_unit(value.unit)}
 
 
 def _unit(unit: str) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -52,12 +53,16 @@ class Value:
         Name, unit and start value.
     is_input
         True for an input, False for a tunable parameter.
+    low, high
+        Smallest and largest value.
     """
 
     name: str
     unit: str
     start: float
     is_input: bool
+    low: float = -math.inf
+    high: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -178,6 +183,8 @@ class _SourceWriter:
             "v": tables.numbers(x.state.v),
             "weights": tables.numbers(x.weights),
             "values": tables.numbers([value.start for value in values]),
+            "min_values": tables.numbers([value.low for value in values]),
+            "max_values": tables.numbers([value.high for value in values]),
             "breakpoints": tables.numbers(breakpoints),
             "velocity_rows": tables.indices(velocity_rows),
             "states": tables.indices(e.states),

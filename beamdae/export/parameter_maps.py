@@ -6,11 +6,15 @@ A number p may depend on parameters x, y, ... through products of powers,
 
 such as stiffness E w h^3 / 12 with its thickness h. Exponents and coefficients are found by
 building the model with other values, and verified with further values. Everything else is rejected.
+The range of each parameter is the range for which the model can be built and has these numbers.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, combinations, product
 
 import casadi as ca
@@ -31,6 +35,12 @@ _VERIFIED_CHANGES = ((0.13, -0.07), (-0.11, 0.19))
 # Change instead of a relative change for a parameter with the value zero.
 _CHANGE_FROM_ZERO = 1.0
 _EXPONENTS = (1, 2, 3, 4, -1, -2, -3)
+# Values at which the limits of a parameter are determined, relative to its default (to 1 for zero).
+# The range ends at the last value before the first that is rejected.
+_FACTORS_DOWN = (0.5, 0.1, 1e-3, 1e-6, 0.0, -1e-3, -1.0, -1e3, -1e6)
+_FACTORS_UP = (2.0, 10.0, 1e3, 1e6)
+# Errors of model functions, parts and formulas for values that are not possible.
+_BUILD_ERRORS = (BeamdaeError, ArithmeticError, ValueError)
 # Difference of equal numbers, relative to the largest number of the same index.
 _ROUNDING = 1e-11
 # Change of the start, relative to max(1, largest coordinate).
@@ -88,8 +98,12 @@ def map_numbers(
     values = [value for value, _ in inputs]
     values += [Value(name, "-", x, is_input=False) for name, x in parameters.items()]
     number_map = NumberMap(tuple(values), symbols, np.array(targets, int), numbers)
-    _verify(samples, number_map, len(inputs))
-    return number_map
+    check = _NumberCheck(samples, number_map, len(inputs))
+    _verify(samples, check)
+    for k, name in enumerate(parameters, len(inputs)):
+        low, high = _find_limits(samples, check, name)
+        values[k] = replace(values[k], low=low, high=high)
+    return replace(number_map, values=tuple(values))
 
 
 class _Samples:
@@ -110,7 +124,8 @@ class _Samples:
     def changed_value(self, name: str, change: float) -> float:
         """Return the value of a parameter after a relative change."""
         value = self.parameters[name]
-        return value * (1.0 + change) if value else change * _CHANGE_FROM_ZERO
+        # Numbers with the default zero, such as dampings, are rarely negative.
+        return value * (1.0 + change) if value else abs(change) * _CHANGE_FROM_ZERO
 
     def numbers(self, changes: Mapping[str, float]) -> Array:
         """Return p with these values, and all others at their defaults."""
@@ -199,26 +214,63 @@ def _fit_number(
     return expression
 
 
-def _verify(samples: _Samples, number_map: NumberMap, n_inputs: int) -> None:
+class _NumberCheck:
+    """Comparison of the map with the numbers of models that are built with other values."""
+
+    def __init__(self, samples: _Samples, number_map: NumberMap, n_inputs: int) -> None:
+        self._samples, self._targets = samples, number_map.targets
+        self._inputs = [value.start for value in number_map.values[:n_inputs]]
+        expressions = [ca.densify(number_map.numbers)]
+        self._function = ca.Function("numbers", [number_map.symbols], expressions)
+
+    def agrees(self, values: Mapping[str, float]) -> bool:
+        """Return True if the map gives the numbers of the model with these values."""
+        samples = self._samples
+        expected, default = samples.numbers(values), samples.numbers({})
+        result = self._function(self._inputs + list({**samples.parameters, **values}.values()))
+        numbers = np.array(default)
+        numbers[self._targets] = np.array(result).ravel()
+        size = np.maximum(np.abs(expected), np.abs(default))
+        return bool(np.all(np.abs(numbers - expected) <= 10.0 * _ROUNDING * size))
+
+
+def _verify(samples: _Samples, check: _NumberCheck) -> None:
     """Require that the map gives the numbers of models with other values of all parameters."""
     names = list(samples.parameters)
-    if not names:
-        return
-    function = ca.Function("numbers", [number_map.symbols], [ca.densify(number_map.numbers)])
     subsets = [(name,) for name in names] + list(combinations(names, 2)) + [tuple(names)]
-    for subset in dict.fromkeys(subsets):
+    for subset in dict.fromkeys(x for x in subsets if x):
         for changes in _VERIFIED_CHANGES:
             values = {x: samples.changed_value(x, changes[k % 2]) for k, x in enumerate(subset)}
-            expected = samples.numbers(values)
-            everything = {**samples.parameters, **values}
-            numbers = np.array(samples.numbers({}))
-            of_inputs = [value.start for value in number_map.values[:n_inputs]]
-            result = function(of_inputs + list(everything.values()))
-            numbers[number_map.targets] = np.array(result).ravel()
-            size = np.maximum(np.abs(expected), np.abs(samples.numbers({})))
-            if np.any(np.abs(numbers - expected) > 10.0 * _ROUNDING * size):
+            if not check.agrees(values):
                 raise BeamdaeError(
                     f"{samples.part}: numbers of the model do not depend on the parameters "
                     f"{', '.join(subset)} through products of powers; export the model without "
                     "these parameters."
                 )
+
+
+def _find_limits(samples: _Samples, check: _NumberCheck, name: str) -> tuple[float, float]:
+    """Return the smallest and the largest value of a parameter; infinite without a limit."""
+    default = samples.parameters[name]
+
+    def is_possible(value: float) -> bool:
+        # Warnings about such values are not those of the exported model.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return check.agrees({name: value})
+            except _BUILD_ERRORS:
+                return False
+
+    def last_possible(factors: Sequence[float]) -> float:
+        last = default
+        for factor in factors:
+            value = factor * (default or 1.0)
+            if not is_possible(value):
+                return last
+            last = value
+        return math.copysign(math.inf, last)
+
+    down = _FACTORS_DOWN if default else tuple(-x for x in _FACTORS_UP)
+    ends = last_possible(down), last_possible(_FACTORS_UP)
+    return min(ends), max(ends)

@@ -107,6 +107,12 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
     angle = controlled.sensor("angle", controlled.parts["rod"].at(0.0, 0.0), "angle")
     torque = controlled.inputs["torque"]
     controlled.add(bd.Controller("servo", 0.01, [angle], [torque], lambda x: (-x.reads[0],)))
+    turned = bd.Mechanism()
+    rod = turned.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), 1.0))
+    shaft = turned.ground.at(0.0, 0.0), rod.at(0.0, 0.0)
+    turned.add(bd.Revolute("hinge", *shaft))
+    turned.add(bd.Driver("drive", *shaft, turned.input("angle", 0.0, unit="rad")))
+    turned.observe("tip", rod.at(1.0, 0.0))
     with_event = swing()
     with_event.when("tip.y", crosses=-0.5, do="stop", name="low")
     for model, settings, message in (
@@ -115,6 +121,7 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
         (swing, {"parameters": ["length"]}, "changes of length affect"),
         (swing, {"parameters": ["masss"]}, r"no parameter 'masss' .did you mean"),
         (swing, {"parameters": ["elements"]}, "must be a real number to be tunable"),
+        (turned, {"t_end": 1.0}, "the input angle prescribes the motion of drive"),
         (swing, {"inputs": ["torqe"]}, r"no input 'torqe' .did you mean"),
         (swing, {"outputs": ["tap"]}, "no column 'tap'"),
         (swing, {"outputs": [1]}, "outputs must be a list of names"),
@@ -140,6 +147,27 @@ def test_parameters_that_are_not_powers_are_rejected(tmp_path):
 
     with pytest.raises(bd.BeamdaeError, match="not through a power"):
         export(tmp_path, ball, parameters=["load"])
+
+
+def test_regression_parameters_end_where_the_model_ends(tmp_path):
+    """The FMU accepted values that the model function rejects, such as a negative mass."""
+
+    @bd.model(t_end=T_END)
+    def ball(mass=2.0, pull=3.0, drag=0.0):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        point = mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point
+        mech.add(bd.Force("pull", point, (min(pull, 4.0), 0.0)))
+        mech.add(bd.Damper("drag", mech.ground.at(0.0, 0.0), point, drag))
+        mech.observe("ball", point)
+        return mech
+
+    for fmi in (2, 3):
+        found = variables(export(tmp_path, ball, fmi=fmi, parameters=["mass", "pull", "drag"]))
+        for name, low, high in (("mass", 2e-6, None), ("pull", None, 3.0), ("drag", 0.0, None)):
+            variable = found[name][0] if fmi == 2 else found[name]
+            limits = [variable.get(key) for key in ("min", "max")]
+            expected = [None if x is None else pytest.approx(x) for x in (low, high)]
+            assert [x and float(x) for x in limits] == expected, name
 
 
 def test_units():
@@ -395,6 +423,160 @@ def test_errors_are_statuses_with_a_sentence(fmu):
         "Directional derivatives exist after the first step, not at t = 0 s.",
         "The communication point is not the end of the last step.",
         "t = 0 s",
+    )
+    assert len(lines) == len(expected), lines
+    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_regression_changed_inputs_match_sampled_controllers(fmu):
+    """Accelerations did not follow a changed input, which acted half a step too late."""
+    stiffness, offset, samples = 40.0, 0.1, 5
+    script = """
+    a, rows = Instance("a"), []
+    for k in range(100):
+        if k % 5 == 0:
+            (angle,) = a.get("tip.angle")
+            a.set(torque=-40.0 * (angle - 0.1))
+        a.step()
+        rows.append(a.get(*outputs))
+    print(json.dumps([outputs, rows]))
+    """
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    names, rows = json.loads(line)
+    controlled = crane()
+    angle = controlled.sensor("angle", controlled.parts["arm"].end, "angle")
+
+    def law(x):
+        return (-stiffness * (x.reads[0] - offset),)
+
+    drives = [controlled.inputs["torque"]]
+    controlled.add(bd.Controller("servo", samples * STEP, [angle], drives, law))
+    method = bd.GeneralizedAlpha(STEP, newton_tolerance=NEWTON_TOLERANCE)
+    table = bd.simulate(controlled, method, t_end=T_END, output_step=STEP).table()
+    table.columns = [x.rpartition(" [")[0] for x in table.columns]
+    # At samples, simulate stores the state after the change.
+    compared = np.arange(1, 101) % samples != 0
+    for name, column in zip(names, np.transpose(rows), strict=True):
+        expected = table[name].to_numpy()[1:]
+        error = np.abs(column - expected)[compared]
+        assert np.max(error) <= 1e-7 * np.ptp(expected), name
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_regression_very_short_communication_steps(fmu):
+    """Rounding errors of positions were divided by the square of a communication step of 1 ns."""
+    script = """
+    a, b, rows = Instance("a"), Instance("b"), []
+    for k in range(80):
+        a.step()
+        for length in (1e-9, 1e-7, step - 1.01e-7):
+            b.fmu.doStep(currentCommunicationPoint=b.t, communicationStepSize=length)
+            b.t += length
+            if length < step / 2:
+                short = b.get(*outputs)
+                before = rows[-1][0] if rows else short
+        rows.append([a.get(*outputs), b.get(*outputs), short, before])
+    print(json.dumps(rows))
+    """
+    (line,) = run_without_beamdae(
+        ADAPTER.replace("self.k = 0", "self.k, self.t = 0, 0.0") + textwrap.dedent(script),
+        fmu.path,
+        STEP,
+    )
+    exact, divided, short, before = np.moveaxis(json.loads(line), 1, 0)
+    size = np.ptp(exact, axis=0)
+    assert np.max(np.abs(divided - exact) / size) < 2e-3
+    # Apart from the gust, nothing happens in 0.1 us.
+    smooth = np.abs(np.arange(80) - 50) > 1
+    assert np.max((np.abs(short - before) / size)[smooth]) < 1e-3
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_regression_late_times_do_not_restart_the_method(fmu):
+    """Rounding errors of late times looked like changes of the step."""
+    script = """
+    import struct
+
+    def steps(time):
+        a = Instance("a")
+        for _ in range(60):
+            a.step()
+        _, state = a.state()
+        two = (a.fmu.serializeFMUstate, a.fmu.deSerializeFMUstate) if is_two else None
+        save, load = two or (a.fmu.serializeFMUState, a.fmu.deserializeFMUState)
+        data = save(state)
+        token = len(about.guid if is_two else about.instantiationToken)
+        # The time is the first number after the token.
+        assert abs(struct.unpack_from("d", data, token)[0] - 0.06) < 1e-12
+        a.restore((0, load(data[:token] + struct.pack("d", time) + data[token + 8:])))
+        for k in range(20):
+            a.fmu.doStep(currentCommunicationPoint=time + k * step, communicationStepSize=step)
+        return a.get(*outputs)
+
+    print(json.dumps([steps(0.06), steps(1e6)]))
+    """
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    early, late = json.loads(line)
+    assert late == pytest.approx(early, rel=1e-10)
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_regression_wrong_calls_are_errors(fmu):
+    """Some of these calls ended the process, did not return, or gave wrong results."""
+    script = """
+    a, b = Instance("a"), Instance("b")
+    a.step()
+    restore, free = (
+        (a.fmu.fmi2SetFMUstate, a.fmu.fmi2FreeFMUstate)
+        if is_two
+        else (a.fmu.fmi3SetFMUState, a.fmu.fmi3FreeFMUState)
+    )
+    free(a.fmu.component, None)
+    _, state = a.state()
+    save = a.fmu.serializeFMUstate if is_two else a.fmu.serializeFMUState
+    load = a.fmu.deSerializeFMUstate if is_two else a.fmu.deserializeFMUState
+    data = save(state)
+
+    def advance(t, length):
+        a.fmu.doStep(currentCommunicationPoint=t, communicationStepSize=length)
+
+    def stop():
+        b.fmu.terminate()
+        b.step()
+
+    def begin():
+        b.fmu.reset()
+        b.fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=step)
+
+    for action in (
+        lambda: restore(a.fmu.component, None),
+        lambda: load(b"x" + data[1:]),
+        lambda: advance(step, float("inf")),
+        lambda: advance(step, 1e300),
+        lambda: advance(0.5 * step, step),
+        lambda: a.fmu.exitInitializationMode(),
+        lambda: a.set(mass=-1.0),
+        stop,
+        begin,
+    ):
+        try:
+            action()
+            print("no error")
+        except Exception as problem:
+            assert "3" in str(problem) or "error" in str(problem)
+    """
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    expected = (
+        "no saved state to restore",
+        "not a state of this FMU",
+        "positive and finite",
+        "more than 1e9 internal steps",
+        "not the end of the last step",
+        "not in initialization mode",
+        "mass: the value -1 is outside the range",
+        "is terminated",
+        "is not initialized",
     )
     assert len(lines) == len(expected), lines
     assert all(words in line for words, line in zip(expected, lines, strict=True)), lines

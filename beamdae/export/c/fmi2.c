@@ -75,19 +75,19 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean with_tolerance, fmi2
     return start == 0.0 ? fmi2OK : report(c, "The start time must be 0.");
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
+fmi2Status fmi2EnterInitializationMode(fmi2Component component) {
+    Component *c = component;
+    return check(c, enter_initialization(c->instance));
 }
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
     Component *c = component;
-    return check_code(c, instance_initialize(c->instance));
+    return check(c, exit_initialization(c->instance));
 }
 
-fmi2Status fmi2Terminate(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
+fmi2Status fmi2Terminate(fmi2Component component) {
+    Component *c = component;
+    return check(c, terminate(c->instance));
 }
 
 fmi2Status fmi2Reset(fmi2Component component) {
@@ -130,20 +130,19 @@ fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
     Component *c = component;
-    return check_code(c, instance_set_state(c->instance, state));
+    return check(c, restore_state(c->instance, state));
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     (void)c;
-    free(*state);
-    *state = NULL;
+    free_state(state);
     return fmi2OK;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate state, size_t *size) {
     Component *c = component;
     (void)state;
-    *size = instance_state_size(c->instance);
+    *size = serialized_size(c->instance);
     return fmi2OK;
 }
 

@@ -83,16 +83,18 @@ void fmi3FreeInstance(fmi3Instance instance) {
     free(c);
 }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean with_tolerance,
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean with_tolerance,
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean with_stop, fmi3Float64 stop) {
+    Component *c = instance;
     (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
-    return start == 0.0 ? fmi3OK : report(c, "The start time must be 0.");
+    if (start != 0.0) return report(c, "The start time must be 0.");
+    return check(c, enter_initialization(c->instance));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     Component *c = instance;
-    return check_code(c, instance_initialize(c->instance));
+    return check(c, exit_initialization(c->instance));
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
@@ -121,20 +123,19 @@ fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
     Component *c = instance;
-    return check_code(c, instance_set_state(c->instance, state));
+    return check(c, restore_state(c->instance, state));
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
     (void)c;
-    free(*state);
-    *state = NULL;
+    free_state(state);
     return fmi3OK;
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
     Component *c = instance;
     (void)state;
-    *size = instance_state_size(c->instance);
+    *size = serialized_size(c->instance);
     return fmi3OK;
 }
 
@@ -189,9 +190,9 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) { return unsupported(c); }
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) { return unsupported(c); }
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) { return unsupported(c); }
 
-fmi3Status fmi3Terminate(fmi3Instance c) {
-    (void)c;
-    return fmi3OK;
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+    Component *c = instance;
+    return check(c, terminate(c->instance));
 }
 
 #define VARIABLES(Type)                                                                            \

@@ -33,6 +33,13 @@
 /* Difference of equal times relative to the step, and relative difference of equal steps. */
 #define SAME_TIME 1e-6
 #define SAME_STEP 1e-9
+/* Rounding errors of the length of a step, relative to the time at its end. */
+#define TIME_ROUNDING (4.0 * DBL_EPSILON)
+/* Shortest step, relative to the internal step. Rounding errors of positions, divided by the square
+   of the step, are errors of accelerations and reactions. */
+#define MIN_STEP_SHARE 1e-2
+/* Largest number of internal steps in a communication step. */
+#define MAX_STEPS 1e9
 
 enum { DONE = 0, NOT_CONVERGED = 1, NOT_FINITE = 2, SINGULAR = 3 };
 /* Indices of the shared numbers of matrices; see beamdae.symbolic.local_symbols. */
@@ -55,9 +62,9 @@ typedef struct {
 
 /* Numbers of the state that are not in arrays. */
 typedef struct {
-    double t, branch, h, step_ratio, rate;
+    double t, offset, branch, h, step_ratio, rate;
     Index interval;
-    int is_initialized, has_factors, has_stepped;
+    int is_initialized, has_factors, has_stepped, has_jumped, follows_jump, mode;
 } Scalars;
 
 struct Instance {
@@ -66,9 +73,10 @@ struct Instance {
     /* State: arrays in one block, from q to nonzeros. */
     double *block;
     size_t n_state;
-    double *q, *v, *ddq, *a, *lam, *ddq_n, *lam_n, *values, *at_q, *at_v, *at_a, *x, *nonzeros;
+    double *q, *v, *ddq, *a, *lam, *ddq_n, *lam_n, *values, *start, *jump, *nonzeros;
     /* Work arrays. */
     double *p, *a_predicted, *first_iterate, *change, *motion, *levels, *rate, *solution;
+    double *at_q, *at_v, *at_a, *x;
     double *outputs, *jerk, *numbers;
     double c_v, c_a, c_f, correction_limit;
     int fixed_iterations, has_outputs;
@@ -446,10 +454,16 @@ static int solve_step(Instance *s, double t) {
     const size_t bytes = (model->n + model->m) * sizeof(double);
     int code;
     if (s->fixed_iterations > 0) {
+        double previous = INFINITY;
         code = factorize_step_matrix(s, t);
         for (int k = 0; k < s->fixed_iterations && code == DONE; k++) {
             evaluate_residual(s, t);
-            if (!isfinite(correct(s))) code = NOT_FINITE;
+            const double size = correct(s);
+            if (!isfinite(size))
+                code = NOT_FINITE;
+            else if (size > MAX_CORRECTION_GROWTH * previous && size > s->correction_limit)
+                code = NOT_CONVERGED;
+            previous = size;
         }
         return code;
     }
@@ -470,12 +484,82 @@ static int solve_step(Instance *s, double t) {
     return code;
 }
 
+static void pack_state(const Instance *s, double *y) {
+    const Index n = s->model->n, m = s->model->m;
+    memcpy(y, s->q, n * sizeof(double));
+    memcpy(y + n, s->v, n * sizeof(double));
+    memcpy(y + 2 * n, s->ddq, n * sizeof(double));
+    memcpy(y + 3 * n, s->lam, m * sizeof(double));
+}
+
+static void set_correction_limit(Instance *s) {
+    const Model *model = s->model;
+    double largest = 0.0;
+    for (Index i = 0; i < model->n; i++)
+        largest = fmax(largest, fabs(s->ddq[i] * model->weights[i]));
+    s->correction_limit =
+        fmax(model->newton_tolerance * s->c_f * largest, model->min_correction_limit);
+}
+
+/* Let the equations of a step of length zero begin at y = (q, v, q'', lam). */
+static void hold_motion(Instance *s, const double *y) {
+    const Index n = s->model->n, m = s->model->m;
+    const size_t bytes = n * sizeof(double);
+    memcpy(s->at_q, y, bytes);
+    memcpy(s->at_v, y + n, bytes);
+    memcpy(s->at_a, y + 2 * n, bytes);
+    memset(s->x, 0, bytes);
+    for (Index i = 0; i < m; i++) s->x[n + i] = s->c_f * y[3 * n + i];
+}
+
+/* Change accelerations and multipliers after a jump of values; see apply_input_jump in
+   beamdae.integrators.alpha.step_loop. */
+static int apply_jump(Instance *s) {
+    const Model *model = s->model;
+    const Index n = model->n, m = model->m;
+    pack_state(s, s->motion);
+    hold_motion(s, s->motion);
+    if (model->n_states) { /* The rows of first-order states are c_f (x' - f). */
+        evaluate_residual(s, s->now.t);
+        for (Index k = 0; k < model->n_states; k++) {
+            const Index i = model->states[k];
+            s->at_v[i] = s->v[i] -= s->change[i] / s->c_f;
+        }
+    }
+    set_correction_limit(s);
+    const int code = solve_step(s, s->now.t);
+    if (code != DONE) return code;
+    set_motion(s, 1.0 / s->c_f);
+    memcpy(s->jump, s->motion, (3 * (size_t)n + m) * sizeof(double));
+    s->now.follows_jump = 1;
+    for (Index k = 0; k < model->n_states; k++) s->x[model->states[k]] = 0.0;
+    for (Index i = 0; i < n; i++) {
+        const double change = s->c_a * s->x[i];
+        s->ddq[i] += change;
+        s->a[i] += change;
+        s->ddq_n[i] += change;
+    }
+    for (Index i = 0; i < m; i++) {
+        const double lam = s->x[n + i] / s->c_f;
+        s->lam_n[i] += lam - s->lam[i];
+        s->lam[i] = lam;
+    }
+    s->now.has_jumped = 0;
+    s->has_outputs = 0;
+    return DONE;
+}
+
 static int advance_step(Instance *s, double t) {
     const Model *model = s->model;
     const Index n = model->n, m = model->m;
     const double h = s->now.h, r = s->now.step_ratio, beta = model->beta, gamma = model->gamma;
     const double factor = 1.0 / (1.0 - model->alpha_m);
-    double largest = 0.0;
+    /* Where the accelerations at the beginning of the step were determined. */
+    if (s->now.follows_jump)
+        memcpy(s->start, s->jump, (3 * (size_t)n + m) * sizeof(double));
+    else
+        pack_state(s, s->start);
+    set_correction_limit(s);
     for (Index i = 0; i < n; i++) {
         const double ddq = s->ddq[i], a = s->a[i];
         const double at_a = (1.0 + r) * ddq - r * s->ddq_n[i];
@@ -487,14 +571,11 @@ static int advance_step(Instance *s, double t) {
         s->a_predicted[i] = predicted;
         s->ddq_n[i] = ddq;
         s->x[i] = 0.0;
-        largest = fmax(largest, fabs(ddq * model->weights[i]));
     }
     for (Index i = 0; i < m; i++) {
         s->x[n + i] = s->c_f * ((1.0 + r) * s->lam[i] - r * s->lam_n[i]);
         s->lam_n[i] = s->lam[i];
     }
-    s->correction_limit =
-        fmax(model->newton_tolerance * s->c_f * largest, model->min_correction_limit);
     const int code = solve_step(s, t);
     if (code != DONE) return code;
     for (Index i = 0; i < n; i++) {
@@ -506,6 +587,7 @@ static int advance_step(Instance *s, double t) {
     for (Index i = 0; i < m; i++) s->lam[i] = s->x[n + i] / s->c_f;
     s->now.t = t;
     s->now.step_ratio = 1.0;
+    s->now.follows_jump = 0;
     s->now.has_stepped = 1;
     s->has_outputs = 0;
     return DONE;
@@ -546,11 +628,16 @@ static void solve_constraints(Instance *s, const double *right, double sign) {
 static int close_joints(Instance *s) {
     const Model *model = s->model;
     const Index n = model->n, m = model->m;
+    /* Gaps divided by the square of the step are errors of accelerations. */
+    const double ratio = fmin(s->now.h / model->step, 1.0);
+    const double tolerance = POSITION_TOLERANCE * fmax(1.0, model->length);
+    double previous = INFINITY;
     for (int k = 0; k < MAX_POSITION_ITERATIONS && m > 0; k++) {
         double gap = 0.0;
         evaluate_motion(s, s->now.t, s->q, NULL, NULL, NULL, -1.0);
         for (Index i = 0; i < m; i++) gap = fmax(gap, fabs(s->levels[n + i]));
-        if (gap <= POSITION_TOLERANCE * fmax(1.0, model->length)) break;
+        if (gap <= tolerance * ratio * ratio || (gap <= tolerance && gap > 0.5 * previous)) break;
+        previous = gap;
         if (evaluate_motion(s, s->now.t, s->q, NULL, NULL, NULL, RIGID_TIME * RIGID_TIME) != DONE)
             return SINGULAR;
         solve_constraints(s, s->levels + n, -1.0);
@@ -621,6 +708,7 @@ static int restart(Instance *s, double h) {
     const size_t bytes = n * sizeof(double);
     s->now.rate = INFINITY;
     s->now.has_factors = 0;
+    s->now.has_jumped = s->now.follows_jump = 0;
     s->now.step_ratio = 0.0;
     set_step(s, h);
     int code = close_joints(s);
@@ -713,7 +801,7 @@ Instance *instance_create(const Model *model) {
     int failed = 0;
     if (!s) return NULL;
     s->model = model;
-    s->n_state = 9 * n + 2 * m + model->n_values + (n + m) + nnz;
+    s->n_state = 11 * n + 4 * m + model->n_values + nnz;
     double *x = s->block = new_array(s, s->n_state, &failed);
     if (failed) {
         instance_free(s);
@@ -722,9 +810,12 @@ Instance *instance_create(const Model *model) {
     s->q = x, x += n, s->v = x, x += n, s->ddq = x, x += n, s->a = x, x += n;
     s->lam = x, x += m, s->ddq_n = x, x += n, s->lam_n = x, x += m;
     s->values = x, x += model->n_values;
-    s->at_q = x, x += n, s->at_v = x, x += n, s->at_a = x, x += n;
-    s->x = x, x += n + m, s->nonzeros = x;
+    s->start = x, x += 3 * n + m, s->jump = x, x += 3 * n + m, s->nonzeros = x;
     s->p = new_array(s, model->n_p, &failed);
+    s->at_q = new_array(s, n, &failed);
+    s->at_v = new_array(s, n, &failed);
+    s->at_a = new_array(s, n, &failed);
+    s->x = new_array(s, n + m, &failed);
     s->a_predicted = new_array(s, n, &failed);
     s->first_iterate = new_array(s, n + m, &failed);
     s->change = new_array(s, n + m, &failed);
@@ -774,6 +865,7 @@ int instance_reset(Instance *s) {
     const Model *model = s->model;
     memset(s->block, 0, s->n_state * sizeof(double));
     memset(&s->now, 0, sizeof(s->now));
+    s->message[0] = 0;
     memcpy(s->q, model->q, model->n * sizeof(double));
     memcpy(s->v, model->v, model->n * sizeof(double));
     memcpy(s->values, model->values, model->n_values * sizeof(double));
@@ -793,24 +885,48 @@ int instance_initialize(Instance *s) {
     return restart_or_fail(s, model->step);
 }
 
-/* Equal steps to `end` in one smooth interval. */
-static int advance_smoothly(Instance *s, double end) {
-    const double start = s->now.t, length = end - start;
-    const double count = fmax(ceil(length / s->model->step - SAME_TIME), 1.0);
-    const double h = length / count;
-    if (fabs(h - s->now.h) > SAME_STEP * h && restart_or_fail(s, h)) return -1;
-    for (double k = 1.0; k <= count; k += 1.0) {
-        const int code = advance_step(s, k < count ? start + k * h : end);
-        if (code == NOT_CONVERGED)
-            return fail(s, "Newton's iteration did not converge at t = %.9g s; export the model "
-                           "with a smaller step, or check its inputs.", s->now.t);
-        if (code == NOT_FINITE)
-            return fail(s, "The residual is not finite at t = %.9g s; check inputs and "
-                           "parameters.", s->now.t);
-        if (code == SINGULAR)
-            return fail(s, "The matrix is singular or not finite at t = %.9g s; export the model "
-                           "with a smaller step, or check inputs and parameters.", s->now.t);
+static int report_step(Instance *s, int code) {
+    if (code == NOT_CONVERGED)
+        return fail(s, "Newton's iteration did not converge at t = %.9g s; export the model "
+                       "with a smaller step, or check its inputs.", s->now.t);
+    if (code == NOT_FINITE)
+        return fail(s, "The residual is not finite at t = %.9g s; check inputs and "
+                       "parameters.", s->now.t);
+    if (code == SINGULAR)
+        return fail(s, "The matrix is singular or not finite at t = %.9g s; export the model "
+                       "with a smaller step, or check inputs and parameters.", s->now.t);
+    return 0;
+}
+
+/* Make accelerations and multipliers consistent with the present values. */
+static int follow_values(Instance *s) {
+    if (!s->now.is_initialized) return instance_initialize(s);
+    return s->now.has_jumped ? report_step(s, apply_jump(s)) : 0;
+}
+
+/* Positions and velocities of y after the offset of the time, at constant acceleration. */
+static void extrapolate(const Instance *s, double *y) {
+    const Index n = s->model->n;
+    const double d = s->now.offset;
+    for (Index i = 0; i < n; i++) {
+        y[i] += d * y[n + i] + 0.5 * d * d * y[2 * n + i];
+        y[n + i] += d * y[2 * n + i];
     }
+}
+
+/* Equal steps to `end` in one smooth interval. If `end` is too near for a step, the state remains
+   that at the end of the last step, and the offset of `end` is stored. */
+static int advance_smoothly(Instance *s, double end) {
+    const double start = s->now.t, length = end - start, step = s->model->step;
+    s->has_outputs = 0;
+    s->now.offset = fmax(length, 0.0);
+    if (length <= MIN_STEP_SHARE * step) return 0;
+    const double count = fmax(ceil(length / step - SAME_TIME), 1.0);
+    const double h = length / count, rounding = SAME_STEP * h + TIME_ROUNDING * fabs(end);
+    s->now.offset = 0.0;
+    if (fabs(h - s->now.h) > rounding ? restart_or_fail(s, h) : follow_values(s)) return -1;
+    for (double k = 1.0; k <= count; k += 1.0)
+        if (report_step(s, advance_step(s, k < count ? start + k * h : end))) return -1;
     return 0;
 }
 
@@ -818,19 +934,29 @@ int instance_advance(Instance *s, double end) {
     const Model *model = s->model;
     if (!s->now.is_initialized && instance_initialize(s)) return -1;
     const double tolerance = SAME_TIME * model->step;
+    if (!(end - s->now.t <= MAX_STEPS * model->step))
+        return fail(s, "The communication step at t = %.9g s contains more than 1e9 internal "
+                       "steps.", s->now.t);
     /* A breakpoint at the end is left to the next call, whose inputs may differ. */
     while (s->now.interval < model->n_breakpoints &&
            model->breakpoints[s->now.interval] < end - tolerance) {
-        const double at = model->breakpoints[s->now.interval];
-        if (at - s->now.t > tolerance && advance_smoothly(s, at)) return -1;
+        if (advance_smoothly(s, model->breakpoints[s->now.interval])) return -1;
+        pack_state(s, s->motion);
+        extrapolate(s, s->motion);
+        memcpy(s->q, s->motion, model->n * sizeof(double));
+        memcpy(s->v, s->motion + model->n, model->n * sizeof(double));
+        s->now.t += s->now.offset;
+        s->now.offset = 0.0;
         s->now.interval++;
         set_branch(s);
         if (restart_or_fail(s, s->now.h)) return -1;
     }
-    return end - s->now.t > tolerance ? advance_smoothly(s, end) : 0;
+    return advance_smoothly(s, end);
 }
 
-double instance_time(const Instance *s) { return s->now.t; }
+double instance_time(const Instance *s) { return s->now.t + s->now.offset; }
+
+int *instance_mode(Instance *s) { return &s->now.mode; }
 
 double instance_value(const Instance *s, Index value) { return s->values[value]; }
 
@@ -840,32 +966,52 @@ int instance_set_value(Instance *s, Index value, double number) {
                  s->model->value_names[value]);
         return -1;
     }
+    const double low = s->model->min_values[value], high = s->model->max_values[value];
+    if (number < low || number > high) {
+        snprintf(s->message, MESSAGE_SIZE,
+                 "%s: the value %.9g is outside the range for which the equations were verified, "
+                 "%.9g to %.9g.", s->model->value_names[value], number, low, high);
+        return -1;
+    }
     if (s->values[value] != number) {
         s->values[value] = number;
-        /* Until the first step, accelerations and reactions depend on the values. */
-        if (!s->now.has_stepped) s->now.is_initialized = 0;
+        /* Accelerations and reactions depend on the values; before the first step, positions and
+           velocities do, too. */
+        if (s->now.has_stepped)
+            s->now.has_jumped = 1;
+        else
+            s->now.is_initialized = 0;
         refresh_numbers(s, 0);
     }
     return 0;
 }
 
-static void pack_state(Instance *s, double *y) {
-    const Index n = s->model->n, m = s->model->m;
-    memcpy(y, s->q, n * sizeof(double));
-    memcpy(y + n, s->v, n * sizeof(double));
-    memcpy(y + 2 * n, s->ddq, n * sizeof(double));
-    memcpy(y + 3 * n, s->lam, m * sizeof(double));
-}
-
 const double *instance_outputs(Instance *s) {
     if (!s->has_outputs) {
-        if (!s->now.is_initialized && instance_initialize(s)) return NULL;
+        if (follow_values(s)) return NULL;
         pack_state(s, s->motion);
-        set_time(&s->output_sum, s->now.t, s->now.branch);
+        extrapolate(s, s->motion);
+        set_time(&s->output_sum, instance_time(s), s->now.branch);
         evaluate(&s->output_sum, s->motion, s->outputs);
         s->has_outputs = 1;
     }
     return s->outputs;
+}
+
+/* Derivative of the scaled residual along the direction in `motion`, in `change`. */
+static void evaluate_direction(Instance *s, double t) {
+    set_motion(s, 1.0 / s->c_f);
+    set_time(&s->residual_direction, t, s->now.branch);
+    evaluate(&s->residual_direction, s->motion, s->change);
+    scale_residual(s, s->change);
+}
+
+static int solve_direction(Instance *s, double t) {
+    if (factorize_matrix(s, &s->derivative_factors, t) != DONE)
+        return fail(s, "The matrix is singular at t = %.9g s.", t);
+    evaluate_direction(s, t);
+    solve(&s->derivative_factors, s->change);
+    return 0;
 }
 
 int instance_derivative(Instance *s, const double *direction, double *result) {
@@ -874,23 +1020,39 @@ int instance_derivative(Instance *s, const double *direction, double *result) {
     if (!s->now.has_stepped)
         return fail(s, "Directional derivatives exist after the first step, not at t = %.9g s.",
                     s->now.t);
+    if (follow_values(s)) return -1;
     /* Inputs of both sums: (q, v, a, lam), their derivatives, and those of p. */
     const size_t size = 3 * (size_t)n + m;
+    const double h = s->now.h;
     double *y = s->motion, *dy = y + size, *dp = dy + size, *dx = s->change;
-    if (factorize_matrix(s, &s->derivative_factors, s->now.t) != DONE)
-        return fail(s, "The matrix is singular at t = %.9g s.", s->now.t);
     memset(dy, 0, (size + model->n_p) * sizeof(double));
-    set_motion(s, 1.0 / s->c_f);
-    model->numbers_direction(s->values, direction, s->numbers);
+    if (model->n_numbers > 0) model->numbers_direction(s->values, direction, s->numbers);
     for (Index k = 0; k < model->n_numbers; k++) dp[model->number_targets[k]] = s->numbers[k];
-    set_time(&s->residual_direction, s->now.t, s->now.branch);
-    evaluate(&s->residual_direction, y, dx);
-    scale_residual(s, dx);
-    solve(&s->derivative_factors, dx);
+    /* Accelerations at the beginning of the step. */
+    hold_motion(s, s->start);
+    if (model->n_states) {
+        evaluate_direction(s, s->now.t - h);
+        for (Index k = 0; k < model->n_states; k++) {
+            const Index i = model->states[k];
+            dy[n + i] = -dx[i] / s->c_f;
+        }
+    }
+    if (solve_direction(s, s->now.t - h)) return -1;
+    for (Index k = 0; k < model->n_states; k++) dx[model->states[k]] = 0.0;
     for (Index i = 0; i < n; i++) {
-        dy[i] = -dx[i];
-        dy[n + i] = -s->c_v * dx[i];
-        dy[2 * n + i] = -s->c_a * dx[i];
+        const double change = -s->c_a * dx[i];
+        dy[i] = h * dy[n + i] + 0.5 * h * h * change;
+        dy[n + i] += h * change;
+        dy[2 * n + i] = change;
+    }
+    /* Step. */
+    pack_state(s, y);
+    hold_motion(s, y);
+    if (solve_direction(s, s->now.t)) return -1;
+    for (Index i = 0; i < n; i++) {
+        dy[i] -= dx[i];
+        dy[n + i] -= s->c_v * dx[i];
+        dy[2 * n + i] -= s->c_a * dx[i];
     }
     for (Index i = 0; i < m; i++) dy[3 * n + i] = -dx[n + i] / s->c_f;
     set_time(&s->output_direction, s->now.t, s->now.branch);

@@ -57,7 +57,7 @@ typedef struct {
     int fixed_iterations;
     double step, duration, length, alpha_m, alpha_f, gamma, beta, shift, defect;
     double newton_tolerance, min_correction_limit;
-    const double *p, *q, *v, *weights, *values, *breakpoints;
+    const double *p, *q, *v, *weights, *values, *min_values, *max_values, *breakpoints;
     const Index *velocity_rows, *states, *number_targets;
     Kernel numbers, numbers_direction;
     const char *const *value_names;
@@ -76,6 +76,8 @@ const char *instance_message(const Instance *instance);
 
 /* Return to the start values of the model at time zero. */
 int instance_reset(Instance *instance);
+/* Number for the interface, 0 after a reset; part of the state. */
+int *instance_mode(Instance *instance);
 /* Compute accelerations and reactions from positions, velocities and values. */
 int instance_initialize(Instance *instance);
 int instance_advance(Instance *instance, double end);
@@ -85,7 +87,7 @@ double instance_value(const Instance *instance, Index value);
 int instance_set_value(Instance *instance, Index value, double number);
 const double *instance_outputs(Instance *instance);
 /* Derivative of all outputs at the end of the last step along a direction of the values that were
-   held in this step, for the same state at its beginning. */
+   held in this step, for the same positions and velocities at its beginning. */
 int instance_derivative(Instance *instance, const double *direction, double *result);
 
 /* The state is a block of bytes without pointers. */

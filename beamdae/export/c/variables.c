@@ -7,7 +7,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Largest difference of a communication point from the end of the last step, relative to the
+   internal step: rounding errors of the clock of the importing tool. */
+#define SAME_POINT 1e-3
+
+/* Modes of an instance; see instance_mode. */
+enum { INSTANTIATED = 0, INITIALIZING, STEPPING, TERMINATED };
+
 static const char *const OUT_OF_MEMORY = "Out of memory.";
+static const char *const NO_STATE = "There is no saved state to restore.";
 
 const char *get_variables(Instance *instance, const Index references[], size_t count,
                           double values[], int has_time) {
@@ -64,30 +72,78 @@ const char *get_directional_derivative(Instance *instance, const Index unknowns[
 }
 
 const char *copy_state(const Instance *instance, void **state) {
+    if (!state) return "There is no place for the state.";
     if (!*state) *state = malloc(instance_state_size(instance));
     if (!*state) return OUT_OF_MEMORY;
     instance_get_state(instance, *state);
     return NULL;
 }
 
+const char *restore_state(Instance *instance, const void *state) {
+    if (!state) return NO_STATE;
+    return instance_set_state(instance, state) ? instance_message(instance) : NULL;
+}
+
+void free_state(void **state) {
+    if (!state) return;
+    free(*state);
+    *state = NULL;
+}
+
+/* Bytes begin with the token of the model: states of other models have another meaning. */
+size_t serialized_size(const Instance *instance) {
+    return strlen(model_token) + instance_state_size(instance);
+}
+
 const char *serialize_state(const Instance *instance, const void *state, void *bytes, size_t size) {
-    if (size < instance_state_size(instance)) return "The array is too short.";
-    memcpy(bytes, state, instance_state_size(instance));
+    const size_t head = strlen(model_token);
+    if (!state) return NO_STATE;
+    if (!bytes || size < serialized_size(instance)) return "The array is too short.";
+    memcpy(bytes, model_token, head);
+    memcpy((char *)bytes + head, state, instance_state_size(instance));
     return NULL;
 }
 
 const char *deserialize_state(const Instance *instance, const void *bytes, size_t size,
                               void **state) {
-    if (size != instance_state_size(instance)) return "The bytes are not a state of this FMU.";
+    const size_t head = strlen(model_token);
+    if (!bytes || size != serialized_size(instance) || memcmp(bytes, model_token, head))
+        return "The bytes are not a state of this FMU.";
+    if (!state) return "There is no place for the state.";
     if (!*state) *state = malloc(size);
     if (!*state) return OUT_OF_MEMORY;
-    memcpy(*state, bytes, size);
+    memcpy(*state, (const char *)bytes + head, size - head);
+    return NULL;
+}
+
+const char *enter_initialization(Instance *instance) {
+    int *mode = instance_mode(instance);
+    if (*mode != INSTANTIATED)
+        return "Initialization has begun before; reset the FMU to begin again.";
+    *mode = INITIALIZING;
+    return NULL;
+}
+
+const char *exit_initialization(Instance *instance) {
+    int *mode = instance_mode(instance);
+    if (*mode != INITIALIZING) return "The FMU is not in initialization mode.";
+    if (instance_initialize(instance)) return instance_message(instance);
+    *mode = STEPPING;
+    return NULL;
+}
+
+const char *terminate(Instance *instance) {
+    *instance_mode(instance) = TERMINATED;
     return NULL;
 }
 
 const char *do_step(Instance *instance, double t, double step) {
-    if (!(fabs(t - instance_time(instance)) <= model.step))
+    const int mode = *instance_mode(instance);
+    if (mode == TERMINATED) return "The FMU is terminated; reset it to begin again.";
+    if (mode != STEPPING) return "The FMU is not initialized; exit initialization mode first.";
+    if (!(fabs(t - instance_time(instance)) <= SAME_POINT * model.step))
         return "The communication point is not the end of the last step.";
-    if (!(step > 0.0)) return "The communication step must be positive.";
+    if (!(step > 0.0) || !isfinite(step))
+        return "The communication step must be positive and finite.";
     return instance_advance(instance, t + step) ? instance_message(instance) : NULL;
 }

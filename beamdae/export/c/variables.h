@@ -19,9 +19,17 @@ const char *get_directional_derivative(Instance *instance, const Index unknowns[
 
 /* `*state` is allocated if it is NULL. */
 const char *copy_state(const Instance *instance, void **state);
+const char *restore_state(Instance *instance, const void *state);
+void free_state(void **state);
+size_t serialized_size(const Instance *instance);
 const char *serialize_state(const Instance *instance, const void *state, void *bytes, size_t size);
 const char *deserialize_state(const Instance *instance, const void *bytes, size_t size,
                               void **state);
+
+/* Transitions between modes. */
+const char *enter_initialization(Instance *instance);
+const char *exit_initialization(Instance *instance);
+const char *terminate(Instance *instance);
 
 /* Advance from the communication point `t`, the end of the last step, to `t + step`. */
 const char *do_step(Instance *instance, double t, double step);
