@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.statics.corrector import EquilibriumPoint
+from beamdae.analysis.statics.critical_points import (
+    SegmentCriticalPoint,
+    _cancel_opposite_changes,
+)
 
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
 CONTROLS = [
@@ -110,3 +115,31 @@ def test_end_before_a_limit_point_is_not_rechecked():
     path = trace_random_path(4)
     assert path.status.kind == "failed"
     assert path.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("loads", "changes", "remaining"),
+    [
+        ([2.99, 3.0, 3.0001], [1, 1, 2], [2.99, 3.0, 3.0001]),
+        ([3.0, 3.0, 3.0001, 3.0002], [1, 1, -1, 1], [3.0, 3.0]),
+        ([3.0, 3.0001, 3.0002, 3.0003], [1, -1, 1, -1], []),
+        ([3.0, 3.0001, 3.0002], [2, -1, -1], []),
+        ([3.0, 3.1], [1, -1], [3.0, 3.1]),
+    ],
+)
+def test_changes_that_cancel_at_one_load_are_no_critical_points(loads, changes, remaining):
+    points = [
+        SegmentCriticalPoint(
+            0.0,
+            EquilibriumPoint(None, np.zeros(0), load),
+            "branch point",
+            np.zeros(0),
+            1e-3,
+            change,
+        )
+        for load, change in zip(loads, changes, strict=True)
+    ]
+    kept = _cancel_opposite_changes(points)
+    assert [one.point.mu for one in kept] == remaining
+    has_range = 0 < len(kept) < len(points)
+    assert [one.loads for one in kept] == [(loads[0], loads[-1]) if has_range else None] * len(kept)

@@ -1,5 +1,7 @@
 """Equilibria of slender structures: very soft in bending, but not free to move."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -44,14 +46,16 @@ def test_hinged_strip_hangs_down(options):
     assert path.columns["tip.y [m]"][-1] == pytest.approx(-1.0, abs=1e-5)
 
 
-def flutter_column(height, damping=0.0, **options):
-    """Return a cantilever of 1 m under a follower load of EI / L^2 that compresses it."""
+def flutter_column(height, damping=0.0, share=1.0, **options):
+    """Return a cantilever of 1 m that a load of EI / L^2 compresses; `share` of it follows."""
     mech, steel = bd.Mechanism(), bd.Material.of("steel")
     section = bd.Section.rectangle(steel, width=0.02, height=height, damping=damping)
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
     beam = mech.add(bd.Beam("column", line, section, 8, **options))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    mech.add(bd.Force("press", beam.end, (0.0, -section.EI), axes="body"))
+    mech.add(bd.Force("press", beam.end, (0.0, -share * section.EI), axes="body"))
+    if share < 1.0:
+        mech.add(bd.Force("weight", beam.end, (0.0, (share - 1.0) * section.EI)))
     return mech
 
 
@@ -70,6 +74,56 @@ def test_flutter_load_of_thin_column(options, height, damping):
     # equation; 2e-6 for the mesh, and rounding of the axial force.
     expected = 10.93912199 if damping else 20.0509536
     assert point.factor == pytest.approx(expected, rel=3e-6 + 5e-15 / height**2)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_rounding_does_not_hide_that_half_of_a_load_follows():
+    # The stiffness is singular up to rounding, and touches zero at pi^2 without a sign change.
+    mech = flutter_column(1e-6, share=0.5, formulation="exact")
+    with pytest.warns(bd.BeamdaeWarning, match="too thin for double precision"):
+        path = bd.equilibrium(mech, to=15.0)
+    assert path.status.success
+    assert not path.critical
+    assert not np.any(path.unstable)
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_light_damping_of_very_thin_columns():
+    # As in `test_flutter_load_of_thin_column`; 11.88 if the damping is taken for rounding errors.
+    steel = bd.Material.of("steel")
+    damping = 1e-3 * np.sqrt(12.0 * steel.rho / steel.E) / 1e-6
+    mech = flutter_column(1e-6, damping, formulation="exact")
+    with pytest.warns(bd.BeamdaeWarning, match="too thin .*|lightly damped modes by more"):
+        path = bd.equilibrium(mech, to=12.0)
+    (point,) = path.critical
+    assert point.kind == "flutter point"
+    assert point.factor == pytest.approx(10.93912199, rel=2e-2)
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.parametrize("height", [1e-1, 1e-4])
+def test_regression_coarse_ring_has_no_additional_branch_points(height):
+    # A mesh of 4 elements separates the two modes with 2 waves (M. Levy 1884: 3 EI / R^3), and
+    # growing modes appear, vanish and appear again.
+    mech, steel = bd.Mechanism(), bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.02, height=height)
+    halves = []
+    for k, x in enumerate((1.0, -1.0)):
+        arc = bd.Arc(1.0, np.pi, start=(x, 0.0), angle=(k + 0.5) * np.pi)
+        beam = mech.add(bd.Beam(f"half {k}", arc, section, 4, strain="exact"))
+        mech.add(bd.DistributedForce(f"p {k}", beam, (0.0, section.EI), axes="section"))
+        halves.append(beam)
+    first, last = halves
+    mech.add(bd.Weld("side", mech.ground.at(1.0, 0.0), first.start))
+    mech.add(bd.Weld("middle", first.end, last.start))
+    mech.add(bd.Weld("closure", first.start, last.end))
+    with warnings.catch_warnings():
+        # Rounding errors decide whether the points can be distinguished.
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        path = bd.equilibrium(mech, to=10.0, most_points=10)
+    kinds = [point.kind for point in path.critical if point.factor < 7.0]
+    assert kinds == ["branch point", "branch point"]
+    assert [point.factor for point in path.critical[:2]] == pytest.approx([3.0, 3.0], rel=6e-3)
 
 
 @pytest.mark.slow(reason="half a second each")

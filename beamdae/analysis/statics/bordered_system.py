@@ -10,12 +10,14 @@ plain Python over arrays; `native.loops` compiles it if possible.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.analysis.statics.krylov_eigenvalues import largest_eigenvalues
 from beamdae.analysis.statics.saddle_elimination import (
@@ -101,6 +103,9 @@ _LOAD_ROUNDING = 1e-10
 # forces normal to sections instead of the axis do work on shear strains.
 _MIN_LOAD_ASYMMETRY = 1e-5
 _SOFT_MOTION_COUNT = 6
+# Soft motions of thin beams are sought with this shift of the stiffness, relative to its largest
+# entry: larger than rounding errors, and about the bending stiffness of a beam with L/h = 1e6.
+_SOFT_SHIFT = 1e-13
 
 
 @dataclass(slots=True)
@@ -380,6 +385,13 @@ def _split_terms(
     return common, only_unloaded, only_loaded
 
 
+def _iterate_inversely(inverse: Callable[[Array], Array], vectors: Array) -> Array:
+    """Return an orthonormal basis after two inverse iterations of `vectors`, (n, k)."""
+    for _ in range(2):
+        vectors = np.linalg.qr(inverse(vectors))[0]
+    return vectors
+
+
 class BorderedSystem:
     """Static equations of one load stage, evaluated and solved by machine code if it is available.
 
@@ -601,23 +613,50 @@ class BorderedSystem:
     def _soft_motions(self, x: Array, mu: float) -> Array:
         """Return orthonormal motions S^-1 q, (n, k), with little stiffness, by inverse iteration.
 
-        They are not computed accurately. The result has no columns if the stiffness is singular.
+        They are not computed accurately: if rounding errors make the stiffness of thin beams
+        singular, it is shifted. The result has no columns if it is singular nevertheless.
         """
         n, size = self._n, len(x)
         count = min(_SOFT_MOTION_COUNT, 2 * n - size)
-        forces = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, count + 1.0)))
+        start = np.cos(np.outer(np.arange(n) ** 2.0, np.arange(1.0, count + 1.0)))
         load_control, column = (np.zeros(size), 1.0), np.zeros(size)
-        for _ in range(2):
+
+        def respond(forces: Array) -> Array:
             motions = np.zeros((n, count))
             for k in range(count):
                 right = np.concatenate([forces[:, k] / self._scales, np.zeros(size + 1 - n)])
-                try:
-                    solution = self.solve(x, mu, load_control, column, right)
-                except SingularMatrixError:
-                    return motions[:, :0]
+                solution = self.solve(x, mu, load_control, column, right)
                 motions[:, k] = solution[:n] / self._scales
-            forces = np.linalg.qr(motions)[0]
-        return forces
+            return motions
+
+        try:
+            return _iterate_inversely(respond, start)
+        except SingularMatrixError:
+            pass
+        try:
+            return _iterate_inversely(self._shifted_inverse(x, mu), start)
+        except RuntimeError:
+            return start[:, :0]
+
+    def _shifted_inverse(self, x: Array, mu: float) -> Callable[[Array], Array]:
+        """Return a function that maps forces S f to motions S^-1 q, with a shifted stiffness.
+
+        Raises
+        ------
+        RuntimeError
+            If the shifted stiffness is singular.
+        """
+        n, size = self._n, len(x)
+        run = self._run(x, mu, _EVALUATE_TANGENT)
+        values, pattern = run.nonzeros[self._tangent_targets], self.pattern
+        tangent = sp.csc_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+        scales = np.append(self._scales, np.ones(size - n))
+        shift = np.where(np.arange(size) < n, _SOFT_SHIFT * run.saddle.size, 0.0)
+        scaled = tangent * scales * scales[:, None] + sp.diags_array(shift)
+        solver = splu(sp.csc_matrix(scaled))
+        return lambda forces: solver.solve(
+            np.vstack([forces, np.zeros((size - n, forces.shape[1]))])
+        )[:n]
 
     def nearest_modes(
         self, x: Array, mu: float, count: int, tolerance: float

@@ -70,11 +70,14 @@ class PathCriticalPoint:
         Index of the point in the path.
     mode
         Shape (n,) of the critical mode.
+    loads
+        See `SegmentCriticalPoint.loads`.
     """
 
     kind: str
     row: int
     mode: Array
+    loads: tuple[float, float] | None = None
 
 
 @dataclass
@@ -115,7 +118,7 @@ class StagePath:
         """Append the critical points and the end of a segment."""
         for one in critical:
             row = len(self.points)
-            self.critical.append(PathCriticalPoint(one.kind, row, one.mode))
+            self.critical.append(PathCriticalPoint(one.kind, row, one.mode, one.loads))
             self.points.append(one.point)
         self.points.append(segment.end)
 

@@ -51,6 +51,10 @@ _TOUCH_RATIO = 1e-2
 # errors. They are then computed at this distance from the point.
 _MIN_RATE_RATIO = 1e-2
 _WIDE_DISTANCE = 5e-2
+# Range of load factors, relative to them, in which a number of growing modes that rises and falls
+# does so by rounding errors or by the asymmetry of a coarse mesh, which separates or mixes modes
+# that begin to grow at the same load. Ranges of rings are up to 2e-4 at L/h = 1e5 (measured).
+_SAME_LOAD_RATIO = 1e-3
 # Maximum number of bisections of a segment that may contain several critical points.
 _MAX_SPLITS = 6
 # Roots of the interpolating polynomial with a smaller imaginary part are real.
@@ -73,6 +77,11 @@ class SegmentCriticalPoint:
         Shape (n,) of the critical mode.
     distance
         Distance between the positions of the points from which it is interpolated.
+    change
+        Change of the number of growing modes; 0 if the forces have a potential.
+    loads
+        First and last load factor of the range in which the point lies, if the number of growing
+        modes rises and falls there; otherwise None.
     """
 
     position: float
@@ -80,6 +89,8 @@ class SegmentCriticalPoint:
     kind: str
     mode: Array
     distance: float
+    change: int = 0
+    loads: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -163,7 +174,8 @@ class PathSegment:
         if low < 0:
             return []
         if not (self.begin.has_potential and self.end.has_potential):
-            return self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
+            growth = self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
+            return _cancel_opposite_changes(growth)
         points = [self._locate_zero(k) for k in range(low, high)]
         # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
         # them; the load factor may have its extremum in the other step.
@@ -246,15 +258,17 @@ class PathSegment:
         oscillates = unstable.growth.imag > 0.0
         found = []
         if abs(later_divergence - divergence) == 1 and later_flutter == flutter:
-            return [self._locate_divergence(near.position)]
-        for kind, selected, number in (
-            (FLUTTER, oscillates, abs(later_flutter - flutter)),
-            (near.kind, ~oscillates, abs(later_divergence - divergence)),
+            change = later_divergence - divergence
+            return [replace(self._locate_divergence(near.position), change=change)]
+        for kind, selected, number, size in (
+            (FLUTTER, oscillates, later_flutter - flutter, 2),
+            (near.kind, ~oscillates, later_divergence - divergence, 1),
         ):
             # The modes that have just begun to grow are the slowest.
             order = np.flatnonzero(selected)[np.argsort(unstable.growth[selected].real)]
-            modes = unstable.growing_modes[:, order[:number]].T
-            found += [replace(near, kind=kind, mode=mode) for mode in modes]
+            modes = unstable.growing_modes[:, order[: abs(number)]].T
+            change = size if number > 0 else -size
+            found += [replace(near, kind=kind, mode=mode, change=change) for mode in modes]
         return found
 
     def _locate_divergence(self, position: float) -> SegmentCriticalPoint:
@@ -456,6 +470,34 @@ class PathSegment:
         kind = LIMIT if changes[0] * changes[1] < 0.0 else BRANCH
         point = EquilibriumPoint(self.corrector.system, x, float(weights @ factors))
         return SegmentCriticalPoint(position, point, kind, np.zeros(0), distance)
+
+
+def _cancel_opposite_changes(
+    points: Sequence[SegmentCriticalPoint],
+) -> list[SegmentCriticalPoint]:
+    """Return the points without those at nearly equal loads whose changes cancel each other.
+
+    Of the points of a group with the sign of its total change, those in the middle remain, with the
+    `loads` of the group.
+    """
+    groups: list[list[SegmentCriticalPoint]] = []
+    for one in points:
+        last = groups[-1][-1].point.mu if groups else np.nan
+        if abs(one.point.mu - last) <= _SAME_LOAD_RATIO * abs(last):
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    remaining = []
+    for group in groups:
+        total = sum(one.change for one in group)
+        same = [one for one in group if one.change * total > 0]
+        if len(same) < len(group):
+            factors = [one.point.mu for one in group]
+            same = [replace(one, loads=(min(factors), max(factors))) for one in same]
+        while same and abs(sum(one.change for one in same)) > abs(total):
+            same.pop(-1 if len(same) % 2 else 0)
+        remaining += same
+    return remaining
 
 
 def _growth_counts(stability: Stability) -> tuple[int, int]:

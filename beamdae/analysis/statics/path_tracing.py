@@ -17,6 +17,7 @@ from beamdae.analysis.statics.continuation import (
     switch_branch,
 )
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import (
@@ -67,6 +68,8 @@ _SOFT_RATIO = 0.2
 # Paths with a larger bound on rounding errors have a note. It is up to 1e-4 at L/h = 1e5, and 2e-4
 # to 2e-1 at 1e6, where errors of critical loads are up to 5e-5 and 1e-2 (measured).
 _MAX_ROUNDING_RATIO = 2e-4
+# Critical points in a smaller range of load factors, relative to them, are not uncertain.
+_SAME_LOAD_RATIO = 1e-6
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 
@@ -246,7 +249,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
-            notes += _rounding_notes(path)
+            notes += _rounding_notes(path) + _range_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, settings.control if is_last else LOAD)
         if not status.success:
@@ -266,11 +269,27 @@ def _rounding_notes(path: StagePath) -> list[str]:
     )
     if ratio <= _MAX_ROUNDING_RATIO:
         return []
+    flutter = ""
+    if any(one.kind == FLUTTER for one in path.critical):
+        flutter = ", and flutter loads of lightly damped modes by more"
     return [
         f"equilibrium: critical loads and stability are uncertain by up to {min(ratio, 1.0):.1g} "
-        "of the load, because rounding errors reach this fraction of the smallest stiffness: the "
-        "beams are too thin for double precision. Use thicker beams, and scale the loads by the "
-        "bending stiffness."
+        f"of the load{flutter}, because rounding errors reach this fraction of the smallest "
+        "stiffness: the beams are too thin for double precision. Use thicker beams, and scale the "
+        "loads by the bending stiffness."
+    ]
+
+
+def _range_notes(path: StagePath) -> list[str]:
+    """Return a remark per range of load factors in which growing modes appear and vanish."""
+    ranges = dict.fromkeys(one.loads for one in path.critical if one.loads)
+    return [
+        f"equilibrium: critical points between the load factors {low:.6g} and {high:.6g} are not "
+        "distinguished by this mesh: the number of unstable directions rises and falls there by "
+        "rounding errors, or because the mesh separates modes with equal critical loads. Use more "
+        "elements or thicker beams."
+        for low, high in ranges
+        if high - low > _SAME_LOAD_RATIO * abs(high)
     ]
 
 
