@@ -328,6 +328,16 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
         return math.copysign(math.inf, value)
 
 
+def convert_text(part: str, name: str, value: Any, unit: str) -> Any:
+    """Return a text such as "850 mm" as a number in the unit of the parameter `name`.
+
+    Other values are returned unchanged. See `parse_value` for errors.
+    """
+    text = as_text(value)
+    number = None if text is None else parse_value(part, name, text, unit)
+    return value if number is None else number
+
+
 def format_with_unit(value: Any, unit: str) -> str:
     """Return a value and its unit as text; numbers have six significant digits."""
     text = f"{value:.6g}" if type(value) is float else str(value)

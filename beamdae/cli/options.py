@@ -19,6 +19,38 @@ if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.model_functions import Model
 
+
+def parse_number(text: str, unit: str) -> float:
+    """Return the number of an option such as "3000rpm" in a unit; without its unit, as it is.
+
+    Raises
+    ------
+    typer.BadParameter
+        If the text is not a number, or its unit is unknown or measures another quantity.
+    """
+    from beamdae.model_parameters import parse_value
+
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        value = parse_value("", "", text, unit)
+    except BeamdaeError as problem:
+        _, _, reason = str(problem).rpartition(": ")
+        raise typer.BadParameter(f"{short_repr(text)}: {reason}") from None
+    if value is None:
+        raise typer.BadParameter(
+            f"{short_repr(text)} is not a number in {unit}, with or without a unit."
+        )
+    return value
+
+
+def parse_seconds(text: str) -> float:
+    """Return the number of an option such as "20ms" in seconds; see `parse_number`."""
+    return parse_number(text, "s")
+
+
 ModelPath = Annotated[
     Path,
     typer.Argument(
@@ -72,7 +104,13 @@ Loads = Annotated[
     ),
 ]
 LoadTime = Annotated[
-    float, typer.Option("--t", help="Time in seconds at which laws are evaluated.")
+    float,
+    typer.Option(
+        "--t",
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Time in seconds, or with a unit, at which laws are evaluated.",
+    ),
 ]
 IntegratorName = Annotated[
     str,
@@ -93,22 +131,36 @@ RelativeTolerance = Annotated[
 FixedStep = Annotated[
     float | None,
     typer.Option(
-        help="Step in seconds of fixed-step integrators. Defaults to the default of the integrator."
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Step in seconds, or with a unit (1ms), of fixed-step integrators. Defaults to the "
+        "default of the integrator.",
     ),
 ]
 EndTime = Annotated[
-    float | None, typer.Option(help="End time in seconds. Defaults to the model's end time.")
+    float | None,
+    typer.Option(
+        parser=parse_seconds,
+        metavar="TIME",
+        help="End time in seconds, or with a unit (500ms). Defaults to the model's end time.",
+    ),
 ]
 OutputStep = Annotated[
     float | None,
     typer.Option(
-        help="Time between output rows in seconds. Defaults to 1/1000 of the run (compare and "
-        "sweep: 1/400)."
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Time between output rows in seconds, or with a unit. Defaults to 1/1000 of the run "
+        "(compare and sweep: 1/400).",
     ),
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(help="Maximum wall time of a run in seconds; partial results are kept."),
+    typer.Option(
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Maximum wall time of a run in seconds; partial results are kept.",
+    ),
 ]
 Jobs = Annotated[
     int | None,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 
@@ -409,3 +410,39 @@ def test_sums_of_quantities_and_objectives_have_readable_labels(quantity, label)
 def test_other_operands_are_rejected(term, operation):
     with pytest.raises(bd.BeamdaeError, match="is not supported; add objectives and quantities"):
         operation(term)
+
+
+@bd.model(t_end=1.0)
+def hanger(stiffness=bd.param(30.0, "N/m", "stiffness of the spring"), rest=1.0):
+    """Mass on a spring."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, -rest)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def read_bounds_of_fit(bounds):
+    problem = FitProblem(hanger, {"t [s]": [0.1, 0.2], "mass.y": [-1.0, -1.1]}, ["stiffness"])
+    first = problem.first_values
+    return [float(x[0] * first[0]) for x in Scaling(problem, bounds, ()).limits]
+
+
+def read_bounds_of_optimize(bounds):
+    settings = RunSettings(ALPHA, None, None)
+    objective = bd.EndValue("mass.y")
+    problem = DesignProblem(hanger, objective, "stiffness", [], bounds, None, settings)
+    return [problem.lower[0], problem.upper[0]]
+
+
+@pytest.mark.parametrize("read", [read_bounds_of_fit, read_bounds_of_optimize])
+def test_bounds_may_be_texts_with_units(read):
+    assert read({"stiffness": ("20 N/m", "0.04 N/mm")}) == pytest.approx([20.0, 40.0], rel=1e-14)
+    assert read({"stiffness": (20.0, "40N/m")}) == pytest.approx([20.0, 40.0], rel=1e-14)
+    for bounds, message in (
+        (("20 N", 40.0), "bounds of stiffness=20 N: the unit N measures another quantity"),
+        (("20 foo/m", 40.0), "the unit foo/m is unknown"),
+        (("low", 40.0), "bounds? of stiffness must be .*'low'"),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=message):
+            read({"stiffness": bounds})

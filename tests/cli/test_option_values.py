@@ -1,7 +1,10 @@
 """Values of command-line options that are converted without pydantic."""
 
+import re
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 import typer
 from typer.core import TyperCommand
@@ -9,6 +12,7 @@ from typer.testing import CliRunner
 
 from beamdae.cli import option_values
 from beamdae.cli.app import create_app
+from beamdae.cli.options import parse_number, parse_seconds
 
 
 def test_values_have_the_types_of_the_options(monkeypatch):
@@ -64,3 +68,36 @@ def test_an_application_has_only_the_chosen_commands():
     assert "run" in result.stdout
     assert "sweep" not in result.stdout
     assert "sweep" in CliRunner().invoke(create_app(), ["--help"]).stdout
+
+
+def test_numbers_of_options_may_have_units():
+    assert parse_number("3000rpm", "rad/s") == pytest.approx(100.0 * np.pi, rel=1e-15)
+    assert parse_number("-2.5 rad/s", "rad/s") == parse_number("-2.5", "rad/s") == -2.5
+    assert parse_seconds("20ms") == 0.02
+    for text, message in (
+        ("3kg", "'3kg': the unit kg measures another quantity; give the value in s."),
+        ("3 foos", "'3 foos': the unit foos is unknown"),
+        ("fast", "'fast' is not a number in s, with or without a unit."),
+    ):
+        with pytest.raises(typer.BadParameter, match=re.escape(message)):
+            parse_seconds(text)
+
+
+def test_times_and_speeds_of_commands_may_have_units(tmp_path):
+    folder = tmp_path / "out"
+    skipped = ["--no-page", "--no-picture", "--out", str(folder)]
+    run = ["run", "example:governor", "--t-end", "2ms", "--output-step", "1ms", "--no-estimate"]
+    assert CliRunner().invoke(create_app("run"), [*run, *skipped]).exit_code == 0
+    table = pd.read_csv(next(folder.glob("*.csv")))
+    np.testing.assert_allclose(table["t [s]"], [0.0, 1e-3, 2e-3], rtol=1e-12)
+
+
+def test_several_speeds_with_units_give_a_campbell_diagram(tmp_path, monkeypatch):
+    received = []
+    monkeypatch.setattr(
+        "beamdae.analysis.linear_dynamics.campbell_diagram.campbell",
+        lambda mechanism, speeds, *rest, **options: received.append(speeds),
+    )
+    options = ["--speed", "60rpm", "--speed", "4", "--out", str(tmp_path)]
+    CliRunner().invoke(create_app("modes"), ["modes", "example:governor", *options])
+    assert received == [pytest.approx([2.0 * np.pi, 4.0])]

@@ -83,7 +83,8 @@ def fit(
         For each experiment of the data, values of parameters that differ in this experiment, such
         as another tip mass. All experiments are fitted together.
     bounds
-        (lower, upper) by name, for some of the parameters.
+        (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
+        "6 mm" for parameters with a unit.
     log
         Names of parameters whose logarithms are varied. They stay positive.
     scale, offset

@@ -29,6 +29,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
+from beamdae.model_parameters import convert_text
 from beamdae.results.columns import select_observed_columns
 from beamdae.simulation import as_equations
 
@@ -395,7 +396,9 @@ class Scaling:
             if name not in limits:
                 continue
             pair = require_pair("fit", f"bounds of {name}", limits[name], "(lower, upper)")
-            least, most = (np.nan if (x := as_real(limit)) is None else x for limit in pair)
+            unit = problem.model.parameter_info[name].unit
+            ends = (as_real(convert_text("fit", f"bounds of {name}", x, unit)) for x in pair)
+            least, most = (np.nan if x is None else x for x in ends)
             if not least < most or not least <= values[k] <= most:
                 raise BeamdaeError(
                     f"fit: bounds of {name} must be (lower, upper) around its first value "

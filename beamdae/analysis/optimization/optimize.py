@@ -76,7 +76,8 @@ def optimize(
     subject_to
         Constraints `at_most(quantity, limit)` and `at_least(quantity, limit)`.
     bounds
-        (lower, upper) by name, for some of the parameters; for a list of floats, both are numbers
+        (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
+        "6 mm" for parameters with a unit; for a list of floats, both are numbers
         for all entries, or lists with one number per entry. All evaluated designs satisfy the
         bounds.
     integrator, t_end, start

@@ -36,6 +36,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.integrators.integrator import refine
+from beamdae.model_parameters import convert_text
 
 Array = np.ndarray
 
@@ -214,8 +215,10 @@ class DesignProblem:
         keys = np.array([key for key, _ in self.flat.entries.values()])
         for name, value in given.items():
             pair = require_pair(_NAME, f"bounds of {name}", value, "(lower, upper)")
+            unit = self.flat.model.parameter_info[name].unit
             rows = keys == name
             for limits, bound in zip((lower, upper), pair, strict=True):
+                bound = convert_text(_NAME, f"bounds of {name}", bound, unit)
                 limits[rows] = _read_bound(name, bound, int(rows.sum()))
             first = self.first[rows]
             if np.any(lower[rows] >= upper[rows]) or np.any(

@@ -14,6 +14,7 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     load_configured_model,
+    parse_seconds,
     parse_start,
 )
 from beamdae.cli.output import WrittenFiles, create_console, record_results
@@ -31,7 +32,12 @@ def export_command(
     fmu: Annotated[Path, typer.Option(metavar="FILE.fmu", help="File to write.")],
     settings: Settings = None,
     model_name: ModelName = None,
-    step: Annotated[float, typer.Option(help="Internal step in seconds.")] = 1e-3,
+    step: Annotated[
+        float,
+        typer.Option(
+            parser=parse_seconds, metavar="TIME", help="Internal step in seconds, or with a unit."
+        ),
+    ] = 1e-3,
     inputs: Annotated[
         str | None,
         typer.Option(metavar="NAME,...", help="Inputs of the mechanism. Defaults to all."),

@@ -24,6 +24,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_assignments,
     parse_bounds,
+    parse_seconds,
     parse_start,
 )
 from beamdae.cli.output import (
@@ -202,10 +203,10 @@ def _parse_number(option: str, name: str, text: str) -> float:
 
 def _parse_shift(name: str, text: str) -> tuple[float, float]:
     try:
-        low, high = map(float, text.split(":"))
-    except ValueError:
+        low, high = map(parse_seconds, text.split(":"))
+    except (ValueError, typer.BadParameter):
         raise BeamdaeError(
-            f"--shift {name}={text}: the range must have the form LOW:HIGH, in s."
+            f"--shift {name}={text}: the range must have the form LOW:HIGH, in s or with units."
         ) from None
     return low, high
 

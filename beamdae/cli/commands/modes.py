@@ -16,6 +16,7 @@ from beamdae.cli.options import (
     Picture,
     Settings,
     load_configured_model,
+    parse_number,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -47,8 +48,10 @@ def modes_command(
         list[float] | None,
         typer.Option(
             "--speed",
-            metavar="RAD/S",
-            help="Linearize about a steady rotation at this speed; repeat for a Campbell diagram.",
+            parser=partial(parse_number, unit="rad/s"),
+            metavar="SPEED",
+            help="Linearize about a steady rotation at this speed in rad/s, or with a unit "
+            "(3000rpm); repeat for a Campbell diagram.",
         ),
     ] = None,
     animate: Annotated[

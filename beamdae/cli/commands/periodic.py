@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,8 @@ from beamdae.cli.options import (
     Starts,
     create_periodic_integrator,
     load_configured_model,
+    parse_number,
+    parse_seconds,
     parse_start,
 )
 from beamdae.cli.output import (
@@ -40,13 +43,19 @@ def periodic_command(
     period: Annotated[
         float | None,
         typer.Option(
-            help="Period of loads and drivers in seconds. Without it, the period of a self-excited "
-            "or free motion is found."
+            parser=parse_seconds,
+            metavar="TIME",
+            help="Period of loads and drivers in seconds, or with a unit. Without it, the period "
+            "of a self-excited or free motion is found.",
         ),
     ] = None,
     period_guess: Annotated[
         float | None,
-        typer.Option(help="Approximate period in seconds, to be refined."),
+        typer.Option(
+            parser=parse_seconds,
+            metavar="TIME",
+            help="Approximate period in seconds, to be refined.",
+        ),
     ] = None,
     integrator: IntegratorName = "radau",
     rtol: RelativeTolerance = None,
@@ -54,7 +63,10 @@ def periodic_command(
     speed: Annotated[
         float | None,
         typer.Option(
-            metavar="RAD/S", help="Start in steady rotation about the origin at this speed."
+            parser=partial(parse_number, unit="rad/s"),
+            metavar="SPEED",
+            help="Start in steady rotation about the origin at this speed in rad/s, or with a unit "
+            "(3000rpm).",
         ),
     ] = None,
     settle: Annotated[

@@ -22,6 +22,7 @@ from beamdae.cli.options import (
     create_periodic_integrator,
     load_configured_model,
     parse_assignments,
+    parse_seconds,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -52,8 +53,10 @@ def response_command(
     period: Annotated[
         float | None,
         typer.Option(
+            parser=parse_seconds,
+            metavar="TIME",
             help="Period of the loads in seconds, if it does not depend on the parameter. Defaults "
-            "to the reciprocal of the parameter, a frequency in Hz."
+            "to the reciprocal of the parameter, a frequency in Hz.",
         ),
     ] = None,
     integrator: IntegratorName = "radau",

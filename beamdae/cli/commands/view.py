@@ -15,6 +15,7 @@ from beamdae.cli.options import (
     Settings,
     load_configured_model,
     parse_assignments,
+    parse_seconds,
 )
 from beamdae.cli.output import create_console, record_results
 from beamdae.errors import BeamdaeError
@@ -35,7 +36,10 @@ def view_command(
     model_name: ModelName = None,
     t_end: EndTime = None,
     time_limit: Annotated[
-        float, typer.Option(help="Maximum wall time of a run in seconds.")
+        float,
+        typer.Option(
+            parser=parse_seconds, metavar="TIME", help="Maximum wall time of a run in seconds."
+        ),
     ] = 10.0,
     port: Annotated[int, typer.Option(help="Port of the server; 0 chooses a free port.")] = 0,
     browser: Annotated[
