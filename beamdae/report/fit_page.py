@@ -11,7 +11,7 @@ from beamdae.equations.measures import TIME
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_run_frames
-from beamdae.report.terminal.text_tables import format_number
+from beamdae.report.terminal.text_tables import format_headers, format_number
 
 if TYPE_CHECKING:
     from beamdae.analysis.fit.result import Fit
@@ -51,6 +51,7 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
                 "group": series.experiment or _GROUP,
                 "label": f"data of {header}",
                 "family": "data",
+                "points": True,
                 "values": {
                     "count": len(series.values),
                     "rms": float(np.sqrt(np.mean(fit.residuals[ends[k] : ends[k + 1]] ** 2))),
@@ -58,11 +59,8 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
                 "curves": select_curves(curve, limit),
             }
         )
-    correction = (
-        "Data are corrected by the estimated shifts, offsets and scales."
-        if fit.sensors
-        else "Data are shown as measured."
-    )
+    corrections = "data, corrected by the estimated shifts, offsets and scales"
+    shown = corrections if fit.sensors else "data as measured"
     return {
         "title": title,
         "subtitle": describe_fit(fit)["status"],
@@ -76,7 +74,6 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
             {
                 "id": experiment or _GROUP,
                 "label": experiment or fit.model_name,
-                "reference": {"accepted": True, "sentence": correction},
                 "frames": export_run_frames(run),
             }
             for experiment, run in runs.items()
@@ -86,8 +83,10 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
             {"key": "rms", "label": "rms residual", "unit": "sigma", "kind": "number"},
         ],
         "axes": None,
+        "noun": "curves",
+        "featured": list(dict.fromkeys(header for _, header in fit.series)),
         "tables": [
-            {"title": "Fit", "rows": list(describe_fit(fit).items())},
+            {"title": "Fit", "rows": [*describe_fit(fit).items(), ("points in the charts", shown)]},
             _estimates_table(fit),
         ],
         "cases": cases,
@@ -119,9 +118,9 @@ def describe_fit(fit: Fit) -> dict[str, str]:
 
 
 def _estimates_table(fit: Fit) -> dict[str, Any]:
-    table = fit.table()
+    table, headers = fit.table(), format_headers(fit.units)
     rows = [
-        [name, *(format_number(x, _DIGITS) for x in row)]
+        [headers.get(name, name), *(format_number(x, _DIGITS) for x in row)]
         for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
     ]
     return {"title": "Estimates", "head": ["parameter", *table], "rows": rows}

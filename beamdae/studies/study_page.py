@@ -94,10 +94,18 @@ def create_study_page(
     table = results.table
     if with_curves is None:
         with_curves = set(range(MAX_CURVES))
-    present = [c for c in _TABLE_COLUMNS if c[0] in table]
+    present = [
+        column
+        for column in _TABLE_COLUMNS
+        if column[0] in table
+        and not (column[0] in _SOLVER_COLUMNS and table[column[0]].isna().all())
+    ]
     if extra_columns is None:
         parameters = list(table)[1 : list(table).index("group")]
-        inserted = [(str(p), str(p), "", _column_kind(table[p])) for p in parameters]
+        units = _find_units(results.study)
+        inserted = [
+            (str(p), str(p), units.get(str(p), ""), _column_kind(table[p])) for p in parameters
+        ]
     else:
         inserted = [_describe_extra_column(extra_columns, str(name)) for name in extra_columns]
         table = pd.concat([table, extra_columns.add_prefix(_EXTRA_COLUMN_PREFIX)], axis=1)
@@ -134,6 +142,16 @@ def create_study_page(
         ),
         "curve_files": _create_curve_files(results, table, in_files),
     }
+
+
+def _find_units(study: Study) -> dict[str, str]:
+    """Return the units of parameters, by name, on which all models of a study agree."""
+    models = {id(case.model): case.model for case in study.cases}
+    by_name: dict[str, set[str]] = {}
+    for model in models.values():
+        for name, parameter in model.parameter_info.items():
+            by_name.setdefault(name, set()).add(parameter.unit)
+    return {name: next(iter(units)) for name, units in by_name.items() if len(units) == 1}
 
 
 def _list_cases_in_files(results: StudyResults, with_curves: set[int]) -> list[int]:

@@ -294,6 +294,40 @@ def test_the_page_of_a_campbell_diagram_in_a_browser(rotor, show):
     assert tab.locator("#sliders output").first.inner_text() == "6"
 
 
+def find_label_overlaps(tab):
+    """Return pairs of labels of the scatter plot that overlap, and labels that cover a case."""
+    return tab.evaluate(
+        """() => {
+            const select = (names) => [...document.querySelectorAll(`#precision .plot ${names}`)];
+            const labels = select(".label"), others = select(".run .marker, .mark");
+            const overlap = (a, b) => {
+                const [p, q] = [a, b].map((element) => element.getBoundingClientRect());
+                const across = Math.max(q.left - p.right, p.left - q.right);
+                return Math.max(across, q.top - p.bottom, p.top - q.bottom) < 0;
+            };
+            return labels.flatMap((label, k) =>
+                [...labels.slice(k + 1), ...others]
+                    .filter((other) => overlap(label, other))
+                    .map((other) => [label.textContent, other.textContent]));
+        }"""
+    )
+
+
+@pytest.mark.parametrize("window", ["show", "phone"])
+def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, window, request):
+    """They were at the right ends of the lines, over each other and over the markers."""
+    page = build_campbell_page(rotor, "rotor")
+    for case in page["cases"]:
+        # Far above the multiples of the speed, whose ends are then close together.
+        if case["family"] == "mode 3":
+            case["values"]["frequency [Hz]"] = 60.0
+    tab = request.getfixturevalue(window)(page)
+    assert tab.locator("#precision .label").all_text_contents() == [
+        f"{k}\u00d7" for k in (1, 2, 3, 4)
+    ]
+    assert find_label_overlaps(tab) == []
+
+
 def test_regression_multiples_of_the_speed_are_drawn_from_speed_zero(show):
     """The frequency axis became logarithmic, on which the lines from zero have no position."""
     mech = bd.Mechanism()

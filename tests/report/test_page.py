@@ -26,7 +26,7 @@ from pages import (
 )
 
 import beamdae as bd
-from beamdae.report.page.page_file import CurveBlock, write_page
+from beamdae.report.page.page_file import CurveBlock, list_page_files, write_page
 
 HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
 MISSING_CODE = 65535
@@ -216,6 +216,7 @@ def test_files_of_curves_are_kept_replaced_and_removed(tmp_path):
     (folder / "mine.js").write_text("")
     kept = [replace(block, create=fail) for block in page["curve_files"]]
     write_page(path, page | {"curve_files": kept})
+    assert list_page_files(path) == [path, folder]
     changed = [kept[0], curve_block(5, key="second")]
     write_page(path, page | {"curve_files": changed})
     assert sorted(x.name for x in folder.iterdir()) == sorted(

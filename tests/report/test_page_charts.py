@@ -64,6 +64,25 @@ def test_the_choice_of_the_observed_column_persists(show):
         find_point(tab, 5).click()
 
 
+def test_the_page_opens_on_the_columns_that_the_user_asked_for(show):
+    page = study_page() | {"featured": ["missing [m]", "hinge.F [N]"]}
+    choice = show(page).get_by_label("Observed: quantity")
+    assert choice.input_value() == "hinge.F [N]"
+    assert choice.locator("option").all_inner_texts()[:2] == ["hinge.F [N]", "tip.x [m]"]
+
+
+def test_measured_data_are_points_and_selected_with_their_model(show):
+    page = study_page()
+    page["cases"][1] |= {"points": True, "label": "data"}
+    tab = show(page)
+    assert tab.locator("#selection .switch").count() == 7
+    panel = tab.locator("[data-panel=observed]")
+    points = panel.locator(".plot path.curve.data").get_attribute("d")
+    assert points.count("M") == len(T)
+    # The curves have markers, the data have none.
+    assert panel.locator(".plot .line-marker.color-1").count() in (0, 6)
+
+
 def test_lines_differ_by_color_dashes_and_marks(show):
     tab = show(study_page())
     select_only(tab, 2, 1, 5, 4)

@@ -164,6 +164,18 @@ def test_a_case_without_curves_says_why_and_names_the_nearest(show):
     assert tab.locator("[data-panel=observed] path.curve").count() == 1
 
 
+def test_regression_a_measured_sweep_opens_on_its_responses(show):
+    """The page opened on an empty box with the text "No case of this model has curves."."""
+    page = sweep_page(without=range(9))
+    for case in page["cases"]:
+        case["frames"] = None
+    tab = show(page)
+    assert not tab.locator("#top").is_visible()
+    assert "has curves" not in tab.inner_text("main")
+    charts = [tab.locator(f"[data-chart={key}]").bounding_box() for key in ("scatter", "map")]
+    assert all(chart["y"] + chart["height"] < 768 for chart in charts)
+
+
 def test_curves_are_loaded_from_files_when_a_case_is_selected(show):
     tab = show(page_with_files())
     tab.click("#clear")

@@ -167,7 +167,7 @@ def test_the_command_measures(here):
     result = measure("--jobs", "1")
     assert result.exit_code == 0, result.output
     assert "2 cases, 2 measured" in result.output
-    assert Path("results/heights/sweep.csv").read_text().startswith("height,status,parts,")
+    assert Path("results/heights/sweep.csv").read_text().startswith("height [m],status,parts,")
     result = measure("--over", "height=50cm,1", "--modes", "1", "--jobs", "1")
     assert result.exit_code == 0, result.output
     assert "frequency 1" in result.output

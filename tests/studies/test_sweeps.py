@@ -254,7 +254,7 @@ def test_interrupted_sweep_resumes(tmp_path):
     assert (done, resumed) == ([0, 1, 2], [2, 3])
     assert list(second.table["status"]) == ["ok"] * 3
     table = pd.read_csv(tmp_path / "sweep.csv")
-    assert_allclose(table["tip.y max [m]"], np.sin(0.4 * table["speed"]), atol=1e-9)
+    assert_allclose(table["tip.y max [m]"], np.sin(0.4 * table["speed [rad/s]"]), atol=1e-9)
     assert all((tmp_path / name).is_file() for name in table["trajectory"])
 
 

@@ -152,6 +152,19 @@ class Fit:
         return np.array([*self.parameters.values(), *self.sensors.values()])
 
     @property
+    def units(self) -> dict[str, str]:
+        """Units of the estimates by name; "" if a unit is unknown."""
+        described, sensors = self._problem.model.parameter_info, self._problem.sensors
+        by_sensor = {
+            sensor.name: sensor.unit
+            for sensor in (*sensors.scales, *sensors.offsets, *sensors.shifts)
+        }
+        return {
+            name: described[name].unit if name in described else by_sensor.get(name, "")
+            for name in self.names
+        }
+
+    @property
     def solution(self) -> Solution:
         """Run with the estimates, at the times of the data.
 
@@ -249,14 +262,15 @@ class Fit:
         )
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write `table` as CSV and return the path.
+        """Write `table` and the units of the estimates as CSV and return the path.
 
         Raises
         ------
         BeamdaeError
             If the path is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.table().reset_index(names="parameter"))
+        table = self.table().assign(unit=list(self.units.values()))
+        return write_escaped_table(path, table.reset_index(names="parameter"))
 
     def correlations(self) -> pd.DataFrame:
         """Return the correlation matrix of the estimates."""

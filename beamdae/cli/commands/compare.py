@@ -80,7 +80,7 @@ def _create_report(results: StudyResults) -> StudyReport:
         from beamdae.studies.study_page import create_study_page
 
         path = results.folder / PAGE_FILE
-        return [page_file.write_page(path, create_study_page(results))]
+        return page_file.list_page_files(page_file.write_page(path, create_study_page(results)))
 
     return StudyReport(
         partial(_print_results, results),

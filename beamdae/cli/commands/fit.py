@@ -250,7 +250,7 @@ def _print_results(result: Fit, name: str) -> None:
     from beamdae.report.terminal import text_tables
 
     console = print_facts(name, describe_fit(result), lambda: _json_results(result))
-    console.print(text_tables.estimates_table(result.table()))
+    console.print(text_tables.estimates_table(result.table(), result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
     for run in result.solutions.values():
         print_warnings(console, run.warnings)

@@ -34,6 +34,7 @@ _SCRIPTS = (
     "chart",
     "cases",
     "curve_files",
+    "labels",  # only in pages with overlays
     "scatter",
     "curves",
     "cursor",
@@ -90,6 +91,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "portrait": None,
     "overlays": [],
     "leads": False,
+    "featured": [],
     "noun": "cases",
     "tables": [],
     "cases": [],
@@ -198,6 +200,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "overlays" of the scatter plot, for pairs of axes "x" and "y" (keys of columns): "lines"
           and "marks" with "label", "x" and "y" (lists of numbers for lines, numbers for marks).
         - "leads": True if the scatter plot is the main result, shown first beside the motion.
+        - "featured": names of the observed columns that the user measured or asked for. They are
+          listed first; the page opens on the first one that moves.
         - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
           (default), "errors" or "solver".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
@@ -206,10 +210,11 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
           the error is below the resolution of the reference); "limited" (True if a limit stopped
           the run); "dashed" (True if lines to it are dashed); "at" (index of its value for each
-          slider); "frames", its own animation, or None; "file" (name of the file with its rows);
-          and "curves", as returned by `beamdae.report.page.page_data.select_curves`; or "block",
-          the index of an entry of "curve_files", from which the curves are loaded when the case is
-          selected.
+          slider); "frames", its own animation, or None; "points" (True for measured data, which are
+          drawn as points and selected with their model when the page opens); "file" (name of the
+          file with its rows); and "curves", as returned by
+          `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
+          "curve_files", from which the curves are loaded when the case is selected.
           Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.
@@ -240,7 +245,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         raise BeamdaeError(f"{folder}: the path must be a folder, but is a link; remove the link.")
     for block in blocks:
         block.write(folder)
-    page_text = fill_template("page", _STYLES, _SCRIPTS, content, title=title, sources=sources)
+    scripts = [name for name in _SCRIPTS if name != "labels" or content["overlays"]]
+    page_text = fill_template("page", _STYLES, scripts, content, title=title, sources=sources)
     write_text(path, page_text)
     remove_curve_files(path, {block.name for block in blocks})
     return path
@@ -250,6 +256,12 @@ def _curve_folder(page: Path) -> Path:
     # With their suffix, a.html, a.htm and a have different folders.
     name = page.stem if page.suffix == ".html" else f"{page.stem}{page.suffix or '.'}"
     return page.with_name(f"{name}_curves")
+
+
+def list_page_files(page: Path) -> list[Path]:
+    """Return the page and, if it loads curves from files, their folder."""
+    folder = _curve_folder(page)
+    return [page, folder] if folder.is_dir() and not folder.is_symlink() else [page]
 
 
 def remove_curve_files(page: Path, used: Collection[str] = ()) -> None:

@@ -244,6 +244,11 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
     )
 
 
+def format_headers(units: Mapping[str, str]) -> dict[str, str]:
+    """Return names with their units, such as "speed [rad/s]", by name; only of those with one."""
+    return {name: f"{name} [{unit}]" for name, unit in units.items() if unit not in ("", "-")}
+
+
 def sweep_table(
     table: pd.DataFrame,
     parameters: Sequence[str],
@@ -257,14 +262,15 @@ def sweep_table(
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
-    headers = {x: f"{x}\n[{y}]" for x, y in (units or {}).items() if y not in ("", "-")}
-    columns = [Column(headers.get(x, x), 0 if x in varied else last) for x in others]
+    headers = format_headers(units or {})
+    columns = [
+        Column(headers.get(x, x).replace(" [", "\n["), 0 if x in varied else last) for x in others
+    ]
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
     names = [first, *others, "status", *outputs]
     rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
-    title = headers.get(first, first).replace("\n", " ")
-    return ResponsiveTable(title, columns, rows, "sweep.csv")
+    return ResponsiveTable(headers.get(first, first), columns, rows, "sweep.csv")
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:
@@ -306,8 +312,9 @@ def peaks_table(parameter: str, peaks: Iterable[Mapping[str, Any]]) -> Responsiv
     return ResponsiveTable("peak of", columns, rows, "--json")
 
 
-def estimates_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of estimates and their 95 % intervals, given `Fit.table()`."""
+def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> ResponsiveTable:
+    """Return a table of estimates and their 95 % intervals, given `Fit.table()` and units."""
+    headers = format_headers(units or {})
     columns = [
         Column("value"),
         Column("standard\ndeviation"),
@@ -315,7 +322,10 @@ def estimates_table(table: pd.DataFrame) -> ResponsiveTable:
         Column("upper\n95 %", 1),
     ]
     rows = [
-        (str(name), *(format_number(x, 5 if k != 1 else 2) for k, x in enumerate(row)))
+        (
+            headers.get(str(name), str(name)),
+            *(format_number(x, 5 if k != 1 else 2) for k, x in enumerate(row)),
+        )
         for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
     ]
     return ResponsiveTable("estimate of", columns, rows, "the CSV file")

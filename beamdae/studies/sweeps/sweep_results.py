@@ -16,6 +16,7 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
 from beamdae.read_only import read_only_data
 from beamdae.report.page.page_file import write_page
+from beamdae.report.terminal.text_tables import format_headers
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -259,6 +260,8 @@ class SweepResults:
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
+        Headers of parameters contain their units, for example "speed [rad/s]".
+
         Parameters
         ----------
         path
@@ -269,7 +272,14 @@ class SweepResults:
         BeamdaeError
             If the file cannot be written.
         """
-        return write_escaped_table(path, self.table)
+        return write_escaped_table(path, self.table.rename(columns=self._headers))
+
+    @property
+    def _headers(self) -> dict[str, str]:
+        """Headers with units, by column of a parameter, unless another column has the same name."""
+        units = {parameter_column(name): unit for name, unit in self.sweep.units.items()}
+        headers = format_headers(units)
+        return {name: header for name, header in headers.items() if header not in self.table}
 
     def page(self, path: str | Path) -> Path:
         """Write an HTML page with motion, curves, map and table of the runs.
@@ -369,6 +379,9 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
     units = {extra_column_key(parameter_column(x)): u for x, u in swept.sweep.units.items()}
     for column in content["columns"]:
         column["unit"] = units.get(column["key"], column["unit"])
+    observed = select_headers(swept.results, swept.sweep)
+    characteristic = select_characteristic(swept.results, swept.sweep)
+    content["featured"] = [name for name in characteristic if name in observed]
     _add_motion(content, swept, grid)
     if not swept.sweep.varied:
         return content
@@ -379,7 +392,13 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
             case |= {"family": family or case["family"], "series": family}
             case["rank"] = value if isinstance(value, (int, float)) else row
     numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
-    responses = [key for key in map(extra_column_key, swept.response_columns) if key in numeric]
+    lines = [line for panel in swept.panels() for line in panel.split()]
+    varying = [
+        column
+        for panel in drop_constant(swept.sweep, swept.table, lines)
+        for column in panel.lines.values()
+    ]
+    responses = [key for key in map(extra_column_key, varying) if key in numeric]
     content["axes"] = {
         "x": extra_column_key(parameter_column(x)),
         "y": next(iter(responses), None),

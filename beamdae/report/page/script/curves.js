@@ -1,4 +1,5 @@
-// Curves of the selected cases over time, in four panels. Columns that do not move are listed last.
+// Curves of the selected cases over time, in four panels. The columns that the user measured or asked for are listed
+// first, and those that do not move last.
 
 const MAX_LOG_DECADES = 9; // decades below the largest value on logarithmic axes
 const MARKERS_PER_LINE = 6;
@@ -62,7 +63,8 @@ function listChoices({ key, unit }) {
   const unitOf = (name) => (isLog(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
   const canRest = key === "observed" || key === "energy";
   const constant = canRest ? findConstantNames(names, curves, unitOf) : [];
-  const moving = names.filter((name) => !constant.includes(name));
+  const rankOf = (name) => (page.featured.includes(name) ? page.featured.indexOf(name) : page.featured.length);
+  const moving = names.filter((name) => !constant.includes(name)).sort((a, b) => rankOf(a) - rankOf(b));
   const createChoice = (name) => ({
     label: name,
     names: [name],
@@ -151,7 +153,10 @@ function collectLines({ key, choice: { names } }) {
         run,
         name,
         label: !hasNames ? run.label : hasCases ? `${name}, ${run.label}` : name,
-        style: lineStyle(hasCases || !hasNames ? color : `color-${k % COLOR_COUNT}`, hasNames ? k : number - 1),
+        style: {
+          ...lineStyle(hasCases || !hasNames ? color : `color-${k % COLOR_COUNT}`, hasNames ? k : number - 1),
+          isData: run.points,
+        },
         t: getValues(run.curves?.t),
         values: getValues(getOwn(curvesOf(run), name)),
       })),
@@ -198,7 +203,7 @@ function describeCurveChart({ key, title, choice }, allLines) {
     height: (width) => clamp(0.36 * width, 215, 320),
     drawBackground: () => [],
     drawClipped: (box, x, y) =>
-      lines.map((line, k) => createCurve(line, x, y, spaceMarkers(box, k, lines.length))),
+      lines.map((line, k) => createCurve(line, x, y, spaceMarkers(box, k, countMarked(lines)))),
     drawForeground: (box, _, y) => (key === "error" ? createResolutionLine(box, y) : []),
     afterViewChange: () => shareTimeRange(key),
     showTime: createTimeLine,
@@ -227,6 +232,11 @@ function shareTimeRange(key) {
   }
 }
 
+// Measured data are points already, and the curve among them needs no markers.
+function countMarked(lines) {
+  return lines.filter(({ run }) => !run.points).length;
+}
+
 // Positions of the markers of line k, staggered with the markers of other lines. A single line has no markers.
 function spaceMarkers(box, k, lineCount) {
   if (lineCount < 2) return [];
@@ -234,7 +244,9 @@ function spaceMarkers(box, k, lineCount) {
   return Array.from({ length: MARKERS_PER_LINE }, (_, i) => box.left + (i + (k + 0.5) / lineCount) * spacing);
 }
 
-function createCurve({ run, style, t, values }, x, y, markerPositions) {
+function createCurve(line, x, y, markerPositions) {
+  const { run, style, t, values } = line;
+  if (run.points) return createDataPoints(line, x, y);
   let path = "";
   let last = null;
   values.forEach((value, k) => {
@@ -254,6 +266,14 @@ function createCurve({ run, style, t, values }, x, y, markerPositions) {
     .filter((k) => values[k] !== null)
     .map((k) => createLineMarker(style, [x.toPosition(t[k]), y.toPosition(values[k])]));
   return svg("g", {}, svg("path", { class: `curve ${style.color} ${style.dash}`, d: path }), ...cross, ...markers);
+}
+
+// Lines of zero length with round caps: one element for all points.
+function createDataPoints({ style, t, values }, x, y) {
+  const points = values
+    .map((value, k) => (value === null ? "" : `M${x.toPosition(t[k]).toFixed(1)} ${y.toPosition(value).toFixed(1)}h0`))
+    .join("");
+  return svg("path", { class: `curve data ${style.color}`, d: points });
 }
 
 function nearestIndex(t, time) {

@@ -40,8 +40,9 @@ function drawHeader() {
   byId("motion").hidden = !isMoving;
   document.querySelector("main").classList.toggle("without-motion", !isMoving);
   const hasCurves = page.cases.some(mayHaveCurves);
-  byId("curves").hidden = isMoving && !hasCurves && !page.leads;
-  document.querySelector("main").classList.toggle("without-curves", byId("curves").hidden);
+  byId("curves").hidden = (isMoving || isStudyPage()) && !hasCurves && !page.leads;
+  document.querySelector("main").classList.toggle("without-curves", isMoving && byId("curves").hidden);
+  byId("top").hidden = !isMoving && byId("curves").hidden;
   if (page.leads) byId("curves").prepend(byId("precision"));
   if (page.sequential) document.head.append(createShadeStyles());
 }

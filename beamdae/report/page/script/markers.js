@@ -59,7 +59,8 @@ function lineStyle(color, number) {
   };
 }
 
-function createLineIcon({ color, dash, shape }, width = 30) {
+function createLineIcon({ color, dash, shape, isData }, width = 30) {
+  if (isData) return createIcon(width, svg("path", { class: `curve data ${color}`, d: "M4 0h0m11 0h0m11 0h0" }));
   return createIcon(
     width,
     svg("path", { class: `curve ${color} ${dash}`, d: `M0 0H${width}` }),

@@ -80,9 +80,11 @@ function describeScatter(cases, x, y) {
   const visible = cases.filter((run) => !state.hidden.families.has(run.family));
   const showsErrors = y.kind === "error";
   // Lines of an overlay are straight and may start from zero, which a logarithmic axis cannot show.
-  const isLinear = findOverlay(x, y).lines.length > 0;
+  const guides = findOverlay(x, y).lines;
+  const isLinear = guides.length > 0;
   const log = { x: !isLinear && needsLogAxis(x, cases), y: !isLinear && needsLogAxis(y, cases) };
-  const yExtent = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
+  const [low, high] = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
+  const yExtent = [Math.min(low, ...guides.flatMap((line) => line.y)), high];
   const position = (run, xScale, yScale) => [xScale.toPosition(x.value(run)), yScale.toPosition(y.value(run))];
   const createPoints = (box, xScale, yScale) =>
     visible
@@ -104,7 +106,7 @@ function describeScatter(cases, x, y) {
       ...createSeriesLines(visible, (run) => position(run, xScale, yScale), showsErrors),
     ],
     drawForeground: (box, xScale, yScale) => [
-      ...createOverlayMarks(x, y, box, xScale, yScale),
+      ...createOverlayMarks(x, y, box, xScale, yScale, visible),
       ...(showsErrors ? createResolutionLine(box, yScale) : []),
       ...createPoints(box, xScale, yScale),
     ],
@@ -163,17 +165,22 @@ function createResolutionLine(box, y) {
 
 // Lines that connect the cases of each series in the order of their ranks.
 function createSeriesLines(cases, position, showsErrors) {
-  return removeDuplicates(removeMissing(cases.map((run) => run.series))).flatMap((series) => {
-    const members = cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank);
-    return members.slice(1).map((run, k) => {
+  return groupSeries(cases).flatMap((members) =>
+    members.slice(1).map((run, k) => {
       const previous = members[k];
       const [[x1, y1], [x2, y2]] = [position(previous), position(run)];
       const isBound = showsErrors && (previous.below || run.below);
       const isDashed = isBound || previous.dashed || run.dashed;
       const classes = `series ${familyColor(run.family)} ${isDashed ? "dashed" : ""}`;
       return svg("line", { class: classes, x1, y1, x2, y2 });
-    });
-  });
+    }),
+  );
+}
+
+function groupSeries(cases) {
+  return removeDuplicates(removeMissing(cases.map((run) => run.series))).map((series) =>
+    cases.filter((run) => run.series === series).sort((a, b) => a.rank - b.rank),
+  );
 }
 
 // Lines and marks that belong to these axes.
@@ -191,22 +198,22 @@ function createOverlayLines(x, y, xScale, yScale) {
   });
 }
 
-// Circles at the marks, and labels of lines where these leave the plot.
-function createOverlayMarks(x, y, box, xScale, yScale) {
+// Circles at the marks, labels of the marks, and labels on the lines.
+function createOverlayMarks(x, y, box, xScale, yScale, cases) {
   const { lines, marks } = findOverlay(x, y);
+  if (!lines.length && !marks.length) return [];
   const isInside = ([u, v]) => isWithin(u, [box.left - 1, box.right + 1]) && isWithin(v, [box.top - 1, box.bottom + 1]);
   const place = (u, v) => [xScale.toPosition(u), yScale.toPosition(v)];
-  const labels = lines.flatMap(({ label, x: xs, y: ys }) => {
-    const last = xs.map((u, k) => place(u, ys[k])).findLast(isInside);
-    return last ? [svg("text", { class: "halo", x: last[0] - 4, y: last[1] - 6, "text-anchor": "end" }, label)] : [];
-  });
-  const circles = marks.flatMap(({ label, x: u, y: v }) => {
-    const [cx, cy] = place(u, v);
-    if (!isInside([cx, cy])) return [];
-    const circle = svg("circle", { class: "mark", cx, cy, r: 7 });
-    return [circle, ...(label ? [svg("text", { class: "halo", x: cx, y: cy - 12, "text-anchor": "middle" }, label)] : [])];
-  });
-  return [...labels, ...circles];
+  const placedMarks = marks.map(({ label, x: u, y: v }) => ({ label, at: place(u, v) })).filter(({ at }) => isInside(at));
+  const placedLines = lines.map(({ label, x: xs, y: ys }) => ({ label, path: xs.map((u, k) => place(u, ys[k])) }));
+  const circles = placedMarks.map(({ at: [cx, cy] }) => svg("circle", { class: "mark", cx, cy, r: 7 }));
+  const series = groupSeries(cases).map((members) => members.map((run) => place(x.value(run), y.value(run))));
+  const labels = placeLabels(box, placedLines, placedMarks, series);
+  return [...circles, ...labels.map(({ text, at }) => createLabel(text, at))];
+}
+
+function createLabel(text, [x, y]) {
+  return svg("text", { class: "halo label", x, y: y + LABEL_HEIGHT / 2 - 3, "text-anchor": "middle" }, text);
 }
 
 function createPoint(run, [x, y], showsErrors) {

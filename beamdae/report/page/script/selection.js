@@ -49,7 +49,7 @@ function clearSelection() {
   showSelection();
 }
 
-// Select the most accurate case with curves, or the first cases if no errors are known.
+// Select the most accurate case with curves, or the first cases if no errors are known; with measured data, all.
 function selectInitialCases() {
   const inPage = groupCases().filter((run) => run.curves);
   const candidates = inPage.length ? inPage : groupCases().filter(mayHaveCurves);
@@ -61,11 +61,10 @@ function selectInitialCases() {
   state.hidden.cases.clear();
   // Without any curves, the first case that moves.
   const moving = groupCases().filter((run) => run.frames);
-  const initial = byAccuracy.length
-    ? byAccuracy.slice(0, 1)
-    : candidates.length
-      ? spreadCases(candidates)
-      : moving.slice(0, 1);
+  const hasData = candidates.some((run) => run.points);
+  let initial = candidates.length ? spreadCases(candidates) : moving.slice(0, 1);
+  if (byAccuracy.length) initial = byAccuracy.slice(0, 1);
+  if (hasData) initial = candidates;
   initial.forEach(selectCase);
 }
 
@@ -156,7 +155,7 @@ function createSelectionEntry({ run, number, color }) {
   };
   const content = [
     html("span", { class: "badge" }, number),
-    createLineIcon(lineStyle(color, number - 1)),
+    createLineIcon({ ...lineStyle(color, number - 1), isData: run.points }),
     run.label,
     hasFailed(run) ? " (failed)" : "",
   ];

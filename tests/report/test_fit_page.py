@@ -1,0 +1,50 @@
+"""The page of a fit: it opens on the measured columns, with the data as points on the curves."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.report.fit_page import build_fit_page
+
+pytestmark = pytest.mark.slow(reason="a fit")
+TIMES = np.linspace(0.1, 1.0, 10)
+
+
+@bd.model(t_end=1.0)
+def swinging(length=0.5, mass=1.0):
+    """Pendulum of `length` [m] with a bob of `mass` [kg]."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", mass, at=(length, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def fit():
+    method = bd.GeneralizedAlpha(step=0.01)
+    run = bd.simulate(swinging(length=0.6), method, output_step=0.1).at_times(TIMES)
+    data = {"t [s]": TIMES, "bob.y_dot": run["bob.y_dot"].to_numpy() + 0.01 * np.cos(40.0 * TIMES)}
+    return bd.fit(swinging, data, ["length"], method)
+
+
+def test_the_page_opens_on_the_measured_column(fit, show):
+    page = build_fit_page(fit, "pendulum")
+    assert page["featured"] == ["bob.y_dot [m/s]"]
+    (estimates,) = (table for table in page["tables"] if table["title"] == "Estimates")
+    assert estimates["rows"][0][0] == "length [m]"
+    tab = show(page)
+    panel = tab.locator("[data-panel=observed]")
+    choice = tab.get_by_label("Observed: quantity")
+    assert choice.input_value() == "bob.y_dot [m/s]"
+    # One curve, and one element for the points of the data.
+    points = panel.locator(".plot path.curve.data").get_attribute("d")
+    assert (panel.locator(".plot path.curve").count(), points.count("M")) == (2, len(TIMES))
+    assert not tab.locator("#errors").is_visible()
+
+
+def test_units_of_estimates_are_in_the_file(fit, tmp_path):
+    lines = fit.to_csv(tmp_path / "fit.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0].endswith(",unit")
+    assert lines[1].startswith("length,")
+    assert lines[1].endswith(",m")
