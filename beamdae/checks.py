@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     compute_frequency_range,
 )
 from beamdae.beams.beam import Beam
+from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
     idle_part_warnings,
@@ -166,7 +168,8 @@ class Check:
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
-        Sentences about parts and event actions without effect, contacts that start inside a
+        Sentences about sections that are higher than their beams are long, parts and event actions
+        without effect, contacts that start inside a
         surface, and damping laws that supply energy.
     """
 
@@ -334,13 +337,35 @@ def _collect_warnings(
     state: Any,
 ) -> tuple[str, ...]:
     """Return the warnings about single parts; `state` is the consistent start or None."""
-    sentences = [*idle_part_warnings(equations, 0.0, end)]
+    sentences = [*_thick_beam_warnings(equations.mechanism)]
+    sentences += idle_part_warnings(equations, 0.0, end)
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)
         sentences += supplied_energy_warnings(
             equations, lambda: sample_velocities(equations, time, state)
         )
     return tuple(sentences)
+
+
+def _thick_beam_warnings(mechanism: Mechanism | None) -> Iterator[str]:
+    """Yield a warning for each beam whose section is higher than the beam is long.
+
+    The length of a segment is that of the whole curve, of which other beams continue the segment.
+    """
+    for part in mechanism.parts.values() if mechanism else ():
+        if not isinstance(part, Beam):
+            continue
+        curve = part.curve
+        while isinstance(curve, Segment):
+            curve = curve.curve
+        sections = [part.section.at(s) for s in (0.0, 0.5 * part.length, part.length)]
+        height = max(section.height or 0.0 for section in sections)
+        if height > curve.length:
+            yield (
+                f"{part.name}: the section is {height:.4g} m high, but the beam is only "
+                f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid "
+                "body."
+            )
 
 
 def _constraint_residuals(

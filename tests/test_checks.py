@@ -368,3 +368,21 @@ def test_regression_joint_of_the_ground_and_two_bodies_connects_both():
     sun = mech.ground.at(0.0, 0.0)
     mech.add(bd.Gear("gear", sun, wheel.at(1.0, 0.0), 0.5, carrier=arm.at(0.0, 0.0)))
     assert mech.check(predict=False).loose == ()
+
+
+def test_sections_that_are_higher_than_their_beams_are_long_cause_a_warning():
+    def warnings_of(height, bodies=1):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=height)
+        line = bd.Line((0.0, 0.0), (0.3, 0.0))
+        beams = bd.welded_beams(mech, "strip", line, section, bodies=bodies, elements=1)
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beams[0].start))
+        return [x for x in bd.check(mech, predict=False).warnings if "high" in x]
+
+    (warning,) = warnings_of(2.0)
+    assert warning.endswith(
+        ": the section is 2 m high, but the beam is only 0.3 m long; give sizes in meters, or "
+        "model the part as a rigid body."
+    )
+    assert not warnings_of(0.29)
+    assert not warnings_of(0.2, bodies=2)
