@@ -313,6 +313,7 @@ def find_label_overlaps(tab):
     )
 
 
+@pytest.mark.slow(reason="starts a browser")
 @pytest.mark.parametrize("window", ["show", "phone"])
 def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, window, request):
     """They were at the right ends of the lines, over each other and over the markers."""
@@ -326,6 +327,20 @@ def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, windo
         f"{k}\u00d7" for k in (1, 2, 3, 4)
     ]
     assert find_label_overlaps(tab) == []
+
+
+def test_regression_labels_of_campbell_pictures_do_not_overlap(rotor):
+    """The labels of the modes were at the lowest speed, where modes 2 and 3 have one frequency."""
+    frequencies = rotor.eigenvalues.imag.copy()
+    frequencies[:, 2] = frequencies[:, 1] + 1e-3
+    rates = rotor.eigenvalues.real
+    figure = bd.draw_campbell(replace(rotor, eigenvalues=rates + 1j * frequencies)).figure
+    figure.draw_without_rendering()
+    (axis,) = figure.axes
+    boxes = [text.get_window_extent() for text in axis.texts]
+    assert len(boxes) == 7
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    assert all(axis.bbox.containsx(x) for box in boxes for x in (box.x0, box.x1))
 
 
 def test_regression_multiples_of_the_speed_are_drawn_from_speed_zero(show):

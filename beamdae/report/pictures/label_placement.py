@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +23,13 @@ _MIN_LEADER_DISTANCE = 16.0
 # Labels within this distance are neighbors; labels with the most neighbors are placed first [pt].
 _NEIGHBOR_DISTANCE = 60.0
 _FONT_SIZE = 8.0  # [pt]
+_LABEL_BOX = {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.4}
 _GAP = 1.5  # free space around a label [pt]
 _POINTS_PER_INCH = 72.0
+_LINE_STEP = 3.0  # between candidate positions along a line [pt]
+_MAX_LINE_STEPS = 500  # of one segment
+_LINE_OFFSET = 2.5  # between a line and a label above or below it [pt]
+_MARKER_RADIUS = 4.0  # of markers that labels of lines do not cover [pt]
 
 # Cost of a label position.
 _COVERED_POINT_COST = 2.0  # per covered point of a line
@@ -65,6 +72,87 @@ def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Arr
         best = int(np.argmin(cost))
         occupied = np.vstack([occupied, boxes[best]])
         _write_label(axis, point, text, boxes[best, :2] - anchors[k], float(distance[best]))
+
+
+@dataclass(frozen=True)
+class LineLabel:
+    """Label of a line.
+
+    Attributes
+    ----------
+    path
+        Points (k, 2) of the line in data coordinates. The label is as near as possible to the
+        first one.
+    text, color
+        Text and color of the label.
+    is_beside
+        True for a label above or below the line, False for a label on the line.
+    """
+
+    path: Array
+    text: str
+    color: Any
+    is_beside: bool
+
+
+def label_lines(axis: Axes, labels: Sequence[LineLabel], markers: Array) -> None:
+    """Add labels on or beside lines, each where it covers least of the markers and other labels.
+
+    Parameters
+    ----------
+    axis
+        Axis with its final limits.
+    labels
+        The labels, in the order in which they are placed.
+    markers
+        Points (k, 2) in data coordinates.
+    """
+    figure: Any = axis.figure
+    figure.draw_without_rendering()  # for the position of the axis
+    scale = _POINTS_PER_INCH / figure.dpi
+    to_pixels = axis.transData.transform
+    corners = axis.get_window_extent().get_points() * scale
+    paths = [_sample_path(to_pixels(label.path) * scale, corners) for label in labels]
+    centers = to_pixels(np.reshape(markers, (-1, 2))) * scale
+    occupied = np.hstack([centers - _MARKER_RADIUS, centers + _MARKER_RADIUS])
+    for k, label in enumerate(labels):
+        path = paths[k]
+        if not len(path):
+            continue
+        size = _measure_text(axis, label.text) * scale
+        lift = 0.5 * size[1] + _LINE_OFFSET
+        shifts = (lift, -lift) if label.is_beside else (0.0,)
+        middles = np.vstack([path + np.array([0.0, shift]) for shift in shifts])
+        boxes = np.hstack([middles - 0.5 * size, middles + 0.5 * size])
+        others = np.vstack([other for j, other in enumerate(paths) if j != k] or [path[:0]])
+        distance = np.hypot(*np.moveaxis(middles - path[0], -1, 0))
+        cost = _DISTANCE_COST * distance + _cover_cost(boxes, others, occupied, corners)
+        best = int(np.argmin(cost))
+        occupied = np.vstack([occupied, boxes[best]])
+        x, y = axis.transData.inverted().transform(middles[best] / scale)
+        axis.text(
+            x,
+            y,
+            label.text,
+            color=label.color,
+            ha="center",
+            va="center",
+            fontsize=_FONT_SIZE,
+            parse_math=False,
+            bbox=_LABEL_BOX,
+            zorder=7,
+        )
+
+
+def _sample_path(path: Array, corners: Array) -> Array:
+    """Return points at equal distances on a line, of those inside the axis [pt]."""
+    samples = [path[:1]]
+    for start, end in pairwise(path):
+        length = float(np.hypot(*(end - start)))
+        count = int(np.clip(math.ceil(length / _LINE_STEP), 1, _MAX_LINE_STEPS))
+        samples.append(start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - start))
+    points = np.vstack(samples)
+    return points[np.all((points >= corners[0]) & (points <= corners[1]), axis=1)]
 
 
 def _measure_text(axis: Axes, text: str) -> Array:
@@ -125,6 +213,6 @@ def _write_label(axis: Axes, point: Array, text: str, offset: Array, distance: f
         color="0.2",
         parse_math=False,
         arrowprops=leader if distance > _MIN_LEADER_DISTANCE else None,
-        bbox={"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.4},
+        bbox=_LABEL_BOX,
         zorder=7,
     )

@@ -22,6 +22,7 @@ from beamdae.report.pictures.figures import (
     format_axis,
     wrap_title,
 )
+from beamdae.report.pictures.label_placement import LineLabel, label_lines
 from beamdae.report.pictures.run_animation import MAX_FRAMES
 from beamdae.report.pictures.scene_artists import (
     SceneArtists,
@@ -234,17 +235,18 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     speeds, frequencies = diagram.speeds[order], diagram.frequencies[order]
     highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
     revolutions = np.abs(speeds) / (2.0 * np.pi)
+    labels: list[LineLabel] = []
     for multiple in SPEED_MULTIPLES:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
-        if line[-1] <= highest:
-            label = (speeds[-1], line[-1])
-            axis.annotate(f" {multiple}\u00d7", label, color="0.4", va="center")
+        # From the right end, where the lines are farthest apart.
+        path = np.column_stack([speeds, line])[::-1]
+        labels.append(LineLabel(path, f"{multiple}\u00d7", "0.4", is_beside=False))
     for k, values in enumerate(frequencies.T):
         color = COLORS[k % len(COLORS)]
         axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
-        label = (speeds[0], values[0])
-        axis.annotate(f"mode {k + 1}", label, (3, 3), color=color, textcoords="offset points")
+        path = np.column_stack([speeds, values])
+        labels.append(LineLabel(path, f"mode {k + 1}", color, is_beside=True))
     resonances = diagram.resonances()
     axis.plot(
         resonances["speed [rad/s]"],
@@ -258,6 +260,9 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     axis.set_ylim(0.0, highest)
     axis.set_xlabel("speed [rad/s]")
     disable_math_text(figure)
+    points = np.column_stack([np.repeat(speeds, frequencies.shape[1]), frequencies.ravel()])
+    marks = resonances[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
+    label_lines(axis, labels, np.vstack([points, marks]))
     return figure
 
 
