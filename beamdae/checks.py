@@ -169,8 +169,7 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about sections that are higher than their beams are long, parts and event actions
-        without effect, contacts that start inside a
-        surface, and damping laws that supply energy.
+        without effect, contacts that start inside a surface, and damping laws that supply energy.
     """
 
     name: str

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from beamdae import deferred
-from beamdae.results.storage.files import require_file_path
+from beamdae.results.storage.files import require_file_path, write_escaped_table
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 ANIMATION_WIDTH = 640  # maximum width of an animation in a notebook [pixels]
@@ -74,6 +75,29 @@ class Animation:
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}" title="motion"></iframe>'
 
 
+class HasTable:
+    """Base class of results with a method `table`, which can be written as CSV."""
+
+    def table(self) -> pd.DataFrame:
+        """Return the result as a table."""
+        raise NotImplementedError
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write `table` as CSV and return the path.
+
+        Parameters
+        ----------
+        path
+            Path of the file. An existing file is replaced.
+
+        Raises
+        ------
+        BeamdaeError
+            If the path is invalid or the file cannot be written.
+        """
+        return write_escaped_table(path, self.table())
+
+
 class HasPage:
     """Base class of results of analyses that are shown on an HTML page."""
 
@@ -97,6 +121,9 @@ class Views(Protocol):
     """Interface of `beamdae.views`: the functions called by the methods of results."""
 
     animate: Callable[..., Animation | Path]
+    draw_campbell: Callable[..., Plot]
+    draw_modes: Callable[..., Plot]
+    plot_critical_loads: Callable[..., Plot]
     plot_equilibrium_path: Callable[..., Plot]
     plot_fit: Callable[..., Plot]
     plot_frequency_response: Callable[..., Plot]
@@ -107,6 +134,7 @@ class Views(Protocol):
     summarize_as_html: Callable[..., str]
     summarize_certificate_as_html: Callable[..., str]
     write_analysis_page: Callable[..., Path]
+    write_run_page: Callable[..., Path]
 
 
 def load_views() -> Views:

@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import select_column
-from beamdae.results.displays import HasPage, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest_modulus, mean
 from beamdae.results.solution import Solution
@@ -57,7 +57,7 @@ class ResponsePoint:
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse(HasPage):
+class FrequencyResponse(HasTable, HasPage):
     """Response curve: periodic motions over a parameter.
 
     Attributes

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.displays import HasPage
+from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 
@@ -26,7 +26,7 @@ _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multipl
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion(HasPage):
+class PeriodicMotion(HasTable, HasPage):
     """A periodic motion and its stability according to Floquet theory.
 
     Attributes
@@ -103,6 +103,25 @@ class PeriodicMotion(HasPage):
                 else "disturbances double the period"
             )
         return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
+
+    def table(self) -> pd.DataFrame:
+        """Return time, observed columns and energies of the period, see `Solution.table`."""
+        return self.solution.table()
+
+    def plot(self, *names: str, x: str | None = None, data: Any = None) -> Plot:
+        """Plot columns of the period over time or over another column, see `beamdae.plot`.
+
+        Parameters
+        ----------
+        *names, x, data
+            See `Solution.plot`.
+
+        Raises
+        ------
+        BeamdaeError
+            See `Solution.plot`.
+        """
+        return self.solution.plot(*names, x=x, data=data)
 
     def amplitudes(self) -> pd.DataFrame:
         """Return mean, half range, minimum, maximum and unit, with one row per observed column."""

@@ -25,7 +25,7 @@ from beamdae.results.run_data import RunData
 from beamdae.results.section_forces.recovery import recover_section_forces
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.results.storage.checkpoint import Checkpoint
-from beamdae.results.storage.files import write_result
+from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_fields
 from beamdae.results.storage.saved_run import save_run
 from beamdae.results.time_series import TimeSeries
@@ -249,6 +249,21 @@ class Solution(RunData, TimeSeries):
     ) -> Animation | Path:
         """Animate the motion in a notebook or in a file, see `beamdae.animate`."""
         return load_views().animate(self, path, speed, frames, color, trail)
+
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with the motion of the mechanism, charts and tables.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        return load_views().write_run_page(self, require_file_path("page", path))
 
     @interruptible
     def section_forces(self, beam: Any, t: Any = None, s: Any = None) -> SectionForces:

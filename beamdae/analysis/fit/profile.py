@@ -12,7 +12,7 @@ from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.errors import require_count
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import Plot, load_views
+from beamdae.results.displays import HasTable, Plot, load_views
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _MAX_EVALUATIONS = 20
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class ProfileLikelihood:
+class ProfileLikelihood(HasTable):
     """Profile likelihood of a parameter; see `Fit.profile`.
 
     Attributes

@@ -17,7 +17,7 @@ from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.rotation import rotation
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import HasPage
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +36,7 @@ _DECAY_WEIGHT = 0.5
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Campbell(HasPage):
+class Campbell(HasTable, HasPage):
     """Modes as functions of the rotation speed; see `campbell`.
 
     Attributes
@@ -72,6 +72,10 @@ class Campbell(HasPage):
             for speed, at_speed in zip(self.speeds, self.modes, strict=True)
             for sentence in at_speed.warnings
         )
+
+    def plot(self) -> Plot:
+        """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""
+        return load_views().draw_campbell(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""

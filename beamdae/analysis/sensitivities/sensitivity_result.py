@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdae.errors import (
@@ -16,14 +15,14 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_functions import Model
-from beamdae.results.storage.files import write_escaped_table
+from beamdae.results.displays import HasTable
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class SensitivityResult(ABC):
+class SensitivityResult(HasTable, ABC):
     """An analysis and its derivatives with respect to `parameters`, values by name."""
 
     parameters: Mapping[str, float]
@@ -40,16 +39,6 @@ class SensitivityResult(ABC):
     @abstractmethod
     def table(self) -> pd.DataFrame:
         """Return the derivatives with respect to all parameters."""
-
-    def to_csv(self, path: str | Path) -> Path:
-        """Write `table` as CSV and return the path.
-
-        Raises
-        ------
-        BeamdaeError
-            If the path is invalid or the file cannot be written.
-        """
-        return write_escaped_table(path, self.table())
 
     def _require_parameter(self, caller: str, parameter: str) -> str:
         name: str = require_choice(caller, "parameter", parameter, list(self.parameters))

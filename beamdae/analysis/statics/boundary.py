@@ -33,6 +33,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.displays import HasTable, Plot, load_views
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -92,7 +93,7 @@ class BoundaryPoint(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Boundary:
+class Boundary(HasTable):
     """Critical load factors as a function of a parameter; see `boundary`.
 
     Attributes
@@ -134,6 +135,10 @@ class Boundary:
             f"{len(self.values)} points, {self.parameter} = {self.values[0]:g} to "
             f"{self.values[-1]:g}{special}>"
         )
+
+    def plot(self) -> Plot:
+        """Plot the critical load factor over the parameter, with the special points."""
+        return load_views().plot_critical_loads(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with the values of the parameter and the load factors."""

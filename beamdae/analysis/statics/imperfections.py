@@ -27,6 +27,7 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
+from beamdae.results.displays import HasTable, Plot, load_views
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
@@ -179,7 +180,7 @@ def _deviate(
 
 
 @dataclass(frozen=True, repr=False)
-class KnockDown:
+class KnockDown(HasTable):
     """Critical load factors of a structure with imperfections of various amplitudes.
 
     Attributes
@@ -203,6 +204,10 @@ class KnockDown:
         pairs = zip(self.amplitudes.tolist(), self.factors.tolist(), strict=True)
         values = ", ".join(f"{factor:.5g} at {amplitude:g} m" for amplitude, factor in pairs)
         return f"<KnockDown: {self.perfect:.5g} without imperfection; {values}>"
+
+    def plot(self) -> Plot:
+        """Plot the critical load factor over the amplitude of the imperfection."""
+        return load_views().plot_critical_loads(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with amplitude, load factor, its ratio to the perfect structure, kind."""

@@ -25,7 +25,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.displays import HasPage
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +51,7 @@ _REPR_FACTORS = 5
 
 
 @dataclass(frozen=True, repr=False)
-class Buckling(HasPage):
+class Buckling(HasTable, HasPage):
     """Buckling loads and mode shapes of the linearized tangent stiffness; see `buckling`.
 
     Attributes
@@ -98,6 +98,16 @@ class Buckling(HasPage):
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1 and load factor."""
         return f"{k + 1}: load factor {self.factors[k]:.5g}"
+
+    def plot(self) -> Plot:
+        """Draw up to twelve buckling modes, see `beamdae.draw_modes`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there are no modes, or no mechanism with parts that can be drawn.
+        """
+        return load_views().draw_modes(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with number, load factor [-] and the coordinate that moves most."""

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.analysis.statics.boundary import Boundary
+from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.report.pictures.figures import (
     COLORS,
     add_legend,
@@ -140,6 +142,27 @@ def _is_varying(equilibrium: Equilibrium, column: str) -> bool:
     sizes = {"m": equilibrium.equations.length, "rad": 1.0}
     limit = _MIN_RANGE * sizes.get(Header.of(column).unit, 0.0)
     return bool(equilibrium.loads) and float(np.ptp(equilibrium.columns[column])) > limit
+
+
+def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
+    """Plot critical load factors over the parameter or over the amplitude of the imperfection."""
+    # Imported here because importing Matplotlib takes longer than some commands.
+    from matplotlib.figure import Figure
+
+    table = result.table()
+    name, factor = map(str, table.columns[:2])
+    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
+    axis = figure.add_subplot()
+    style: dict[str, Any] = {"marker": "o", "ms": 3} if isinstance(result, KnockDown) else {}
+    axis.plot(table[name], table[factor], color=COLORS[0], lw=1.6, **style)
+    for point in result.special if isinstance(result, Boundary) else ():
+        axis.plot(point.value, point.factor, "o", color=COLORS[1], ms=5)
+    axis.set_xlabel(name)
+    axis.set_ylabel(factor)
+    axis.grid(color="0.9", lw=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
+    disable_math_text(figure)
+    return Plot(figure)
 
 
 def plot_response(response: FrequencyResponse, column: str, x: str | None = None) -> Plot:

@@ -13,7 +13,7 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, require_positive, warn_user
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import Plot, load_views
+from beamdae.results.displays import HasTable, Plot, load_views
 from beamdae.results.section_forces.peak_errors import (
     estimate_sampling_errors,
     estimate_wave_errors,
@@ -75,7 +75,7 @@ class Safety:
 
 @read_only_data
 @dataclass(frozen=True, eq=False, repr=False)
-class SectionForces:
+class SectionForces(HasTable):
     """Section forces of a beam: axial force N, shear force Q and bending moment M.
 
     N [N] and Q [N] are the components, normal and parallel to the deformed section, of the force

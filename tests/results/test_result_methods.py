@@ -1,0 +1,108 @@
+"""Methods of public result classes: one law, all classes."""
+
+import inspect
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beamdae as bd
+from beamdae.results.outcome import Status
+
+# Methods besides `table` and `to_csv`, which all results have.
+METHODS = {
+    "Boundary": {"plot"},
+    "Buckling": {"plot", "page"},
+    "Campbell": {"plot", "page"},
+    "Equilibrium": {"plot", "page"},
+    "EquilibriumSensitivities": set(),
+    "Fit": {"plot", "page"},
+    "FrequencyResponse": {"plot", "page"},
+    "KnockDown": {"plot"},
+    "ModeSensitivities": set(),
+    "Modes": {"plot", "page"},
+    "Optimization": set(),
+    "PeriodicMotion": {"plot", "page"},
+    "PeriodicSensitivities": set(),
+    "ProfileLikelihood": {"plot"},
+    "SavedRun": {"plot", "to_parquet"},  # A page needs the equations.
+    "SectionForces": set(),  # `diagram` plots one of N, Q and M.
+    "Sensitivities": set(),
+    "Solution": {"plot", "page", "to_parquet"},
+    "SweepResults": {"plot", "page"},
+}
+NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
+
+
+def test_every_result_has_a_table_that_can_be_written():
+    classes = {name: getattr(bd, name) for name in dir(bd)}
+    methods = {
+        name: {x for x in NAMES if hasattr(one, x)}
+        for name, one in classes.items()
+        if inspect.isclass(one) and hasattr(one, "table")
+    }
+    assert methods == {name: more | {"table", "to_csv"} for name, more in METHODS.items()}
+
+
+@pytest.fixture(scope="module")
+def disk():
+    """A disk on springs, which rotates about the origin."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=2.0, inertia=0.1, center=(0.0, 0.0)))
+    pin = hub.at(0.0, 0.0)
+    mech.add(bd.Bushing("mount", mech.ground.at(0.0, 0.0), pin, 50.0, 50.0))
+    mech.observe("hub", pin)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def results(disk):
+    run = bd.simulate(disk, bd.GeneralizedAlpha(1e-2), t_end=0.1, output_step=0.01)
+    points = (bd.BoundaryPoint("cusp", 1.5, 1.5),)
+    ok, two = Status("ok", "reached the end"), np.array([1.0, 2.0])
+    return {
+        "Solution": run,
+        "PeriodicMotion": bd.PeriodicMotion(run, 0.1),
+        "Modes": bd.modes(disk),
+        "Campbell": bd.campbell(disk, [1.0, 2.0], 1),
+        "KnockDown": bd.KnockDown(two, two, ("limit point", ""), 3.0),
+        "Boundary": bd.Boundary("limit point", "rise", two, two, points, two[:, None], ok, ("f",)),
+        "ProfileLikelihood": bd.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}),
+        "FrequencyResponse": bd.FrequencyResponse(
+            "frequency", tuple(bd.ResponsePoint(x, 0.1, run, np.ones(1)) for x in (1.0, 2.0)), ok
+        ),
+    }
+
+
+CHEAP = (
+    *("Solution", "PeriodicMotion", "Modes", "Campbell", "KnockDown", "Boundary"),
+    *("ProfileLikelihood", "FrequencyResponse"),
+)
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_results_write_tables_and_plots(results, name, tmp_path):
+    result = results[name]
+    path = result.to_csv(tmp_path / "table.csv")
+    assert path == tmp_path / "table.csv"
+    assert len(pd.read_csv(path)) == len(result.table())
+    plot = result.plot(*(["hub.x"] if name == "FrequencyResponse" else []))
+    assert plot.save(tmp_path / "plot.png").stat().st_size > 3000
+    for wrong in (3, "", "\0"):
+        with pytest.raises(bd.BeamdaeError, match="to_csv: path"):
+            result.to_csv(wrong)
+
+
+@pytest.mark.parametrize("name", ["Solution", "Modes"])
+def test_pages_are_written(results, name, tmp_path):
+    path = results[name].page(tmp_path / "page.html")
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    with pytest.raises(bd.BeamdaeError, match="page: path"):
+        results[name].page(3)
+
+
+def test_the_page_of_a_saved_run_needs_its_model(results, disk, tmp_path):
+    path = results["Solution"].save(tmp_path / "run.beamdae")
+    with pytest.raises(bd.BeamdaeError, match="page needs the equations"):
+        bd.load(path).page(tmp_path / "page.html")
+    assert bd.load(path, disk).page(tmp_path / "page.html").stat().st_size > 10_000
