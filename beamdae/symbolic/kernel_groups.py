@@ -15,6 +15,12 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.formula import cache_kernels
+from beamdae.symbolic.instructions import (
+    Instruction,
+    read_constants,
+    read_instructions,
+    repeat_instructions,
+)
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -24,7 +30,7 @@ from beamdae.symbolic.statements import (
     Local,
     QuantityKernel,
 )
-from beamdae.symbolic.table_lookups import LOOKUPS, has_lookups, look_up
+from beamdae.symbolic.table_lookups import LOOKUPS, look_up
 
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
@@ -92,7 +98,7 @@ class _KernelRecipe(NamedTuple):
     shapes
         Shapes of the outputs.
     steps
-        (operation or name of a lookup, operands, results) of each instruction.
+        Instructions, whose calls are names of lookups.
     """
 
     type: type[AnyKernel]
@@ -100,7 +106,7 @@ class _KernelRecipe(NamedTuple):
     n_data: int
     n_multipliers: int
     shapes: tuple[tuple[int, int], ...]
-    steps: tuple[tuple[int | str, tuple[int, ...], tuple[int, ...]], ...]
+    steps: tuple[Instruction, ...]
 
 
 def _to_function(kernel: AnyKernel) -> ca.Function:
@@ -111,31 +117,20 @@ def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
     """Return the recipe of a kernel; None if the kernel is shared or calls other functions."""
     if kernel.reused:
         return None
-    f, x = _to_function(kernel), kernel.local
-    calls = f.instructions_sx() if has_lookups(f) else SX()
-
-    def describe_operation(k: int) -> int | str:
-        code = f.instruction_id(k)
-        is_call = code == ca.OP_CALL
-        return str(calls.nz[k].which_function().name()) if is_call else code
-
+    f, local = _to_function(kernel), kernel.local
     steps = tuple(
-        (describe_operation(k), tuple(f.instruction_input(k)), tuple(f.instruction_output(k)))
-        for k in range(f.n_instructions())
+        (x if isinstance(x, int) else x.which_function().name(), operands, results)
+        for x, operands, results in read_instructions(f)
     )
     if any(isinstance(operation, str) and operation not in LOOKUPS for operation, _, _ in steps):
         return None
     shapes = tuple(output.shape for output in kernel.outputs)
-    return _KernelRecipe(type(kernel), x.size, x.n_data, x.n_multipliers, shapes, steps)
+    return _KernelRecipe(type(kernel), local.size, local.n_data, local.n_multipliers, shapes, steps)
 
 
 def _extract_constants(kernel: AnyKernel) -> Array:
     """Return the numbers in a kernel, in the order of its instructions."""
-    f = _to_function(kernel)
-    steps = range(f.n_instructions())
-    return np.array(
-        [f.instruction_constant(k) for k in steps if f.instruction_id(k) == ca.OP_CONST], float
-    )
+    return np.array(read_constants(_to_function(kernel)), float)
 
 
 @cache_kernels
@@ -149,21 +144,10 @@ def _rebuild_kernel(recipe: _KernelRecipe) -> AnyKernel:
     local = Local(recipe.size, recipe.n_data + count, recipe.n_multipliers)
     outputs = [SX.zeros(shape) for shape in recipe.shapes]
     inputs = recipe.type.from_outputs(local, outputs).inputs
-    data_index = iter(range(recipe.n_data, recipe.n_data + count))
-    values: dict[int, SX] = {}
-    for operation, operands, results in recipe.steps:
-        if operation == ca.OP_OUTPUT:
-            outputs[results[0]][results[1]] = values[operands[0]]
-        elif operation == ca.OP_INPUT:
-            values[results[0]] = inputs[operands[0]][operands[1]]
-        elif operation == ca.OP_CONST:
-            values[results[0]] = local.data[next(data_index)]
-        elif isinstance(operation, str):
-            column = ca.vertcat(*(values[k] for k in operands[1:]))
-            found = look_up(operation, values[operands[0]], column, len(results))
-            values.update(zip(results, ca.vertsplit(found), strict=True))
-        elif len(operands) == 1:
-            values[results[0]] = SX.unary(operation, values[operands[0]])
-        else:
-            values[results[0]] = SX.binary(operation, *(values[k] for k in operands))
+    constants = iter(ca.vertsplit(local.data[recipe.n_data :]))
+    repeat_instructions(recipe.steps, inputs, outputs, constants, call=_repeat_lookup)
     return recipe.type.from_outputs(local, outputs)
+
+
+def _repeat_lookup(name: str, operands: list[SX], count: int) -> list[SX]:
+    return ca.vertsplit(look_up(name, operands[0], ca.vertcat(*operands[1:]), count))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from beamdae.symbolic.table_lookups import repeat_call, repeat_operation
+from beamdae.symbolic.instructions import read_operations, rebuild_output, repeat_operation
 
 SX = ca.SX
 
@@ -24,31 +24,16 @@ def expand_powers(function: ca.Function, *arguments: SX, min_base: float = 0.0) 
     stiffness of a contact at first touch. There, the derivative from the side on which the contact
     is open, zero, replaces it. With `min_base`, it does so up to this size of x.
     """
-    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
-    if ca.OP_POW not in codes:
+    if ca.OP_POW not in read_operations(function):
         return ca.densify(ca.vec(function(*arguments)))
-    calls = function.instructions_sx() if ca.OP_CALL in codes else None
-    work, value = [SX(0)] * function.sz_w(), SX.zeros(function.numel_out(0))
-    for k, code in enumerate(codes):
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            value[targets[1]] = work[sources[0]]
-        elif code == ca.OP_INPUT:
-            work[targets[0]] = arguments[sources[0]].nz[sources[1]]
-        elif code == ca.OP_CONST:
-            work[targets[0]] = SX(function.instruction_constant(k))
-        elif calls is not None and code == ca.OP_CALL:
-            results = repeat_call(calls.nz[k], [work[i] for i in sources])
-            for target, result in zip(targets, results, strict=True):
-                # Unused results have no place.
-                if target >= 0:
-                    work[target] = result
-        else:
-            operands = [work[i] for i in sources]
-            if code == ca.OP_POW:
-                operands[0] = _limit_slope(*operands, min_base)
-            work[targets[0]] = repeat_operation(code, operands)
-    return value
+
+    def operate(code: int, operands: list[SX]) -> SX:
+        if code == ca.OP_POW:
+            base, exponent = operands
+            operands = [_limit_slope(base, exponent, min_base), exponent]
+        return repeat_operation(code, operands)
+
+    return ca.densify(ca.vec(rebuild_output(function, arguments, operate)))
 
 
 def _limit_slope(base: SX, exponent: SX, min_base: float) -> SX:

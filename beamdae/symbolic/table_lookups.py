@@ -21,6 +21,7 @@ from beamdae.native.table_functions import (
     pick_function,
     spread_function,
 )
+from beamdae.symbolic.instructions import rebuild_output, repeat_call
 
 SX = ca.SX
 
@@ -49,17 +50,6 @@ def look_up(name: str, argument: SX, numbers: SX, count: int) -> SX:
 def has_lookups(function: ca.Function) -> bool:
     """Return True if a function contains calls, of which lookups are the only ones."""
     return bool(function.find_functions(0))
-
-
-def repeat_call(call: SX, operands: Sequence[SX]) -> list[SX]:
-    """Return the results of a call, an entry of `Function.instructions_sx`, with other operands."""
-    function = call.which_function()
-    columns, first = [], 0
-    for i in range(function.n_in()):
-        end = first + function.nnz_in(i)
-        columns.append(ca.vertcat(*operands[first:end]))
-        first = end
-    return [x for column in function.call(columns) for x in ca.vertsplit(column)]
 
 
 def remove_zero_lookups(function: ca.Function) -> ca.Function:
@@ -134,51 +124,24 @@ def _repeat_instructions(
     function: ca.Function, inputs: Sequence[SX], separates: bool
 ) -> tuple[SX, list[_Lookup]]:
     """Return the output of a function, and the lookups in it if symbols replace their results."""
-    calls, lookups = function.instructions_sx(), []
-    work, output = [SX(0)] * function.sz_w(), SX.zeros(function.size_out(0))
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            output.nz[targets[1]] = work[sources[0]]
-        elif code == ca.OP_INPUT:
-            work[targets[0]] = inputs[sources[0]].nz[sources[1]]
-        elif code == ca.OP_CONST:
-            work[targets[0]] = SX(function.instruction_constant(k))
-        elif code != ca.OP_CALL:
-            work[targets[0]] = repeat_operation(code, [work[i] for i in sources])
-        else:
-            call, operands = calls.nz[k], [work[i] for i in sources]
-            called = call.which_function()
-            name = called.name()
-            if name.startswith(_DERIVATIVE) and _is_zero(
-                operands[-called.nnz_in(called.n_in() - 1) :]
-            ):
-                results = [SX(0.0)] * len(targets)
-            elif separates and name in (PICK, SPREAD):
-                symbols = SX.sym("lookup", len(targets))
-                numbers = ca.vertcat(*operands[1:])
-                lookups.append(_Lookup(name == SPREAD, operands[0], numbers, symbols))
-                results = ca.vertsplit(symbols)
-            else:
-                results = repeat_call(call, operands)
-            for target, result in zip(targets, results, strict=True):
-                # Unused results have no place.
-                if target >= 0:
-                    work[target] = result
-    return output, lookups
+    lookups: list[_Lookup] = []
 
+    def repeat(call: SX, operands: list[SX], count: int) -> Sequence[SX]:
+        called = call.which_function()
+        name = called.name()
+        direction = operands[-called.nnz_in(called.n_in() - 1) :]
+        if name.startswith(_DERIVATIVE) and all(x.is_constant() and x.is_zero() for x in direction):
+            return [SX(0.0)] * count
+        if separates and name in (PICK, SPREAD):
+            symbols = SX.sym("lookup", count)
+            lookups.append(_Lookup(name == SPREAD, operands[0], ca.vertcat(*operands[1:]), symbols))
+            return ca.vertsplit(symbols)
+        return repeat_call(call, operands, count)
 
-def _is_zero(operands: Sequence[SX]) -> bool:
-    return all(x.is_constant() and x.is_zero() for x in operands)
+    return rebuild_output(function, inputs, call=repeat), lookups
 
 
 def _insert_lookups(value: SX, lookups: Sequence[_Lookup]) -> SX:
     for lookup in reversed(lookups):
         value = ca.substitute(value, lookup.symbols, lookup.apply(lookup.numbers))
     return value
-
-
-def repeat_operation(code: int, operands: Sequence[SX]) -> SX:
-    """Return the result of a unary or binary operation of CasADi."""
-    return SX.unary(code, *operands) if len(operands) == 1 else SX.binary(code, *operands)

@@ -6,12 +6,13 @@ same way everywhere, so that machine code and CasADi's virtual machine still ret
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import casadi as ca
 
+from beamdae.symbolic.instructions import read_operations, rebuild_output, repeat_operation
 from beamdae.symbolic.local_symbols import SX
-from beamdae.symbolic.table_lookups import repeat_call, repeat_operation
 
 # Coefficients of (sin x - x) / x^3 and of (cos x - 1 + x^2 / 2) / x^4, in powers of x^2, for
 # |x| < pi / 4: fdlibm (Sun Microsystems, 1993), k_sin.c and k_cos.c.
@@ -89,35 +90,19 @@ def expand_sines(function: ca.Function) -> ca.Function | None:
 
     Return None if the function has few, or few among many instructions.
     """
-    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
+    codes = read_operations(function)
     sines = codes.count(ca.OP_SIN) + codes.count(ca.OP_COS)
     if sines < _MIN_SINES or len(codes) > _MAX_INSTRUCTIONS_PER_SINE * sines:
         return None
+    pairs: dict[int, Sequence[SX]] = {}
+
+    def operate(code: int, operands: list[SX]) -> SX:
+        if code not in (ca.OP_SIN, ca.OP_COS):
+            return repeat_operation(code, operands)
+        key = operands[0].element_hash()
+        if key not in pairs:
+            pairs[key] = _sine_and_cosine_function().call(operands)
+        return pairs[key][code == ca.OP_COS]
+
     arguments = function.sx_in()
-    work, outputs = [SX(0)] * function.sz_w(), [SX(0)] * function.numel_out(0)
-    pairs: dict[int, tuple[SX, SX]] = {}
-    calls = function.instructions_sx() if ca.OP_CALL in codes else None
-    for k, code in enumerate(codes):
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            outputs[targets[1]] = work[sources[0]]
-        elif code == ca.OP_INPUT:
-            work[targets[0]] = arguments[sources[0]].nz[sources[1]]
-        elif code == ca.OP_CONST:
-            work[targets[0]] = SX(function.instruction_constant(k))
-        elif code in (ca.OP_SIN, ca.OP_COS):
-            angle = work[sources[0]]
-            key = angle.element_hash()
-            if key not in pairs:
-                sine, cosine = _sine_and_cosine_function().call([angle])
-                pairs[key] = sine, cosine
-            work[targets[0]] = pairs[key][code == ca.OP_COS]
-        elif calls is not None and code == ca.OP_CALL:
-            results = repeat_call(calls.nz[k], [work[i] for i in sources])
-            for target, result in zip(targets, results, strict=True):
-                # Unused results have no place.
-                if target >= 0:
-                    work[target] = result
-        else:
-            work[targets[0]] = repeat_operation(code, [work[i] for i in sources])
-    return ca.Function(function.name(), arguments, [ca.vertcat(*outputs)])
+    return ca.Function(function.name(), arguments, [rebuild_output(function, arguments, operate)])
