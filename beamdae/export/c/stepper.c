@@ -868,8 +868,8 @@ int instance_reset(Instance *s) {
     s->message[0] = 0;
     memcpy(s->q, model->q, model->n * sizeof(double));
     memcpy(s->v, model->v, model->n * sizeof(double));
-    memcpy(s->values, model->values, model->n_values * sizeof(double));
-    memcpy(s->p, model->p, model->n_p * sizeof(double));
+    if (model->n_values) memcpy(s->values, model->values, model->n_values * sizeof(double));
+    if (model->n_p) memcpy(s->p, model->p, model->n_p * sizeof(double));
     s->now.rate = INFINITY;
     set_step(s, model->step);
     set_branch(s);
