@@ -1,4 +1,4 @@
-"""HTML pages of equilibria, modes, buckling, Campbell diagrams, periodic motions, responses."""
+"""HTML pages of equilibria, modes, buckling, Campbell diagrams, linear models, responses."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
+from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
@@ -44,6 +45,17 @@ _COUNTS = ("mode", "multiple")
 _GUIDE_POINTS = 101
 # Columns with smaller half ranges, relative to the largest one in their unit, are rounding noise.
 _NOISE_RANGE = 1e-9
+_MAX_POLES = 24  # in the table of a linear model
+_MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
+_FREQUENCY_MARGIN = 10.0  # of transfer functions, below the slowest and above the listed poles
+_MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
+_MAX_FREQUENCY_RATIO = 1e6  # of transfer functions
+_MAX_FREQUENCIES, _MIN_FREQUENCIES = 600, 60
+_FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten seconds
+_PEAK_SHARE = 0.5  # of the frequencies are beside poles
+# Distances from lightly damped poles, in half widths of their peaks.
+_PEAK_POSITIONS = np.array([-6.0, -3.0, -1.5, -0.7, -0.3, 0.0, 0.3, 0.7, 1.5, 3.0, 6.0])
+_MIN_PEAK_WIDTH = 1e-5  # relative half width of peaks, so that undamped poles are not met
 
 
 def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
@@ -56,6 +68,8 @@ def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
         page = build_response_page(result, title or f"response over {result.parameter}")
     elif isinstance(result, Campbell):
         page = build_campbell_page(result, title or "Campbell diagram")
+    elif isinstance(result, LinearModel):
+        page = build_linear_page(result, title or f"linear model about {result.about}")
     else:
         page = build_modes_page(result, title or f"modes about {result.about}")
     return write_page(path, page)
@@ -411,6 +425,149 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
             for i in range(len(speeds))
         ],
     }
+
+
+def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
+    """Return the page content of a linear model: its poles and one case per transfer function.
+
+    The charts show magnitude and phase over the frequency (Bode diagram).
+    """
+    poles = model.poles[model.poles.imag >= 0.0]
+    frequencies = _choose_frequencies(poles, len(model.states))
+    response = model.frequency_response(frequencies)
+    pairs = [(i, j) for j in range(len(model.inputs)) for i in range(len(model.outputs))]
+    # Those with one unit share a chart, and the first ones are selected.
+    units = [_format_ratio(model.outputs[i].unit, model.inputs[j].unit) for i, j in pairs]
+    scales = {
+        unit: max(
+            np.abs(response[:, *x]).max() for x, y in zip(pairs, units, strict=True) if y == unit
+        )
+        for unit in units
+    }
+    pairs = [pairs[k] for k in sorted(range(len(pairs)), key=lambda k: units.index(units[k]))]
+    rows = [
+        [str(k), *(f"{x:.6g}" for x in _describe_pole(pole))]
+        for k, pole in enumerate(poles[:_MAX_POLES], 1)
+    ]
+    facts = {
+        "about": model.about,
+        "size": f"{_format_count(len(model.states), 'state')}, "
+        f"{_format_count(len(model.inputs), 'input')}, "
+        f"{_format_count(len(model.outputs), 'output')}",
+        "largest growth rate": f"{poles.real.max(initial=-np.inf):.6g} 1/s" if len(poles) else "-",
+    }
+    if len(poles) > _MAX_POLES:
+        fastest = np.abs(poles[-1]) / (2.0 * np.pi)
+        facts["not listed"] = f"{len(poles) - _MAX_POLES} faster poles, up to {fastest:.4g} Hz"
+    values = [
+        [x.name, x.unit, "output", f"{y:.6g}"]
+        for x, y in zip(model.outputs, model.output_values, strict=True)
+    ]
+    quantities = [*([x.name, x.unit, "input", "-"] for x in model.inputs), *values]
+    number = {"unit": "", "kind": "number"}
+    tables = [
+        {"title": "Linear model", "rows": list(facts.items())},
+        {
+            "title": "Poles",
+            "head": ["pole", "frequency [Hz]", "damping ratio [-]", "growth rate [1/s]"],
+            "rows": rows,
+        },
+        {
+            "title": "Inputs and outputs",
+            "head": ["name", "unit", "kind", "value at the state"],
+            "rows": quantities,
+        },
+    ]
+    return {
+        "title": title,
+        "subtitle": f"{facts['size']}, {_format_count(len(pairs), 'transfer function')}",
+        "made": versions(),
+        "notes": list(model.warnings),
+        "groups": [{"id": _ID}],
+        "time": {"name": "frequency", "unit": "Hz", "log": True},
+        "noun": "transfer functions",
+        "axes": None,
+        "columns": [
+            {"key": "label", "label": "output / input", "unit": "", "kind": "text"},
+            {"key": "largest", "label": "largest magnitude", **number},
+            {"key": "at", "label": "at frequency", "unit": "Hz", "kind": "number"},
+        ],
+        "tables": [table for table in tables if table["rows"]],
+        "cases": [
+            _build_transfer_case(model, frequencies, response[:, i, j], i, j, scales[unit])
+            for (i, j), unit in zip(pairs, sorted(units, key=units.index), strict=True)
+        ],
+    }
+
+
+def _describe_pole(pole: complex) -> tuple[float, float, float]:
+    """Return frequency [Hz], damping ratio [-] and growth rate [1/s]."""
+    size = abs(pole)
+    frequency = abs(pole.imag) / (2.0 * np.pi) if _is_oscillating(pole) else 0.0
+    return frequency, -pole.real / size if size else 0.0, pole.real + 0.0
+
+
+def _is_oscillating(pole: complex) -> bool:
+    return abs(pole.imag) > _MIN_IMAGINARY_SHARE * abs(pole)
+
+
+def _format_ratio(output_unit: str, input_unit: str) -> str:
+    divisor = input_unit if input_unit.isalpha() or input_unit == "-" else f"({input_unit})"
+    return f"{output_unit}/{divisor}" if divisor != "-" else output_unit
+
+
+def _build_transfer_case(
+    model: LinearModel, frequencies: Array, response: Array, i: int, j: int, scale: float
+) -> dict[str, Any]:
+    """Return a transfer function; `scale` is the largest magnitude with the same unit."""
+    output, source = model.outputs[i], model.inputs[j]
+    magnitude, largest = np.abs(response), int(np.argmax(np.abs(response)))
+    # A response that is zero but for rounding has no phase.
+    is_noise = magnitude <= _NOISE_RANGE * magnitude[largest]
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    return {
+        "id": f"{i}-{j}",
+        "group": _ID,
+        "label": f"{output.header} / {source.header}",
+        "family": source.name,
+        "values": {"largest": float(magnitude[largest]), "at": float(frequencies[largest])},
+        "curves": {
+            "t": frequencies,
+            "magnitude": {f"magnitude [{_format_ratio(output.unit, source.unit)}]": magnitude},
+            "phase": {"phase [deg]": np.where(is_noise, np.nan, phase)},
+        }
+        if magnitude[largest] > _NOISE_RANGE * scale
+        else None,
+    }
+
+
+def _choose_frequencies(poles: Array, n_states: int) -> Array:
+    """Return frequencies [Hz] around the poles, denser beside lightly damped ones."""
+    sizes = np.abs(poles) / (2.0 * np.pi)
+    known = np.sort(sizes[sizes > _NOISE_RANGE * sizes.max(initial=0.0)])
+    if not len(known):
+        known = np.ones(1)
+    low = known[0] / _FREQUENCY_MARGIN
+    peaks = [
+        size
+        for pole, size in zip(poles[:_MAX_POLES], sizes, strict=False)
+        if _is_oscillating(pole) and abs(pole.real) < _MAX_PEAK_DAMPING * abs(pole)
+    ]
+    high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)
+    work = _FREQUENCY_WORK / max(n_states, 1) ** 3
+    count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
+    near = []
+    n_peaks = int(_PEAK_SHARE * count) // len(_PEAK_POSITIONS)
+    for pole, size in list(zip(poles, sizes, strict=True))[:n_peaks]:
+        if _is_oscillating(pole):
+            width = max(abs(pole.real) / (2.0 * np.pi), _MIN_PEAK_WIDTH * size)
+            # The peak itself, unless it is infinite.
+            shift = 0.0 if width > _MIN_PEAK_WIDTH * size else 0.1 * width
+            near.append(pole.imag / (2.0 * np.pi) + width * _PEAK_POSITIONS + shift)
+    near_poles = np.concatenate([np.zeros(0), *near])
+    near_poles = near_poles[(near_poles > low) & (near_poles < high)]
+    grid = np.geomspace(low, high, max(count - len(near_poles), 2))
+    return np.unique(np.concatenate([grid, near_poles]))
 
 
 def _excitation(multiple: int, speeds: Array) -> Array:

@@ -10,6 +10,7 @@ from pages import find_violations, visible_labels
 import beamdae as bd
 from beamdae.report.analysis_pages import (
     build_campbell_page,
+    build_linear_page,
     build_modes_page,
     build_path_page,
     build_periodic_page,
@@ -221,6 +222,58 @@ def test_regression_unstable_motions_look_the_same_without_stable_ones(response,
     assert both == ["stable", "unstable"]
     assert legend == ["unstable"]
     assert other_marker == marker
+
+
+@pytest.fixture(scope="module")
+def oscillator():
+    """Return a mass of 2 kg on a spring of 200 N/m and a damper of 4 N s/m, with a force."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 200.0, 4.0))
+    mech.add(bd.Force("push", mass.point, (0.0, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def test_the_page_of_a_linear_model_has_poles_and_transfer_functions(oscillator, tmp_path):
+    linear = bd.linearize(oscillator, inputs=["push"])
+    page = build_linear_page(linear, "oscillator")
+    poles = next(table["rows"] for table in page["tables"] if table["title"] == "Poles")
+    assert_allclose(np.array(poles, float), [[1, np.sqrt(99.0) / (2.0 * np.pi), 0.1, -1.0]], 1e-5)
+    cases = {case["label"]: case for case in page["cases"]}
+    case = cases["mass.x [m] / push.Fx [N]"]
+    frequencies, (magnitude,) = case["curves"]["t"], case["curves"]["magnitude"].values()
+    exact = 1.0 / (200.0 - 2.0 * (2.0 * np.pi * frequencies) ** 2 + 8j * np.pi * frequencies)
+    assert_allclose(magnitude, np.abs(exact), rtol=1e-9)
+    assert_allclose(case["curves"]["phase"]["phase [deg]"], np.degrees(np.angle(exact)), atol=1e-6)
+    # The force has no effect across the rail.
+    assert cases["mass.y [m] / push.Fx [N]"]["curves"] is None
+    # The largest magnitude is 1 / (2 zeta sqrt(1 - zeta^2)) of the static one.
+    assert case["values"]["largest"] == pytest.approx(0.005 / (0.2 * np.sqrt(0.99)), rel=1e-3)
+    assert linear.page(tmp_path / "linear.html").stat().st_size > 10_000
+
+
+def test_the_page_of_a_linear_model_in_a_browser(oscillator, show):
+    tab = show(build_linear_page(bd.linearize(oscillator, inputs=["push"]), "oscillator"))
+    panels = tab.locator("#panels .panel")
+    assert panels.locator("h3").all_inner_texts() == ["Magnitude", "Phase"]
+    assert tab.evaluate('state.charts.get("magnitude").spec.x.log')
+    # Quantized on a logarithmic axis, the lowest frequency is exact.
+    first = tab.evaluate("getValues(page.cases[0].curves.t)[0]")
+    assert first == pytest.approx(np.sqrt(100.0) / (2.0 * np.pi) / 10.0, rel=1e-3)
+    # One step of the cursor is a hundredth of the axis.
+    tab.locator("[data-chart=phase] .plot").focus()
+    tab.keyboard.press("ArrowRight")
+    assert tab.inner_text("#tooltip strong").startswith("frequency = 0.1")
+
+
+def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show):
+    page = build_linear_page(bd.linearize(oscillator, inputs=[]), "oscillator")
+    tab = show(page)
+    assert "-1" in tab.inner_text("#result-facts")
+    assert not tab.locator("#cases").is_visible()
+    assert not tab.locator("#top").is_visible()
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,7 @@ from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
+from beamdae.results.displays import HasPage
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
@@ -48,7 +49,7 @@ _PAIR_TOLERANCE = 1e-6
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class LinearModel:
+class LinearModel(HasPage):
     """Linear state-space model of small deviations from a state; see `linearize`.
 
     Attributes

@@ -99,9 +99,16 @@ def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "drift": {name: curves.get(name) for name in (_POSITION_DRIFT, _VELOCITY_DRIFT)},
     }
     differences = curves.get("difference") or {}
+    magnitude = curves.get("magnitude") or {}
+    bode = {
+        "magnitude": _pack_curves(magnitude, tuple(magnitude)),
+        "phase": _pack_curves(curves.get("phase") or {}),
+    }
     return {
-        "t": _pack_values(curves["t"]),
+        # The frequencies of magnitude and phase are equally spaced on a logarithmic axis.
+        "t": _pack_values(curves["t"], log=bool(magnitude)),
         **{panel: _pack_curves(x, _LOGARITHMIC[panel]) for panel, x in panels.items()},
+        **(bode if magnitude else {}),
         "difference": {panel: _pack_curves(x) for panel, x in differences.items()},
     }
 

@@ -194,7 +194,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           cases.
         - "sequential": True if the families follow a parameter; their colors form a sequence.
         - "time": "name" and "unit" of the quantity that takes the place of the time, for example
-          the load factor of an equilibrium path.
+          the load factor of an equilibrium path, and "log" (True for a logarithmic axis).
         - "portrait": columns "x" and "y" that a chart initially shows over each other, and "marks"
           with "t" and "label"; None for no such chart.
         - "overlays" of the scatter plot, for pairs of axes "x" and "y" (keys of columns): "lines"
@@ -215,7 +215,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           file with its rows); and "curves", as returned by
           `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
           "curve_files", from which the curves are loaded when the case is selected.
-          Entries of "curves": "t" [s]; at these times "observed" by name, "error", "energy" by name
+          Entries of "curves": "t" [s]; at these times "observed" by name, "magnitude" and "phase"
+          of a transfer function by name (with frequencies as "t"), "error", "energy" by name
           (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
           "difference" from the reference, with "observed" and "energy" by name.
         - "curve_files": list of `CurveBlock`, written to a folder beside the page that has the name

@@ -26,8 +26,9 @@ function addCursor(chart) {
     const direction = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!direction || event.shiftKey) return;
     event.preventDefault();
-    const [first, last] = visibleTimes();
-    time = clamp((time ?? first) + (direction * (last - first)) / KEY_STEPS, first, last);
+    const { left: first, right: last } = chart.box;
+    const start = time === null ? first : chart.x.toPosition(time);
+    time = chart.x.toValue(clamp(start + (direction * (last - first)) / KEY_STEPS, first, last));
     const { left, top, width } = plot.getBoundingClientRect();
     moveMotion(time);
     drawCursor(chart, time, { x: left + (chart.x.toPosition(time) * width) / chart.box.width, y: top + 30 });

@@ -10,6 +10,8 @@ const NOISE_MAGNITUDE = 1e-14; // [SI units]
 const PANELS = [
   { key: "observed", title: "Observed", section: "panels" },
   { key: "energy", title: "Energy [J]", section: "panels", unit: "J" },
+  { key: "magnitude", title: "Magnitude", section: "panels" },
+  { key: "phase", title: "Phase", section: "panels" },
   { key: "error", title: "Error over time", section: "error-panels" },
   { key: "drift", title: "Drift of the joints", section: "solver-panels" },
 ];
@@ -196,7 +198,7 @@ function describeCurveChart({ key, title, choice }, allLines) {
     id: key,
     name: quantity,
     label: `${title}, ${choice.label}: press the arrow keys to read values`,
-    x: { title: timeTitle(), range: [begin, end > begin ? end : begin + 1], log: false },
+    x: { title: timeTitle(), range: [begin, end > begin ? end : begin + 1], log: Boolean(timeAxis.log) },
     y: { title: quantity, range: padRange(yExtent, log), log },
     view: state.views[key],
     lines,

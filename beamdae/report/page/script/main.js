@@ -81,6 +81,13 @@ function showGroup(group) {
   if (first) showCase(first.run);
 }
 
+// Facts without cases, such as the poles of a system without inputs.
+function showTables() {
+  for (const id of ["choice", "top", "charts", "cases"]) byId(id).hidden = true;
+  drawFactTables();
+  hideEmptySections();
+}
+
 function startPage() {
   drawHeader();
   motion.follow = (time) => state.charts.forEach((chart) => markTime(chart, time));
@@ -91,6 +98,7 @@ function startPage() {
   byId("clear").addEventListener("click", clearSelection);
   listenToPlayer();
   if (page.cases.length) showGroup(page.groups[0]);
+  else if (page.tables.length) showTables();
   else document.querySelector("main").replaceChildren(createPlaceholder("This study has no cases."));
 }
 
