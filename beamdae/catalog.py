@@ -353,6 +353,8 @@ GROUPS = (
                     "friction": 0.1,
                     "friction_speed": 0.1,
                     "longest_step": 0.01,
+                    "static": 0.2,
+                    "stribeck": 0.3,
                 },
             ),
             Public(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 from support import NumericEquations
 
 import beamdae as bd
@@ -203,3 +204,110 @@ def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=f"^{message}") as problem:
         make()
     assert str(problem.value).endswith(".")
+
+
+BELT = {"mass": 1.0, "stiffness": 100.0, "weight": 10.0, "speed": 0.1}
+STRIBECK = {"friction": 0.2, "friction_speed": 1e-2, "static": 0.4, "stribeck": 0.15}
+
+
+def stribeck_coefficient(v, friction, friction_speed, static, stribeck):
+    """Return the coefficient of friction with its sign, from the formula of the docstring."""
+    kinetic = friction + (static - friction) * np.exp(-((v / stribeck) ** 2))
+    return kinetic * np.tanh(v / friction_speed)
+
+
+def block_on_belt(exponent=1.0, **changes):
+    """A block on a spring, pressed against a belt so heavy that it keeps its speed."""
+    law = STRIBECK | changes
+    mech = bd.Mechanism()
+    belt = mech.add(bd.RigidBody("belt", 1e12, 1e12, velocity=(BELT["speed"], 0.0)))
+    normal_stiffness = 1e6
+    depth = (BELT["weight"] / normal_stiffness) ** (1.0 / exponent)
+    block = mech.add(bd.PointMass("block", BELT["mass"], at=(0.0, -depth)))
+    mech.add(bd.Force("weight", block.point, (0.0, -BELT["weight"])))
+    surface = bd.LineSurface(belt.at(0.0, 0.0))
+    sole = mech.add(bd.Contact("sole", block.point, surface, normal_stiffness, exponent, **law))
+    wall = mech.ground.at(-1.0, -depth)
+    mech.add(bd.SpringDamper("spring", wall, block.point, BELT["stiffness"], free_length=1.0))
+    mech.observe("block", block.point)
+    mech.observe("sole", sole.force)
+    mech.observe("sliding", sole.sliding)
+    return mech
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(bd.Radau(1e-8), marks=pytest.mark.slow(reason="2 s")),
+        bd.GeneralizedAlpha(5e-4, rho_inf=0.9),
+    ],
+    ids=["radau", "alpha"],
+)
+def test_a_block_on_a_belt_sticks_and_slips_as_a_rigid_model(method):
+    """Beside an independent integration of m x'' = -k x - mu(x' - speed) N."""
+
+    def rates(t, y):
+        friction = stribeck_coefficient(y[1] - BELT["speed"], **STRIBECK) * BELT["weight"]
+        return [y[1], (-BELT["stiffness"] * y[0] - friction) / BELT["mass"]]
+
+    reference = solve_ivp(
+        rates, (0.0, 2.0), [0.0, 0.0], "Radau", rtol=1e-10, atol=1e-12, dense_output=True
+    )
+    run = bd.simulate(block_on_belt(), method, t_end=2.0, output_step=0.01)
+    expected, speed = reference.sol(run.t)
+    # It sticks, slips back and sticks again.
+    assert expected[-1] < expected.max() - 0.02
+    assert np.abs(speed - BELT["speed"]).min() < STRIBECK["friction_speed"]
+    size = 0.5 * np.ptp(expected)
+    assert_allclose(run["block.x"], expected, rtol=0.0, atol=1e-4 * size)
+    slip = run["sliding.v"].to_numpy()
+    assert_allclose(slip, run["block.x_dot"] - BELT["speed"], rtol=0.0, atol=1e-9)
+    force = -stribeck_coefficient(slip, **STRIBECK) * run["sole.N"]
+    assert_allclose(run["sole.T"], force, rtol=1e-9, atol=1e-12)
+    assert_allclose(run["sliding.N"], run["sole.N"], rtol=1e-12)
+    ledger = run.ledger
+    work = np.trapezoid(-run["sole.T"] * run["sliding.v"], run.t)
+    assert ledger["energy.dissipated [J]"].iloc[-1] == pytest.approx(work, rel=0.02)
+    assert not any("friction_speed" in sentence for sentence in run.warnings)
+
+
+def test_equal_coefficients_are_friction_without_the_stribeck_effect():
+    runs = [
+        bd.simulate(block_on_belt(static=static, stribeck=v), bd.GeneralizedAlpha(1e-3), 0.2)
+        for static, v in ((0.2, 0.1), (None, None))
+    ]
+    assert_allclose(runs[0]["sole.T"], runs[1]["sole.T"], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.slow(reason="two runs, and one with derivatives")
+def test_derivatives_by_stribeck_parameters_are_those_of_differences():
+    @bd.model(t_end=1.0)
+    def belt(static=0.4, stribeck=0.15, friction=0.2):
+        return block_on_belt(static=static, stribeck=stribeck, friction=friction)
+
+    method = bd.GeneralizedAlpha(1e-3, newton_tolerance=1e-9)
+    run = bd.sensitivities(belt, list(belt.parameters), method)
+    for name, value in belt.parameters.items():
+        low, high = (
+            bd.simulate(belt(**{name: value * (1.0 + x)}), method, t_end=1.0)["block.x"].to_numpy()
+            for x in (-1e-4, 1e-4)
+        )
+        expected = (high - low) / (2e-4 * value)
+        exact = run.sensitivity("block.x", name)
+        assert_allclose(exact, expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stribeck": None}, "static and stribeck must be given together"),
+        ({"static": None}, "static and stribeck must be given together"),
+        ({"static": 0.1}, "static must be at least friction, and friction must be positive"),
+        ({"friction": 0.0}, "friction must be positive, got 0.4 and 0"),
+        ({"stribeck": 0.0}, "stribeck must be positive"),
+        ({"static": "much"}, "static must be a number"),
+    ],
+)
+def test_invalid_stribeck_coefficients_are_refused(changes, message):
+    with pytest.raises(bd.BeamdaeError, match=f"sole: .*{message}"):
+        block_on_belt(**changes)

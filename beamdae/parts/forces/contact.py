@@ -21,7 +21,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
-from beamdae.parts.forces.smooth import positive_part, smooth_sign
+from beamdae.parts.forces.smooth import positive_part, require_stribeck, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
 from beamdae.parts.part import SurfaceGap
@@ -59,11 +59,14 @@ class _ContactLaw:
         Function (rotation, vector from the attachment to the point, numbers) -> (gap, tangent).
     has_friction
         True if the kernel contains friction terms.
+    has_stribeck
+        True if the coefficient of friction depends on the sliding velocity.
     """
 
     size: int
     surface: Callable[..., tuple[SX, SX]]
     has_friction: bool
+    has_stribeck: bool
 
     def gap_and_slip(self, local: Local, a: Any, b: Any, surface_numbers: Any) -> tuple[SX, SX]:
         """Return the gap [m], and the tangential velocity relative to the surface [m/s]."""
@@ -83,6 +86,9 @@ class _ContactLaw:
             return elastic_force, normal_force, SX(0)
         coefficient, regularization = numbers()[3], numbers()[4]
         friction = coefficient * normal_force * smooth_sign(slip, regularization)
+        if self.has_stribeck:
+            peak, stribeck = numbers()[5], numbers()[6]
+            friction *= 1 + peak * ca.exp(-((slip / stribeck) ** 2))
         return elastic_force, normal_force, friction
 
 
@@ -107,6 +113,14 @@ class _ContactForces(_ContactLaw):
         gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
         _, normal_force, friction = self.forces(local, gap, slip, numbers)
         return ca.vertcat(normal_force, -friction)
+
+
+@dataclass(frozen=True)
+class _ContactSliding(_ContactLaw):
+    def __call__(self, local: Local, a: Any, b: Any, surface_numbers: Any, numbers: Any) -> SX:
+        gap, slip = self.gap_and_slip(local, a, b, surface_numbers)
+        _, normal_force, _ = self.forces(local, gap, slip, numbers)
+        return ca.vertcat(normal_force, slip)
 
 
 def hysteresis_factor(restitution: float, speed: float) -> float:
@@ -137,7 +151,9 @@ class Contact(ObservableLoad):
 
     At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
     Crossley, J. Appl. Mech. 42, 1975), where X follows from the restitution (`hysteresis`). The
-    friction force is -friction N tanh(slip / friction_speed). At the onset of contact, N is as
+    friction force is -mu N tanh(slip / friction_speed), where the coefficient is mu = friction or,
+    with the Stribeck effect (Olsson et al., Eur. J. Control 4, 1998, 176), mu = friction + (static
+    - friction) exp(-(slip / stribeck)^2). At the onset of contact, N is as
     smooth as max(0, d)^exponent. The energy of the elastic force stiffness d^exponent is part of
     the strain energy; the work of the remainder and of friction is dissipated.
 
@@ -167,13 +183,18 @@ class Contact(ObservableLoad):
     longest_step
         Largest step of adaptive integrators [s]. Defaults to no limit: a step that passes over a
         contact is repeated from the onset of the contact.
+    static, stribeck
+        Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
+        static to the kinetic coefficient `friction`. If both are omitted, the coefficient does not
+        depend on the velocity. `friction_speed` should be much less than `stribeck`.
 
     Raises
     ------
     BeamdaeError
         If `name` is invalid, `point` is not an attachment, `surface` is not a surface, neither can
-        move, a number is outside its range, `restitution` is less than 1 without `impact_speed`, or
-        `friction` is not zero and the surface is fixed to a particle.
+        move, a number is outside its range, `restitution` is less than 1 without `impact_speed`,
+        `friction` is not zero and the surface is fixed to a particle, only one of `static` and
+        `stribeck` is given, or `static` is less than `friction` or combined with `friction=0`.
 
     Examples
     --------
@@ -196,6 +217,8 @@ class Contact(ObservableLoad):
     friction: float = 0.0
     friction_speed: float = 1e-3
     longest_step: float | None = None
+    static: float | None = None
+    stribeck: float | None = None
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("Contact", self.name))
@@ -218,6 +241,10 @@ class Contact(ObservableLoad):
             friction=require_non_negative(self.name, "friction", self.friction),
             friction_speed=require_positive(self.name, "friction_speed", self.friction_speed),
         )
+        static, stribeck = require_stribeck(
+            self.name, "friction", self.friction, self.static, self.stribeck
+        )
+        set_fields(self, static=static, stribeck=stribeck)
         if self.friction:
             require_angle(self.name, self.surface.on)
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
@@ -266,12 +293,15 @@ class Contact(ObservableLoad):
 
     @property
     def _law_arguments(self) -> tuple[Any, ...]:
-        return (self.point.size, type(self.surface).kind, self.friction > 0.0)
+        kind, has_friction = type(self.surface).kind, self.friction > 0.0
+        return (self.point.size, kind, has_friction, self.static is not None)
 
     @property
     def _functions(self) -> tuple[Any, ...]:
         numbers = (self.stiffness, self.exponent, self.hysteresis)
         friction = (self.friction, self.friction_speed) if self.friction else ()
+        if self.static is not None and self.stribeck is not None:
+            friction = (*friction, self.static / self.friction - 1.0, self.stribeck)
         return (
             self.point.checked_kinematics,
             self.surface.on.checked_kinematics,
@@ -316,6 +346,18 @@ class Contact(ObservableLoad):
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
         return Quantity((Variable("N", "N"), Variable("T", "N")), self._pieces, values, data)
+
+    @property
+    @rebuilt_for_mesh
+    def sliding(self) -> Quantity:
+        """Normal force N [N], and sliding velocity v [m/s] of the point relative to the surface.
+
+        v is positive in the direction in which `force` counts T as positive.
+        """
+        kind = _ContactSliding(*self._law_arguments)
+        values, data = FormulaExpression.of(kind, self._functions)
+        columns = (Variable("N", "N"), Variable("v", "m/s"))
+        return Quantity(columns, self._pieces, values, data)
 
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
-    require_finite,
     require_name,
     require_non_negative,
     require_positive,
@@ -20,6 +19,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.smooth import require_stribeck
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.symbolic.formula import (
     FormulaExpression,
@@ -195,25 +195,11 @@ class Friction(ObservableLoad):
             smoothing=require_positive(name, "smoothing", self.smoothing),
             coefficient=require_non_negative(name, "coefficient", self.coefficient),
         )
-        self._check_stribeck()
-        self._check_radius()
-
-    def _check_stribeck(self) -> None:
-        if (self.static is None) != (self.stribeck is None):
-            raise BeamdaeError(
-                f"{self.name}: static and stribeck must be given together; pass both or neither."
-            )
-        if self.static is None:
-            return
-        static = require_finite(self.name, "static", self.static)
-        set_fields(
-            self, static=static, stribeck=require_positive(self.name, "stribeck", self.stribeck)
+        static, stribeck = require_stribeck(
+            name, "coefficient", self.coefficient, self.static, self.stribeck
         )
-        if not static >= self.coefficient > 0.0:
-            raise BeamdaeError(
-                f"{self.name}: static must be at least coefficient, and coefficient "
-                f"must be positive, got {static:g} and {self.coefficient:g}."
-            )
+        set_fields(self, static=static, stribeck=stribeck)
+        self._check_radius()
 
     def _check_radius(self) -> None:
         needs_radius = self._is_bearing or bool(self._multipliers_in("N m"))

@@ -1,4 +1,4 @@
-"""Positive part and smooth sign of numbers, arrays and symbols, for force formulas."""
+"""Positive part, smooth sign and checks of friction coefficients, for force formulas."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdae.errors import BeamdaeError, require_positive, short_repr
+from beamdae.errors import BeamdaeError, require_finite, require_positive, short_repr
 
 
 def positive_part(x: Any) -> Any:
@@ -67,6 +67,33 @@ def smooth_sign(x: Any, scale: Any) -> Any:
         scale = require_positive("smooth_sign", "scale", scale)
     is_symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
     return ca.tanh(x / scale) if is_symbolic else np.tanh(x / scale)
+
+
+def require_stribeck(
+    part: str, name: str, kinetic: float, static: Any, stribeck: Any
+) -> tuple[float | None, float | None]:
+    """Return the static coefficient of friction and the Stribeck velocity [m/s], or None for both.
+
+    Raises
+    ------
+    BeamdaeError
+        If only one of them is given, a number is invalid, or the static coefficient is less than
+        the kinetic coefficient, whose argument is called `name`, or combined with zero.
+    """
+    if (static is None) != (stribeck is None):
+        raise BeamdaeError(
+            f"{part}: static and stribeck must be given together; pass both or neither."
+        )
+    if static is None:
+        return None, None
+    static = require_finite(part, "static", static)
+    stribeck = require_positive(part, "stribeck", stribeck)
+    if not static >= kinetic > 0.0:
+        raise BeamdaeError(
+            f"{part}: static must be at least {name}, and {name} must be positive, got "
+            f"{static:g} and {kinetic:g}."
+        )
+    return static, stribeck
 
 
 def _require_numeric(name: str, x: Any) -> Any:

@@ -47,7 +47,8 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     coordinates, numbers = map_coordinates(mechanism), NumberStore()
     laws = select_input_laws(mechanism.inputs)
     observables = [
-        build_observable(part.name, part.force, coordinates, numbers, {}, laws) for part in contacts
+        build_observable(part.name, part.sliding, coordinates, numbers, {}, laws)
+        for part in contacts
     ]
     p = numbers.all(mechanism.inputs)
     for part, o in zip(contacts, observables, strict=True):
@@ -82,10 +83,11 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         ):
             share = slow / np.sum(duration)
             mean = duration[is_slow] @ np.abs(ratio[is_slow]) / slow
+            coefficient = "friction" if part.static is None else "static"
             yield (
                 f"{part.name}: the sliding speed is below friction_speed "
                 f"({part.friction_speed:g} m/s) during {100.0 * share:.0f} % of the contact, which "
-                f"reduces the friction to {100.0 * mean:.0f} % of friction N; use a "
+                f"reduces the friction to {100.0 * mean:.0f} % of {coefficient} N; use a "
                 "smaller friction_speed=."
             )
 
@@ -93,11 +95,10 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 def _friction_ratios(
     contact: Contact, o: Observable, p: Array, times: Array, q: Array, v: Array
 ) -> Array:
-    """Return the friction force / (friction N), (rows,); NaN without contact."""
+    """Return the share tanh(slip / friction_speed) of Coulomb friction, NaN without contact."""
     q, v = (np.asarray(o.operator @ x.T).T for x in (q, v))
-    normal, tangential = o.function(times, q, v, p[o.data], np.zeros((len(q), 0))).T
-    limit = contact.friction * normal
-    return np.divide(tangential, limit, out=np.full(len(q), np.nan), where=limit > 0.0)
+    normal, slip = o.function(times, q, v, p[o.data], np.zeros((len(q), 0))).T
+    return np.where(normal > 0.0, np.tanh(slip / contact.friction_speed), np.nan)
 
 
 def _has_prescribed_slip(
