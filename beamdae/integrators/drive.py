@@ -43,6 +43,7 @@ from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepH
 from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
+from beamdae.memory import release_freed_memory
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -55,6 +56,8 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 # Number of steps between two checks for contacts that steps passed over, so large that the checks
 # take a small part of the time.
 _STEPS_PER_ONSET_CHECK = 256
+# Size of the rows from which on freed memory is returned to the system after a run.
+_MAX_RETAINED_BYTES = 1e8
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -111,6 +114,9 @@ def drive(
             solution = _drive(integrator, independent, times, method_on, progress, pilot_on)
             if reduced is not None:
                 solution = restore_reactions(solution, reduced)
+        if solution.trajectory.stored_bytes > _MAX_RETAINED_BYTES:
+            # The matrices of the method, and the rows of steps that have not been kept.
+            release_freed_memory()
     except KeyboardInterrupt:
         if solution is None:
             raise

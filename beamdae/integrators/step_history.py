@@ -31,7 +31,7 @@ _SAME_TIME = 1e-13
 # Below this size, the available memory is not queried: a query takes as long as hundreds of steps.
 _UNCHECKED_BYTES = 1e8
 # Freed memory is returned to the system in amounts of this size.
-_MAX_FREED_BYTES = 1e8
+_MAX_FREED_BYTES = 3e7
 # Number of copies of the rows that exist while the result is assembled.
 _RESULT_COPIES = 2.0
 

@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Interval
 
 Array = np.ndarray
@@ -242,12 +243,16 @@ class StepThinning:
         finished = segments[self._finished : -1]
         self._finished_bytes += sum(segment.stored_bytes for segment in finished)
         self._finished = len(segments) - 1
+        stride = self.stride
         # With n above the number of steps, only output rows are left.
         while self._exceeds_limit(segments) and self.stride <= max(x.count for x in segments):
             self.stride = max(2 * self.stride, 1)
             for segment in segments:
                 segment.thin(self.stride, self.output_times, segment is not current)
             self._finished_bytes = sum(segment.stored_bytes for segment in segments[:-1])
+        if self.stride > stride:
+            # Rows that are kept lie between freed ones, which the C library would retain.
+            release_freed_memory()
 
     def _exceeds_limit(self, segments: Sequence[_Segment]) -> bool:
         assert self.limit is not None

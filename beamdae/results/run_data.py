@@ -59,6 +59,7 @@ _MAX_CHECKED_ROWS = 10_000
 # Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
 # take as much again.
 _MAX_BLOCK_BYTES = 1e8
+_MAX_CACHED_BYTES = 1e8  # of states at the output times that are kept after columns are evaluated
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
@@ -296,12 +297,19 @@ class RunData:
         return EnergyLedger.of(self.equations, self.trajectory)
 
     def _evaluate_rows(self, rows: Callable[..., Array]) -> Array:
-        times, state = self._output
-        count = max(int(_MAX_BLOCK_BYTES / sum(x[:1].nbytes for x in state)), 1)
-        blocks = [
-            rows(times[k : k + count], *(x[k : k + count] for x in state))
-            for k in range(0, max(len(times), 1), count)
-        ]
+        row_bytes = sum(x[:1].nbytes for x in self.trajectory.intervals[0].rows)
+        count = max(int(_MAX_BLOCK_BYTES / row_bytes), 1)
+        # States between the steps of a large model would take as much memory as the run.
+        is_large = row_bytes * len(self.t) > _MAX_CACHED_BYTES and "_output" not in vars(self)
+        blocks = []
+        for k in range(0, max(len(self.t), 1), count):
+            block = slice(k, k + count)
+            if is_large:
+                times, state = self.trajectory.at(self.t[block])
+                blocks.append(rows(times, *state))
+            else:
+                times, state = self._output
+                blocks.append(rows(times[block], *(x[block] for x in state)))
         return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 

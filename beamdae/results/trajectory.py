@@ -176,7 +176,9 @@ class Interval:
     def positions_at(self, t: Array) -> Array:
         """Return the coordinates q of `at` (j, n)."""
         if self.nodes_per_step == 1:
-            return self.interpolate(self.rows.q, t)
+            step = self.find_steps(t)
+            # The polynomials pass through the steps.
+            return self.interpolate(self.rows.q, t) if step is None else self.rows.q[step]
         by_q, by_v = self._position_weights(t)
         return by_q @ self.rows.q + by_v @ self.rows.v
 
@@ -403,6 +405,11 @@ class Trajectory:
         """Number of accepted steps."""
         return sum(interval.grid.step_count for interval in self.intervals)
 
+    @property
+    def stored_bytes(self) -> int:
+        """Memory of the stored states [bytes]."""
+        return sum(x.nbytes for interval in self.intervals for x in interval.rows)
+
     def require_all_steps(self, caller: str) -> None:
         """Raise BeamdaeError if the run stores only some of its steps."""
         if any(interval.record is not None for interval in self.intervals):
@@ -457,7 +464,7 @@ class Trajectory:
         """Return the coordinates q (k, n) at ascending times (k,) [s]."""
         index = self.interval_index(times)
         parts = [x.positions_at(times[index == k]) for k, x in enumerate(self.intervals)]
-        return np.concatenate(parts)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 class Instant(NamedTuple):

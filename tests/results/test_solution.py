@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 from benchmarks.cases import pendulum
 from conformance import integrators
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
+from beamdae.results import run_data
 from beamdae.results.storage.files import versions
 
 WORKS = ["work_of_loads", "work_of_drivers", "dissipated"]
@@ -305,3 +306,15 @@ def test_results_tell_whether_they_have_a_column():
     for result in (bd.simulate(mech, t_end=0.1), bd.equilibrium(mech)):
         assert all(name in result for name in ("tip.y", "tip.y [m]", "tip", "ball.y"))
         assert all(name not in result for name in ("tip.z", 3, None))
+
+
+def test_columns_of_large_runs_are_evaluated_in_blocks(monkeypatch):
+    """All states between the steps would take as much memory as the run."""
+    settings = bd.GeneralizedAlpha(4e-3), 1.0, 3e-3
+    expected = bd.simulate(swing(), *settings)
+    monkeypatch.setattr(run_data, "_MAX_CACHED_BYTES", 0.0)
+    monkeypatch.setattr(run_data, "_MAX_BLOCK_BYTES", 5e3)
+    run = bd.simulate(swing(), *settings)
+    for header, column in expected.columns.items():
+        assert_array_equal(run.columns[header], column)
+    assert "_output" not in vars(run)

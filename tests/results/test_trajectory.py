@@ -221,3 +221,11 @@ def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
     half = interval.integrate_to(np.array([1.5]), interval.rows.a, works)[0, 0]
     first, second = integrals[:2]
     assert half == pytest.approx(first(1.0) - first(0.0) + second(1.5) - second(1.0))
+
+
+def test_positions_at_steps_are_those_of_the_polynomials():
+    t = np.linspace(0.0, 1.0, 21)
+    interval = make_interval(t, [np.sin, np.cos, np.tan, np.exp])
+    positions = interval.positions_at(t[2:9])
+    assert_array_equal(positions, interval.interpolate(interval.rows.q, t[2:9]))
+    assert_array_equal(positions, interval.rows.q[2:9])
