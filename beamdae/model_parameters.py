@@ -328,6 +328,14 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
         return math.copysign(math.inf, value)
 
 
+def parse_number(part: str, name: str, text: str, unit: str) -> float | None:
+    """Return the number of a text as `parse_value`, or without a unit as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return parse_value(part, name, text, unit)
+
+
 def convert_text(part: str, name: str, value: Any, unit: str) -> Any:
     """Return a text such as "850 mm" as a number in the unit of the parameter `name`.
 

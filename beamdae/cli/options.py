@@ -28,14 +28,10 @@ def parse_number(text: str, unit: str) -> float:
     typer.BadParameter
         If the text is not a number, or its unit is unknown or measures another quantity.
     """
-    from beamdae.model_parameters import parse_value
+    from beamdae import model_parameters
 
     try:
-        return float(text)
-    except ValueError:
-        pass
-    try:
-        value = parse_value("", "", text, unit)
+        value = model_parameters.parse_number("", "", text, unit)
     except BeamdaeError as problem:
         _, _, reason = str(problem).rpartition(": ")
         raise typer.BadParameter(f"{short_repr(text)}: {reason}") from None
@@ -297,33 +293,29 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
     Raises
     ------
     BeamdaeError
-        If an entry does not have this form, or a unit is unknown or measures another quantity.
+        If an entry does not have this form, the parameter is unknown, or a unit is unknown or
+        measures another quantity.
     """
-    from beamdae.model_parameters import parse_value
+    from beamdae import model_parameters
 
     bounds = {}
     for name, text in parse_assignments(settings, "--bounds").items():
-        # Analyses reject unknown names.
         info = model.parameter_info.get(name)
-        ends: list[float | None] = []
-        for end in text.split(":"):
-            try:
-                ends.append(float(end))
-            except ValueError:
-                ends.append(info and parse_value(model.name, name, end, info.unit))
-        low, *others = ends
-        if info is None and None in ends:
+        if info is None:
             names = list(model.parameter_info)
             raise BeamdaeError(
                 f"--bounds {name}={text}: {model.name} has no parameter {name}"
                 f"{suggest(name, names)}; its parameters are {', '.join(names)}."
             )
-        if low is None or len(others) != 1 or others[0] is None:
-            raise BeamdaeError(
-                f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers with "
-                "or without units."
-            )
-        bounds[name] = (low, others[0])
+        ends = text.split(":")
+        match [model_parameters.parse_number(model.name, name, x, info.unit) for x in ends]:
+            case [float(low), float(high)]:
+                bounds[name] = low, high
+            case _:
+                raise BeamdaeError(
+                    f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers "
+                    "with or without units."
+                )
     return bounds
 
 

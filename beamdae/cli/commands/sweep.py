@@ -226,18 +226,18 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     """Return the values of START:STOP:COUNT, equally spaced or, with :log, geometrically spaced."""
     import numpy as np
 
+    from beamdae.model_parameters import parse_number
     from beamdae.studies.case import MAX_CASES
 
     start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
     is_geometric = rest == ["log", ""]
+    unit = model.parameter_info[name].unit
+    numbers = [parse_number(model.name, name, x, unit) for x in (start_text, stop_text)]
+    ends = np.array(numbers, float).tolist()  # NaN where a text is not a number
     try:
-        # Converts units, as in 500mm:900mm:5, and rejects wrong ones.
-        start, stop = (_convert_end(model, name, x) for x in (start_text, stop_text))
-        ends, count = (start, stop), float(count_text)
-    except BeamdaeError:
-        raise
+        count = float(count_text)
     except ValueError:
-        ends, count = (np.nan, np.nan), np.nan
+        count = np.nan
     if not np.isfinite([*ends, count]).all() or not (is_geometric or rest == [""]):
         raise BeamdaeError(f"--over {name}={text}: values must have the form {_VALUE_FORMS}.")
     if is_geometric and min(ends) <= 0.0:
@@ -247,25 +247,6 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     return [
         model.complete({name: float(f"{value:.{_SIGNIFICANT_DIGITS}g}")})[name] for value in values
     ]
-
-
-def _convert_end(model: Model, name: str, text: str) -> float:
-    """Return an end of a range in the unit of the parameter.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a number with or without a unit.
-    """
-    from beamdae.model_parameters import parse_value
-
-    try:
-        return float(text)
-    except ValueError:
-        number = parse_value(model.name, name, text, model.parameter_info[name].unit)
-        if number is None:
-            raise
-        return number
 
 
 def _require_no_sweep_options(
