@@ -163,6 +163,9 @@ def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Ke
     directional = ca.Function(
         f"{function.name()}_directional", [shared, ca.vertcat(local, tangent)], [results]
     )
-    result = Kernel(directional, kernel.outputs * 2 if with_value else kernel.outputs)
+    if with_value:
+        result = Kernel(directional, kernel.outputs * 2)
+    else:
+        result = Kernel(directional, kernel.outputs, linear_from=kernel.n_local)
     kernel.rotated_kernels[key] = result
     return result

@@ -67,11 +67,15 @@ class Kernel:
         Patterns of the columns and matrices that `function` returns.
     rotated_kernels
         Cache of kernels derived from this one, by `rotations` and `directional_sums`.
+    linear_from
+        Index of the first of the last local inputs in which all outputs are linear, such as
+        tangents and weights, so that outputs are zero if these inputs are; None if there are none.
     """
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
     rotated_kernels: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
+    linear_from: int | None = None
     _mapped_functions: dict[int, ca.Function] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -388,11 +392,17 @@ class _InterpretedKernel:
         self._input_shape, self._output_shape = (n_inputs, lanes), (n_outputs, lanes)
         self._input_range = slice(start, start + n_inputs * lanes)
         self._output_range = slice(n_outputs * lanes)
+        self._linear_from = kernel.linear_from
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
         count = self._count
+        inputs = local[self._input_range].reshape(self._input_shape)[:, :count]
+        if self._linear_from is not None and not inputs[self._linear_from :].any():
+            # A parameter changes few kernels of the start of a run.
+            out[self._output_range] = 0.0
+            return
         self._shared[:] = shared
-        self._inputs[:] = local[self._input_range].reshape(self._input_shape)[:, :count]
+        self._inputs[:] = inputs
         self._compiled()
         out[self._output_range].reshape(self._output_shape)[:, :count] = self._outputs
 

@@ -153,6 +153,7 @@ def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     transposed = ca.Function(
         f"{function.name()}_transposed", [shared, ca.vertcat(local, weights)], [gradient]
     )
-    result = Kernel(transposed, (ca.Sparsity.dense(kernel.n_local, 1),))
+    columns = (ca.Sparsity.dense(kernel.n_local, 1),)
+    result = Kernel(transposed, columns, linear_from=kernel.n_local)
     kernel.rotated_kernels[key] = result
     return result

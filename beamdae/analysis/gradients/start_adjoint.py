@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from beamdae.analysis.sensitivities.start_derivatives import MIN_STIFF_PENETRATI
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.state_evaluator import StateSums, plan_state_sums
+from beamdae.equations.starts.state_evaluator import Recent, StateSums, plan_state_sums
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.linear.factorizations import Factorization, create_factorization
@@ -34,13 +34,14 @@ _MAX_EQUILIBRIUM_ERROR = 1e-6
 
 
 @cache_on_owner
-def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
-    """Return the transposed derivatives of the sums `motion` and `saddle` of `StateSums`."""
+def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, SumPlan, SumPlan]:
+    """Return the transposed derivatives of `motion`, `saddle` and `levels` of `StateSums`."""
     sums = plan_state_sums(structure)
     size = 3 * structure.n + structure.m
     return (
         transposed_plan(sums.motion, size),
         transposed_plan(sums.saddle, size, MIN_STIFF_PENETRATION),
+        transposed_plan(sums.levels, size),
     )
 
 
@@ -75,6 +76,10 @@ class StartAdjoint:
     numbers: Array
     moving: Difference | None = None
     along_operators: float = 0.0
+    _recent_nonzeros: Recent = field(default_factory=Recent, init=False, repr=False)
+    _recent_factors: dict[int, tuple[Array, Factorization]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -109,7 +114,8 @@ class StartAdjoint:
         saddle = self.moved_plan(
             lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
         )
-        plans = ((self._motion, motion), (self._saddle, saddle))
+        levels = self.moved_plan(lambda e: plan_state_sums(e.structure).levels, size)
+        plans = ((self._motion, motion), (self._saddle, saddle), (self._levels, levels))
         return {id(total): plan.sum(False, p) for total, plan in plans if plan is not None}
 
     @cached_property
@@ -119,6 +125,10 @@ class StartAdjoint:
     @cached_property
     def _saddle(self) -> Sum:
         return _plan_transposed_sums(self.equations.structure)[1].sum(False, self.equations.p)
+
+    @cached_property
+    def _levels(self) -> Sum:
+        return _plan_transposed_sums(self.equations.structure)[2].sum(False, self.equations.p)
 
     def initial_motion(
         self,
@@ -369,7 +379,8 @@ class StartAdjoint:
 
         The gradient with respect to p is added to `numbers`.
         """
-        return self._weigh(self._motion, time, at, np.concatenate([by_force, by_levels.ravel()]))
+        total = self._motion if by_force.any() else self._levels
+        return self._weigh(total, time, at, np.concatenate([by_force, by_levels.ravel()]))
 
     def _weigh_matrix(
         self,
@@ -435,9 +446,8 @@ class StartAdjoint:
     def _factorize(
         self, time: Array, q: Array, v: Array, coefficients: tuple[float, float, float]
     ) -> Factorization:
-        factors = create_factorization(self._sums.saddle_pattern)
-        factors.factorize(self.solver.saddle_matrix(time, q, v, None, coefficients))
-        return factors
+        nonzeros = self._saddle_nonzeros(time, q, v, coefficients)
+        return self._factors(self._sums.saddle_pattern, nonzeros)
 
     def _solve_transposed(
         self,
@@ -452,11 +462,39 @@ class StartAdjoint:
         """Return A^-T (by_motion, by_lam) with the saddle-point matrix A."""
         pattern, positions = _transpose_saddle_pattern(self.equations.structure)
         nonzeros = np.empty(pattern.nnz)
-        nonzeros[positions] = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
+        nonzeros[positions] = self._saddle_nonzeros(time, q, v, coefficients, lam)
+        rest = np.zeros(self.equations.m) if by_lam is None else by_lam
+        return self._factors(pattern, nonzeros).solve(np.concatenate([by_motion, rest]))
+
+    def _saddle_nonzeros(
+        self,
+        time: Array,
+        q: Array,
+        v: Array,
+        coefficients: tuple[float, float, float],
+        lam: Array | None = None,
+    ) -> Array:
+        """Return the non-zeros of the saddle-point matrix A; consecutive calls often repeat them.
+
+        Without friction and without a stiffness term, A does not depend on the multipliers.
+        """
+        if coefficients[0] == 0.0 and all(term.rows is None for term in self.equations.forces):
+            lam = None
+        parts = [time, q, v, coefficients, () if lam is None else lam]
+        return self._recent_nonzeros.get(
+            np.concatenate(parts),
+            lambda: self.solver.saddle_matrix(time, q, v, None, coefficients, lam),
+        )
+
+    def _factors(self, pattern: sp.csc_array, nonzeros: Array) -> Factorization:
+        """Return the factors of a matrix; those of the last matrix of a pattern are kept."""
+        known = self._recent_factors.get(id(pattern))
+        if known is not None and np.array_equal(known[0], nonzeros):
+            return known[1]
         factors = create_factorization(pattern)
         factors.factorize(nonzeros)
-        rest = np.zeros(self.equations.m) if by_lam is None else by_lam
-        return factors.solve(np.concatenate([by_motion, rest]))
+        self._recent_factors[id(pattern)] = nonzeros, factors
+        return factors
 
 
 def _add(one: State, other: State) -> State:

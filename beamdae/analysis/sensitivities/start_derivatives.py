@@ -43,16 +43,18 @@ _STEP_FRACTION = 1e-3
 MIN_STIFF_PENETRATION = 1e-6
 # Factors and accelerations at one state that are remembered, because all directions need them.
 _MAX_REMEMBERED = 8
+_MAX_REMEMBERED_CHANGES = 32
 
 
 @cache_on_owner
-def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan]:
-    """Return the directional derivatives of the sums `motion` and `saddle` of `StateSums`."""
+def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan, SumPlan]:
+    """Return the directional derivatives of `motion`, `saddle` and `levels` of `StateSums`."""
     sums = plan_state_sums(structure)
     size = 3 * structure.n + structure.m
     return (
         directional_plan(sums.motion, size),
         directional_plan(sums.saddle, size, min_base=MIN_STIFF_PENETRATION),
+        directional_plan(sums.levels, size),
     )
 
 
@@ -79,6 +81,7 @@ class StartDerivatives:
     solver: ConsistencySolver
     moving: Difference | None = None
     _remembered: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    _remembered_changes: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def directional_plan(
         self,
@@ -112,7 +115,11 @@ class StartDerivatives:
         return self._plans[1].sum(False, self.equations.p)
 
     @cached_property
-    def _plans(self) -> tuple[SumPlan, SumPlan]:
+    def _levels(self) -> Sum:
+        return self._plans[2].sum(False, self.equations.p)
+
+    @cached_property
+    def _plans(self) -> tuple[SumPlan, SumPlan, SumPlan]:
         if self.moving is None:
             return _plan_directional_sums(self.equations.structure)
         size = 3 * self.equations.n + self.equations.m
@@ -120,7 +127,8 @@ class StartDerivatives:
         saddle = self.directional_plan(
             lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
         )
-        return motion, saddle
+        levels = self.directional_plan(lambda e: plan_state_sums(e.structure).levels, size)
+        return motion, saddle, levels
 
     def consistent_state(
         self,
@@ -192,7 +200,7 @@ class StartDerivatives:
         e = self.equations
         if e.m == 0:
             return dq
-        gap = self._levels(time, State(q, *self._zeros), State(dq, *self._zeros), dp)[0]
+        gap = self._evaluate_levels(time, State(q, *self._zeros), State(dq, *self._zeros), dp)[0]
         gap_rate = self.solver.constraint_levels(time, q)[1]
         gap_rate[e.nonholonomic_rows] = 0.0
         gap = gap + dt * gap_rate
@@ -303,11 +311,13 @@ class StartDerivatives:
     ) -> tuple[Array, Array]:
         """Return g_dot at (q, v), and its derivative along (dq, dv, dp, dt), (m,) each."""
         levels = self.solver.constraint_levels(time, at.q, at.v)
-        change = self._levels(time, at, along, dp)[1]
+        change = self._evaluate_levels(time, at, along, dp)[1]
         if dt:
             # The partial derivative with respect to t is what g_ddot contains beyond that of q.
             motion = State(at.v, *self._zeros)
-            change = change + dt * (levels[2] - self._levels(time, at, motion, 0.0 * dp)[1])
+            change = change + dt * (
+                levels[2] - self._evaluate_levels(time, at, motion, 0.0 * dp)[1]
+            )
         return levels[1], change
 
     def acceleration(
@@ -372,7 +382,7 @@ class StartDerivatives:
         )
         db = difference(
             [
-                self._levels(t, here, direction, dp)[2]
+                self._evaluate_levels(t, here, direction, dp)[2]
                 for t, (here, direction) in zip(times, moved, strict=True)
             ]
         )
@@ -438,14 +448,19 @@ class StartDerivatives:
         self, time: Array, at: State, along: State, dp: Array
     ) -> tuple[Array, Array]:
         """Return the derivatives of F, (n,), and of (g, g_dot, g_ddot), (3, m)."""
-        e, total = self.equations, self._motion
+        return self._evaluate(self._motion, time, at, along, dp)
+
+    def _evaluate_levels(self, time: Array, at: State, along: State, dp: Array) -> Array:
+        return self._evaluate(self._levels, time, at, along, dp)[1]
+
+    def _evaluate(
+        self, total: Sum, time: Array, at: State, along: State, dp: Array
+    ) -> tuple[Array, Array]:
+        e = self.equations
         result = np.zeros(e.n + 3 * e.m)
         set_time(total, *time)
         evaluate_sum(total, np.concatenate([*at, *along, dp]), result)
         return result[: e.n], result[e.n :].reshape(3, e.m)
-
-    def _levels(self, time: Array, at: State, along: State, dp: Array) -> Array:
-        return self._evaluate_motion(time, at, along, dp)[1]
 
     def _matrix_change(
         self,
@@ -457,11 +472,8 @@ class StartDerivatives:
         dt: float = 0.0,
     ) -> sp.csc_array:
         """Return the derivative dA of the saddle-point matrix."""
-        total, pattern = self._saddle, self._sums.saddle_pattern
-        nonzeros = np.zeros(pattern.nnz)
-        set_time(total, *time)
-        set_matrix_factors(total, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
-        evaluate_sum(total, np.concatenate([*at, *along, dp]), nonzeros)
+        pattern = self._sums.saddle_pattern
+        nonzeros = self._differentiate_nonzeros(time, at, along, dp, coefficients)
         if dt:
             # Matrices that contain the time are rare; this derivative is zero for the others.
             delta = _TIME_DIFFERENCE * (self.equations.time_scale or 1.0)
@@ -469,8 +481,34 @@ class StartDerivatives:
                 self.solver.saddle_matrix(time + np.array([d, 0.0]), at.q, at.v, at.a, coefficients)
                 for d in (delta, -delta)
             )
-            nonzeros += dt * (ahead - behind) / (2.0 * delta)
+            nonzeros = nonzeros + dt * (ahead - behind) / (2.0 * delta)
         return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    def _differentiate_nonzeros(
+        self,
+        time: Array,
+        at: State,
+        along: State,
+        dp: Array,
+        coefficients: tuple[float, float, float],
+    ) -> Array:
+        """Return the derivative of the non-zeros of the saddle-point matrix at fixed time.
+
+        Velocities, accelerations and the jerk need that of the same matrix [[M, G^T], [G, 0]]. It
+        does not depend on the multipliers if there is no friction.
+        """
+        if coefficients == _MASS and all(x.rows is None for x in self.equations.forces):
+            at, along = (x._replace(lam=self._zeros[2]) for x in (at, along))
+        total, inputs = self._saddle, np.concatenate([*at, *along, dp])
+
+        def build() -> Array:
+            nonzeros = np.zeros(self._sums.saddle_pattern.nnz)
+            set_time(total, *time)
+            set_matrix_factors(total, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
+            evaluate_sum(total, inputs, nonzeros)
+            return nonzeros
+
+        return self._remember(("change", coefficients), (time, inputs), build)
 
     def _factorize(
         self,
@@ -492,11 +530,15 @@ class StartDerivatives:
     ) -> Any:
         """Return a result that does not depend on the direction, built once per state."""
         key = (*key, *(None if x is None else x.tobytes() for x in arrays))
-        if key not in self._remembered:
-            if len(self._remembered) >= _MAX_REMEMBERED:
-                self._remembered.clear()
-            self._remembered[key] = build()
-        return self._remembered[key]
+        # Derivatives of matrices are needed per direction, but are smaller than factors.
+        results, limit = self._remembered, _MAX_REMEMBERED
+        if key[0] == "change":
+            results, limit = self._remembered_changes, _MAX_REMEMBERED_CHANGES
+        if key not in results:
+            if len(results) >= limit:
+                results.clear()
+            results[key] = build()
+        return results[key]
 
     def _solve(
         self,

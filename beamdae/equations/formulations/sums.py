@@ -141,14 +141,17 @@ def _add_joint(
     return total.add(kernel, inputs, joint.data, joint.count)
 
 
-def assemble_motion(structure: Structure, layout: InputLayout) -> SumBuilder:
+def assemble_motion(
+    structure: Structure, layout: InputLayout, with_forces: bool = True
+) -> SumBuilder:
     """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot).
 
     Rows of g are zero for nonholonomic constraints. The sum omits G^T lam, so that F and g stay
-    finite at positions where G is not finite.
+    finite at positions where G is not finite. F is zero without `with_forces`.
     """
     total = SumBuilder(TIME_SIZE)
-    _add_forces(total, structure, layout, 0)
+    if with_forces:
+        _add_forces(total, structure, layout, 0)
     for joint in structure.joints:
         levels = (0, 1, 2) if joint.kernel.is_holonomic else (1, 2)
         copies = _add_joint(total, joint, layout, levels, False)

@@ -74,9 +74,13 @@ class ForceBlock:
 
 @dataclass(frozen=True)
 class StateSums:
-    """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns."""
+    """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns.
+
+    The sum `levels` is `motion` without forces, whose evaluation takes longer than that of joints.
+    """
 
     motion: SumPlan
+    levels: SumPlan
     gradients: SumPlan
     gradient_pattern: sp.csc_array
     saddle: SumPlan
@@ -103,9 +107,9 @@ def plan_state_sums(structure: Structure) -> StateSums:
         total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
     motion = assemble_motion(structure, layout).vector()
-    return StateSums(
-        motion, gradients, gradient_pattern, saddle, pattern, _locate_force_block(pattern, n)
-    )
+    levels = assemble_motion(structure, layout, with_forces=False).vector()
+    block = _locate_force_block(pattern, n)
+    return StateSums(motion, levels, gradients, gradient_pattern, saddle, pattern, block)
 
 
 def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
@@ -157,6 +161,10 @@ class StateEvaluator:
         return self.sums.motion.sum(False, self.equations.p)
 
     @cached_property
+    def _levels(self) -> Sum:
+        return self.sums.levels.sum(False, self.equations.p)
+
+    @cached_property
     def _recent_motion(self) -> Recent:
         return Recent()
 
@@ -178,7 +186,10 @@ class StateEvaluator:
     ) -> Array:
         """Return g (0 if nonholonomic), g_dot and g_ddot, (3, m); omitted arguments are zero."""
         n, m = self.equations.n, self.equations.m
-        return self._evaluate_motion(time, q, v, a)[n:].reshape(3, m)
+        if a is None and v is not None:
+            # A restart needs the forces at this state, too.
+            return self._evaluate_motion(time, q, v, a)[n:].reshape(3, m)
+        return self._evaluate(self._levels, time, (q, v, a), n + 3 * m)[n:].reshape(3, m)
 
     def position_gaps(self, time: Array, q: Array) -> Array:
         """Return g, the gap of each constraint, (m,); 0 if the constraint is nonholonomic."""
