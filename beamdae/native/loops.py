@@ -121,13 +121,14 @@ class CompiledLoop:
         entries = {"loop": (function, "@"), **callbacks}
         self.addresses = _load_entries(tuple(entries.items()), self._kind, compiles)
         self._call = _LOOP_SIGNATURE(self.addresses["loop"])
+        self._table_address = self.table.ctypes.data
         # Kept because the table holds addresses of its arrays.
         self._work = work
 
     def __call__(self) -> int:
         """Run the loop, update the numbers of the object, and return the loop's return code."""
         self.load()
-        code = self._call(self.table.ctypes.data)
+        code = self._call(self._table_address)
         self.unload()
         return int(code)
 

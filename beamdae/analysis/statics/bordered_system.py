@@ -342,6 +342,85 @@ class NearestModes(NamedTuple):
     size: float
 
 
+class PartPlan(NamedTuple):
+    """Plans of one of the parts C, U and L; `tangent` adds to the bordered matrix."""
+
+    residual: SumPlan
+    tangent: SumPlan
+
+
+class BorderedPlan(NamedTuple):
+    """Patterns and plans of the static equations of a load stage, without numbers of the model.
+
+    Attributes
+    ----------
+    sums
+        Plans of the parts C, U and L.
+    pattern, bordered
+        Patterns of the tangent, (n + m, n + m), and of the bordered matrix.
+    tangent_targets, tangent_sources
+        Indices of the non-zeros of `pattern` in those of `bordered`, and the inverse.
+    held_targets, row_targets
+        Indices of the springs and of the last row in the non-zeros of `bordered`.
+    """
+
+    sums: tuple[PartPlan, ...]
+    pattern: sp.csc_array
+    bordered: sp.csc_array
+    tangent_targets: Array
+    tangent_sources: Array
+    held_targets: Array
+    row_targets: Array
+
+
+@cache_on_owner
+def _plan_bordered(
+    common: Structure, unloaded: Structure, loaded: Structure, held: tuple[int, ...]
+) -> BorderedPlan:
+    parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
+    patterns = [x.pattern for x in parts]
+    ones, shape = np.ones(len(held)), patterns[0].shape
+    patterns.append(sp.csc_array((ones, (held, held)), shape=shape))
+    union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
+    union.sort_indices()
+    size = union.shape[0]
+    tangent_targets = np.arange(union.nnz) + column_indices(union)
+    keys = column_indices(union).astype(np.int64) * size + union.indices
+    diagonal = np.searchsorted(keys, [k * (size + 1) for k in held])
+    tangent_sources = np.zeros(union.nnz + 2 * size + 1, int)
+    tangent_sources[tangent_targets] = np.arange(union.nnz)
+    indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
+    row_targets = (indptr[1:] - 1).astype(np.uint32)
+    indices = np.zeros(indptr[-1], np.int32)
+    indices[tangent_targets], indices[row_targets] = union.indices, size
+    indices[indptr[size] :] = np.arange(size + 1)
+    entries = (np.ones(len(indices)), indices, indptr)
+
+    def plan(sums: StaticSums) -> PartPlan:
+        own = column_indices(sums.pattern).astype(np.int64) * size + sums.pattern.indices
+        targets = tangent_targets[np.searchsorted(keys, own)].astype(np.uint32)
+        tangent = replace(
+            sums.tangent,
+            add_targets=targets[sums.tangent.add_targets],
+            weighted_targets=targets[sums.tangent.weighted_targets],
+        )
+        return PartPlan(sums.residual, tangent)
+
+    return BorderedPlan(
+        sums=tuple(map(plan, parts)),
+        pattern=union,
+        bordered=sp.csc_array(entries, shape=(size + 1, size + 1)),
+        tangent_targets=tangent_targets,
+        tangent_sources=tangent_sources,
+        held_targets=tangent_targets[diagonal].astype(np.uint32),
+        row_targets=row_targets,
+    )
+
+
+def _has_entries(plan: SumPlan) -> bool:
+    return len(plan.add_targets) > 0 or len(plan.weighted_targets) > 0
+
+
 @dataclass
 class Usage:
     """Estimated time of the interpreted iterations with a structure in this process [s].
@@ -421,35 +500,19 @@ class BorderedSystem:
     ) -> None:
         self._time, self._n, self._scales = time, loaded.n, loaded.position_scales
         splits = [_split_terms(unloaded, loaded, kind) for kind in ("forces", "joints")]
-        structures = [
+        common, only_unloaded, only_loaded = (
             intern_structure(Structure(loaded.n, loaded.m, *terms))
             for terms in zip(*splits, strict=True)
-        ]
+        )
         self._numbers = (loaded.p, unloaded.p, loaded.p)
-        self._sums = [plan_static_sums(structure) for structure in structures]
-        self._usage = _usage_of(structures[0])
-        patterns = [x.pattern for x in self._sums]
-        ones, shape = np.ones(len(held)), patterns[0].shape
-        patterns.append(sp.csc_array((ones, (held, held)), shape=shape))
-        union = sp.csc_array(reduce(lambda one, other: one + other, patterns))
-        union.sort_indices()
-        self.pattern = union
-        size = union.shape[0]
-        self._tangent_targets = np.arange(union.nnz) + column_indices(union)
-        keys = column_indices(union).astype(np.int64) * size + union.indices
-        diagonal = np.searchsorted(keys, [k * (size + 1) for k in held])
-        self._held_targets = self._tangent_targets[diagonal].astype(np.uint32)
-        self._held = np.array(held, int)
-        self._tangent_sources = np.zeros(union.nnz + 2 * size + 1, int)
-        self._tangent_sources[self._tangent_targets] = np.arange(union.nnz)
-        self._plans = [self._plan(sums) for sums in self._sums]
-        indptr = np.append(union.indptr + np.arange(size + 1), union.nnz + 2 * size + 1)
-        self._row_targets = (indptr[1:] - 1).astype(np.uint32)
-        indices = np.zeros(indptr[-1], np.int32)
-        indices[self._tangent_targets], indices[self._row_targets] = union.indices, size
-        indices[indptr[size] :] = np.arange(size + 1)
-        entries = (np.ones(len(indices)), indices, indptr)
-        self._bordered = sp.csc_array(entries, shape=(size + 1, size + 1))
+        self._usage = _usage_of(common)
+        plan = _plan_bordered(common, only_unloaded, only_loaded, held)
+        self.pattern, self._bordered, self._plans = plan.pattern, plan.bordered, plan.sums
+        self._tangent_targets = plan.tangent_targets
+        self._tangent_sources = plan.tangent_sources
+        self._held_targets, self._row_targets = plan.held_targets, plan.row_targets
+        self._held, size = np.array(held, int), plan.pattern.shape[0]
+        self._has_load_stiffness = any(map(_has_entries, (x.tangent for x in plan.sums[1:])))
         self._evaluated_x = np.full(size, np.nan)
         self._follows: bool | None = None
         # Tests compare symmetric elimination with pivots chosen by size.
@@ -457,20 +520,6 @@ class BorderedSystem:
         self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
         self._set_loop(compiles=False)
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
-
-    def _plan(self, sums: StaticSums) -> tuple[SumPlan, SumPlan]:
-        """Return the plans of a part; the tangent adds to the non-zeros of the bordered matrix."""
-        own, size = sums.pattern, self.pattern.shape[0]
-        keys, union_keys = (
-            column_indices(x).astype(np.int64) * size + x.indices for x in (own, self.pattern)
-        )
-        targets = self._tangent_targets[np.searchsorted(union_keys, keys)].astype(np.uint32)
-        tangent = replace(
-            sums.tangent,
-            add_targets=targets[sums.tangent.add_targets],
-            weighted_targets=targets[sums.tangent.weighted_targets],
-        )
-        return sums.residual, tangent
 
     def _set_loop(self, compiles: bool) -> None:
         self._loop = self._make_loop(compiles)
@@ -536,7 +585,9 @@ class BorderedSystem:
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
-        run = self._run(x, mu, _EVALUATE_FORCES)
+        run = self._loop.work
+        if not (run.has_forces and mu == run.mu and np.array_equal(x, self._evaluated_x)):
+            run = self._run(x, mu, _EVALUATE_FORCES)
         return run.forces.copy(), run.by_factor.copy()
 
     def tangent(self, x: Array, mu: float) -> Array:
@@ -572,6 +623,8 @@ class BorderedSystem:
         the span of a few motions with little stiffness. The result is that of the first point at
         which these terms are asymmetric.
         """
+        if not self._has_load_stiffness:
+            return False
         run, n = self._run(x, mu, _EVALUATE_TANGENT), self._n
         saddle = run.saddle
         loads = mu * run.loaded.nonzeros + (1.0 - mu) * run.unloaded.nonzeros
@@ -781,8 +834,11 @@ class BorderedSystem:
         run.mu, run.task = mu, task
         run.may_renew = int(self.is_native)
         run.may_eliminate = int(self.is_native and self._eliminates)
-        with np.errstate(over="ignore", invalid="ignore"):
+        if self.is_native:
             code = self._loop()
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                code = self._loop()
         if code != DONE:
             run.linear.singular = 0
             raise SingularMatrixError("the matrix is singular")

@@ -204,7 +204,7 @@ class Corrector:
         bordered = self.system.bordered
         try:
             change = bordered.newton_change(x, mu, gradient, deviation)
-            is_finite = bool(np.all(np.isfinite(change)))
+            is_finite = bool(np.isfinite(change).all())
         except SingularMatrixError:
             is_finite = False
         if not is_finite:
