@@ -163,3 +163,12 @@ def test_invalid_options_of_the_picture_are_refused_before_the_run(tmp_path, opt
     assert result.exit_code == 2
     assert message in " ".join(result.output.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_static_draws_columns_over_another_one(tmp_path):
+    result, kinds = call(tmp_path, "static", "--plot", "tip.y", "--x", "tip.x", "--no-page")
+    assert result.exit_code == 0, result.output
+    assert ".png" in kinds
+    result, _ = call(tmp_path, "static", "--x", "tip.z")
+    assert result.exit_code == 2
+    assert "there is no column 'tip.z'" in " ".join(result.output.split())

@@ -77,6 +77,8 @@ def test_columns_are_plotted_over_other_columns(run):
     # Coordinates of one point have equal scales; a velocity over a coordinate has not.
     assert [axis.get_aspect() for axis in figure.axes] == [1.0, "auto"]
     assert [axis.get_title() for axis in run.plot(x="tip.x").figure.axes] == ["tip.y", "tip.angle"]
+    titles = [axis.get_title() for axis in run.plot("tip", x="tip.x").figure.axes]
+    assert titles == ["tip.y", "tip.angle", "tip.x_dot", "tip.y_dot", "tip.angle_dot"]
     assert bd.plot([run, run], "tip.y", x="tip.x").figure.legends
     with pytest.raises(bd.BeamdaeError, match="plot: 'tip' selects several columns; name one"):
         run.plot("tip.y", x="tip")

@@ -11,6 +11,7 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.options import (
+    HorizontalColumn,
     Loads,
     LoadTime,
     ModelName,
@@ -18,6 +19,7 @@ from beamdae.cli.options import (
     Out,
     Page,
     Picture,
+    PlottedColumns,
     Settings,
     Starts,
     load_configured_model,
@@ -33,6 +35,7 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 
 if TYPE_CHECKING:
+    from beamdae.model_functions import Model
     from beamdae.results.equilibrium import Equilibrium
 
 
@@ -72,6 +75,8 @@ def static_command(
     start: Starts = None,
     page: Page = True,
     picture: Picture = True,
+    plot: PlottedColumns = None,
+    x: HorizontalColumn = None,
     out: Out = Path("results"),
 ) -> None:
     """Compute equilibria of a model under increasing loads; write CSV, JSON, PNG and a page.
@@ -83,6 +88,7 @@ def static_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
+    _require_columns(model, [*(plot or []), *[name for name in (x,) if name]])
     name = f"{model.name}_static"
     table, page_path = out / f"{name}.csv", out / f"{name}.html"
     picture_path = out / f"{name}.png"
@@ -117,8 +123,25 @@ def static_command(
     if picture and is_complete:
         suffix = "" if result.status.success else f", ended early ({result.status.kind})"
         title = f"{model.name}, equilibria{suffix}"
-        files.write(picture_path.name, lambda: [save_path_figure(picture_path, result, title)])
+        files.write(
+            picture_path.name,
+            lambda: [save_path_figure(picture_path, result, title, plot or (), x)],
+        )
     files.finish(result.status)
+
+
+def _require_columns(model: Model, names: list[str]) -> None:
+    """Reject columns of the picture that the model does not have, before the analysis."""
+    if not names:
+        return
+    from beamdae.results.columns import select_columns
+    from beamdae.results.run_data import coordinate_headers
+    from beamdae.simulation import as_equations
+
+    equations = as_equations("static", model)
+    headers = [header for o in equations.observables for header in o.headers]
+    for name in names:
+        select_columns([*headers, *coordinate_headers(equations)], name, "Equilibrium")
 
 
 def _parse_targets(options: list[str] | None) -> Any:

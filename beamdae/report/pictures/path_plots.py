@@ -43,10 +43,17 @@ _UNSTABLE_DASHES = (0, (3, 2))
 _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
 
-def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
-    """Plot the load factor over observed columns that vary, except rates, and write the figure.
+def save_path_figure(
+    path: Path,
+    equilibrium: Equilibrium,
+    title: str,
+    names: Sequence[str] = (),
+    x: str | None = None,
+) -> Path:
+    """Plot the load factor over columns, or columns over the column `x`, and write the figure.
 
-    The suffix of `path` selects the image format. Lines are dashed where the equilibrium under
+    Without names, the columns are the observed ones that vary, except rates. The suffix of `path`
+    selects the image format. Lines are dashed where the equilibrium under
     constant loads is unstable or its stability is unknown, and limit, branch and flutter points are
     marked. If the path has several stages, their load factors are added.
 
@@ -55,12 +62,19 @@ def save_path_figure(path: Path, equilibrium: Equilibrium, title: str) -> Path:
     Path
         Path of the image file.
     """
-    columns = mask_huge_values(equilibrium.columns)
-    return save_figure(_create_path_figure(equilibrium, columns, title), path)
+    return save_figure(_create_selected_figure(equilibrium, title, names, x), path)
 
 
 def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = None) -> Plot:
     """Plot the load factor over the named columns, or these over `x`; see `Equilibrium.plot`."""
+    figure = _create_selected_figure(equilibrium, "", names, x)
+    disable_math_text(figure)
+    return Plot(figure)
+
+
+def _create_selected_figure(
+    equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
+) -> Figure:
     merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
 
     def select(name: str) -> list[str]:
@@ -72,11 +86,10 @@ def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = No
     if x is not None:
         abscissa = require_one_column("Equilibrium.plot", x, select(x))
         columns[abscissa] = np.asarray(merged[abscissa])
-    figure = _create_path_figure(
-        equilibrium, mask_huge_values(columns), "", tuple(headers), abscissa
-    )
-    disable_math_text(figure)
-    return Plot(figure)
+        # The name of an observable selects the abscissa, too.
+        headers = dict.fromkeys(c for c in headers if c != abscissa) or headers
+    masked = mask_huge_values(columns)
+    return _create_path_figure(equilibrium, masked, title, tuple(headers), abscissa)
 
 
 def _create_path_figure(

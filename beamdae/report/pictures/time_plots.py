@@ -36,7 +36,13 @@ from beamdae.report.pictures.figures import (
     varying_columns,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, merge_columns, require_one_column, select_columns
+from beamdae.results.columns import (
+    Header,
+    merge_columns,
+    remove_unit,
+    require_one_column,
+    select_columns,
+)
 from beamdae.results.displays import Plot
 from beamdae.results.time_series import TimeSeries
 
@@ -227,6 +233,8 @@ def select_plot(
     measured = [] if data is None else _read_measured(data, headers)
     present = [series.column for series in measured if series.column != abscissa]
     columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
+    # The name of an observable selects the abscissa, too.
+    columns = [c for c in columns if c != abscissa] or columns
     points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
@@ -246,7 +254,7 @@ def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
     given = read_series("plot", data)
     for series in given:
         converted = convert_units("plot", series, headers)
-        selected = [c for c in headers if converted.column in (c, c.rpartition(" [")[0])]
+        selected = [c for c in headers if converted.column in (c, remove_unit(c))]
         if selected and len(series.values):
             measured.append(replace(converted, column=selected[0]))
     if not measured:
