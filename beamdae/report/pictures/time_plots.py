@@ -234,7 +234,7 @@ def select_plot(
     present = [series.column for series in measured if series.column != abscissa]
     columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
     # The name of an observable selects the abscissa, too.
-    columns = [c for c in columns if c != abscissa] or columns
+    columns = [c for c in columns if x is None or c != abscissa] or columns
     points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
