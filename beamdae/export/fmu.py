@@ -55,7 +55,7 @@ from beamdae.model_functions import Model
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import Input
-from beamdae.results.columns import select_columns
+from beamdae.results.columns import remove_unit, select_columns
 from beamdae.results.storage.files import require_file_path, write_bytes
 from beamdae.simulation import as_equations, unpack_model
 
@@ -432,7 +432,7 @@ def _select_outputs(e: EquationsOfMotion, outputs: Any) -> tuple[Output, ...]:
     }
     # Inputs are observed under their names.
     names = {term.name for term in e.inputs}
-    headers = [header for header in columns if header.rpartition(" [")[0] not in names]
+    headers = [header for header in columns if remove_unit(header) not in names]
     if outputs is not None:
         selected = [
             select_columns(columns, name, PART) for name in _require_names("outputs", outputs)
@@ -446,7 +446,7 @@ def _select_outputs(e: EquationsOfMotion, outputs: Any) -> tuple[Output, ...]:
                 f"{PART}: {header} depends on accelerations, which FMUs do not compute; name other "
                 "outputs."
             )
-        name = header.rpartition(" [")[0] or header
+        name = remove_unit(header)
         result.append(Output(name, observable.columns[k].unit, observable, k))
     return tuple(result)
 

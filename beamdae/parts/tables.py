@@ -813,8 +813,8 @@ def _find_unit_in_name(name: str) -> str:
 def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
     """Return the numbers of a column in SI units."""
     name, unit = _split_header(header)
-    hidden = _find_unit_in_name(name)
-    if not unit and hidden:
+    hidden = "" if unit else _find_unit_in_name(name)
+    if hidden:
         raise BeamdaeError(
             f"{label}: the header {header!r} seems to contain the unit {hidden}; write it in "
             "brackets at the end, such as 'travel [mm]', or rename the column."

@@ -58,6 +58,11 @@ class Header(NamedTuple):
         return f"{self.name}.{self.suffix}" if self.unit == "-" else self.unit
 
 
+def remove_unit(header: str) -> str:
+    """Return a header without its unit."""
+    return header.rpartition(" [")[0] or header
+
+
 def is_derivative(header: str) -> bool:
     """Return True if a column is a derivative by a parameter, see `derivative_header`."""
     return header.startswith("d(") and _BY in header
@@ -104,7 +109,7 @@ def select_columns(
     name = plain_text(name)
     readings: tuple[Callable[[str], str], ...] = (
         str,
-        lambda header: header.rpartition(" [")[0],
+        remove_unit,
         lambda header: Header.of(header).name,
     )
     for reading in readings if isinstance(name, str) else ():
@@ -128,7 +133,7 @@ def select_column(part: str, headers: Iterable[str], name: Any) -> str:
         If no column or several columns have this name; `part` is the calling function.
     """
     headers, name = list(headers), plain_text(name)
-    without_unit = [header.rpartition(" [")[0] for header in headers]
+    without_unit = list(map(remove_unit, headers))
     for candidates in (headers, without_unit) if isinstance(name, str) else ():
         matches = [x for x, y in zip(headers, candidates, strict=True) if y == name]
         if len(matches) == 1:
@@ -167,7 +172,7 @@ def select_observed_columns(part: str, names: Sequence[str], present: Sequence[s
         try:
             selected |= dict.fromkeys(select_columns(present, name))
         except BeamdaeError:
-            allowed = [*present, *(header.rpartition(" [")[0] for header in present)]
+            allowed = [*present, *map(remove_unit, present)]
             raise BeamdaeError(
                 f"{part}: there is no observed column "
                 f"{short_repr(name)}{suggest(name, allowed)}; available "

@@ -19,6 +19,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import remove_unit
 
 Array = np.ndarray
 
@@ -139,7 +140,7 @@ def _names_of_column(series: Series, header: str) -> tuple[str, ...]:
         series.column,
         series.name_in_data or series.column,
         header,
-        header.rpartition(" [")[0],
+        remove_unit(header),
     )
 
 

@@ -44,6 +44,7 @@ from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import derivative_columns, select_derivative
+from beamdae.results.columns import remove_unit
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
@@ -127,7 +128,7 @@ class ModeSensitivities(SensitivityResult):
             If the parameter is not one of `parameters`, or there is no such column.
         """
         parameter = self._require_parameter("sensitivity", parameter)
-        headers = {name: header for header in _HEADERS for name in (_plain(header), header)}
+        headers = {name: header for header in _HEADERS for name in (remove_unit(header), header)}
         header = headers[require_choice("sensitivity", "column", column, list(headers))]
         index = _MODE, np.arange(1, len(self.modes) + 1)
         return select_derivative(self._columns(parameter), header, parameter, index)
@@ -159,10 +160,6 @@ class ModeSensitivities(SensitivityResult):
             _DAMPING_RATIO: -rate.real / size + value.real * growth / size**2 + 0.0,
             _GROWTH_RATE: rate.real + 0.0,
         }
-
-
-def _plain(header: str) -> str:
-    return header.rpartition(" [")[0]
 
 
 @single_threaded

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError, short_repr, suggest
-from beamdae.results.columns import Header
+from beamdae.results.columns import Header, remove_unit
 
 Array = np.ndarray
 
@@ -76,7 +76,7 @@ class DisplacementControl:
                     or Header.of(header).suffix.endswith("_dot")
                 ):
                     continue
-                positions[header] = positions[header.rpartition(" [")[0]] = (observable, k)
+                positions[header] = positions[remove_unit(header)] = (observable, k)
         if name not in positions:
             names = ", ".join(x for x in positions if not x.endswith("]")) or "none"
             raise BeamdaeError(

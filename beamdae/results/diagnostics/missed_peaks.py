@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
-from beamdae.results.columns import Header, mark_resting_columns
+from beamdae.results.columns import Header, mark_resting_columns, remove_unit
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -136,7 +136,7 @@ def find_missed_peaks(
     peaks = {}
     for k in np.flatnonzero(is_missed.any(axis=0)):
         column, side = names[k], int(np.argmax(misses[:, k]))
-        name, unit = column.rpartition(" [")[0], Header.of(column).unit
+        name, unit = remove_unit(column), Header.of(column).unit
         extreme = extremes[column]
         time = (extreme.min_time, extreme.max_time)[side]
         description = (
@@ -154,7 +154,7 @@ def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
     if not peaks:
         return
     worst = max(peaks, key=lambda column: peaks[column].error)
-    others = [column.rpartition(" [")[0] for column in peaks if column != worst]
+    others = [remove_unit(column) for column in peaks if column != worst]
     names = ", ".join(others[:_MAX_NAMES])
     if len(others) > _MAX_NAMES:
         names += f" and {len(others) - _MAX_NAMES} more"

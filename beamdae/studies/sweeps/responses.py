@@ -19,6 +19,7 @@ from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.results.columns import (
     Header,
     observed_columns,
+    remove_unit,
     select_columns,
     select_observed_columns,
 )
@@ -41,7 +42,7 @@ Array = np.ndarray
 
 def measure_columns(header: str) -> dict[str, str]:
     """Return the columns of the table for an observed column, keyed by measure."""
-    quantity = _remove_unit(header)
+    quantity = remove_unit(header)
     return {x: f"{quantity} {x}{header.removeprefix(quantity)}" for x in MEASURES}
 
 
@@ -148,7 +149,7 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
     BeamdaeError
         If no response has this name.
     """
-    outputs = {(_remove_unit(x) if bare else x): x for bare in (False, True) for x in study.outputs}
+    outputs = {(remove_unit(x) if bare else x): x for bare in (False, True) for x in study.outputs}
     name = plain_text(name)
     if isinstance(name, str) and name in outputs:
         return [_create_panel(outputs[name])]
@@ -160,8 +161,8 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
             continue
         if candidates is all_measures:
             return [_create_panel(column) for column in columns]
-        return [Panel(_remove_unit(x), _parse_unit(x), measure_columns(x)) for x in columns]
-    names = [*study.outputs, *map(_remove_unit, headers)]
+        return [Panel(remove_unit(x), _parse_unit(x), measure_columns(x)) for x in columns]
+    names = [*study.outputs, *map(remove_unit, headers)]
     raise BeamdaeError(
         f"{study.name}: there is no response {short_repr(name)}{suggest(name, names)}; "
         f"available responses: {', '.join(names) or 'none'}."
@@ -169,11 +170,7 @@ def select_panels(study: ParameterStudy, headers: list[str], name: Any) -> list[
 
 
 def _create_panel(column: str) -> Panel:
-    return Panel(_remove_unit(column), _parse_unit(column), {"": column})
-
-
-def _remove_unit(header: str) -> str:
-    return header.rpartition(" [")[0] if header.endswith("]") else header
+    return Panel(remove_unit(column), _parse_unit(column), {"": column})
 
 
 def _parse_unit(header: str) -> str:
