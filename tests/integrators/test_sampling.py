@@ -8,6 +8,7 @@ import beamdae as bd
 from beamdae.integrators import step_history, step_thinning
 from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.ida.stepper import IdaStepper
+from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.radau.stepper import RadauStepper
 
 EVERY = 0.02
@@ -129,3 +130,27 @@ def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
     assert run.status.success, run.status.sentence
     # After the impact at 1 s: 11 m/s upward.
     assert_allclose(run["ball.y"].iloc[-1], 11.0 * 0.2 - 10.0 * 0.04, atol=0.02)
+
+
+@pytest.mark.parametrize("method", ["Ida", "Radau"])
+def test_regression_samples_without_a_change_do_not_restart(method, monkeypatch):
+    """IDA began at order 1 at each sample, although a saturated law held the same value."""
+    jumps = []
+    apply_jump = InputJump.apply
+
+    def apply(self, t, *arguments):
+        jumps.append(t)
+        return apply_jump(self, t, *arguments)
+
+    monkeypatch.setattr(InputJump, "apply", apply)
+
+    # Saturated from 0.04 s on.
+    def law(sample):
+        return min(40.0, 1000.0 * sample.t)
+
+    solution = bd.simulate(crank(law=law), METHODS[method], 0.3, output_step=0.01)
+    assert max(jumps) == pytest.approx(0.04)
+    assert len(jumps) <= 6
+    forbid_resuming(monkeypatch)
+    restarted = bd.simulate(crank(law=law), METHODS[method], 0.3, output_step=0.01)
+    assert_allclose(solution["center.y"], restarted["center.y"], rtol=0.0, atol=1e-6)

@@ -135,6 +135,11 @@ class CompiledIda:
         self._solver.stop_at(span[1])
         self.code = DONE
 
+    def extend(self, end: float) -> None:
+        """Continue to `end` [s] with the order, the step and the factors of the last steps."""
+        self._run.end = end
+        self._solver.stop_at(end)
+
     def advance(self, most: int) -> Array:
         """Take up to `most` steps; return their rows (t, q, v, a, lam), none after a failure.
 

@@ -188,6 +188,10 @@ class SksundaeIda:
         self._solver.init_step(self._t, y, yp)
         self.code = DONE
 
+    def extend(self, end: float) -> None:
+        """Continue to `end` [s] with the order, the step and the factors of the last steps."""
+        self._end = self._stop = end
+
     def advance(self, most: int) -> Array:
         """Take one step; return its row (t, q, v, a, lam), none after a failure."""
         # SUNDIALS prints errors that are also in the status.

@@ -139,11 +139,16 @@ class IdaStepper:
     def resume(self, start: float, end: float, q: Array) -> State | None:
         """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
 
-        Multistep formulas do not hold across the jump: IDA begins again with order 1.
+        Multistep formulas do not hold across the jump: IDA begins again with order 1, unless no
+        input has changed.
         """
         if self._t != start:
             return None
         y, yp, _ = self._ida.last_point
+        if np.array_equal(q, y[: len(q)]):
+            self._end = end
+            self._ida.extend(end)
+            return State(*(x.copy() for x in self._form.unpack(y, yp)))
         state = self._input_jump.apply(start, self._branch, q, y, yp)
         if state is not None:
             self.begin(start, end, self._branch, state)

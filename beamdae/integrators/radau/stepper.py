@@ -246,11 +246,17 @@ class RadauStepper:
     def resume(self, start: float, end: float, q: Array) -> State | None:
         """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
 
-        The step size and the factors are kept, but the last polynomial does not predict stages.
+        The step size and the factors are kept, but the last polynomial does not predict stages,
+        unless no input has changed.
         """
         run, size = self._run, self._run.step_size
         if run.t != start:
             return None
+        if np.array_equal(q, run.y[: len(q)]):
+            run.end = end
+            size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
+            size.next_step = max(size.next_step, size.smallest)
+            return State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
         state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
         if state is None:
             return None
