@@ -6,19 +6,8 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-
-
-def to_casadi_constant(matrix: sp.sparray) -> ca.DM:
-    """Return a scipy sparse matrix as a CasADi constant."""
-    csc = sp.csc_array(matrix)
-    csc.sort_indices()
-    rows, columns = csc.shape
-    pattern = ca.Sparsity(rows, columns, csc.indptr.tolist(), csc.indices.tolist())
-    return ca.DM(pattern, csc.data)
-
 
 _EMPTY = sp.csr_array((0, 0))
 _MAX_INDEX = np.iinfo(np.int32).max
