@@ -24,7 +24,8 @@ from beamdae.symbolic.statements import SX, Piece
 Array = np.ndarray
 
 _MAX_CACHED_ENTRIES = 200_000  # of stacked operators, about 12 bytes each
-_MAX_CACHED_POINTS = 1000  # of a mechanism whose attachments are located once
+# Sizes of a mechanism up to which the positions of its attachments are cached.
+_MAX_CACHED_POINTS, _MAX_CACHED_COORDINATES = 1000, 5000
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ def locate_attachments(
         (ConstantOperator(x.operator), coordinates.offsets[id(x.body)], x.checked_kinematics)
         for x in attachments
     )
-    is_constant = len(points) <= _MAX_CACHED_POINTS and all(
+    is_small = len(points) <= _MAX_CACHED_POINTS and len(q) <= _MAX_CACHED_COORDINATES
+    is_constant = is_small and all(
         isinstance(formula, Formula) and type(formula.numbers) is tuple and operator.is_read_only
         for operator, _, formula in points
     )
