@@ -8,6 +8,7 @@ beam of many elements, only two meshes may be possible; then the largest ratio i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,7 +76,8 @@ def certify_equilibrium(
     a beam would have more than 32 elements. The first three meshes, from which errors are
     estimated, may have more elements, except along beams with sliding points; there, errors that
     follow from two meshes are larger, and a single mesh has infinite errors. Floating-frame beams
-    are replaced by geometrically exact beams, unless their mesh must not change.
+    are replaced by geometrically exact beams, unless their mesh must not change. If the path of the
+    model as written fails, for example because it has a lower limit load, `notes` gives the reason.
 
     Parameters
     ----------
@@ -295,12 +297,19 @@ def _certify(
         levels.append(_evaluate(model, bases, halvings, True, evaluate))
         required = mark_required_columns(name, names, levels[-1].columns)
         error = np.maximum(_estimate_errors(levels), floor)
-    written = levels[-1]
+    written = fine = levels[-1]
+    skipped = ""
     if any(not base.is_exact for base in refinable):
-        written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
-    fine = levels[-1]
+        try:
+            written = _evaluate(model, bases, len(levels) - 1, False, evaluate)
+        except BeamdaeError as failure:
+            reason = str(failure).removeprefix(f"{name}: ").rstrip(".")
+            skipped = f"The formulations of the model fail and are not assessed: {reason}."
     theory = _relative(_resize(written.values, len(fine.values)) - fine.values, fine)
-    return _finish(levels, error, theory, required, accuracy, floor, bases, notes)
+    if skipped:
+        theory[:] = np.nan
+    certificate = _finish(levels, error, theory, required, accuracy, floor, bases, notes)
+    return replace(certificate, notes=(*notes, skipped)) if skipped else certificate
 
 
 def _can_refine(refinable: Sequence[BaseMesh], halvings: int) -> bool:

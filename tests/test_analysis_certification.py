@@ -98,6 +98,26 @@ def test_amplitudes_of_a_periodic_motion_are_covered():
 
 
 @pytest.mark.slow(reason="modes of 32 elements")
+def test_regression_formulations_that_fail_are_not_assessed():
+    # Lee's frame: the path of beams in a floating frame with the strain of the paper has a limit
+    # point below this load, that of geometrically exact beams has none.
+    section = bd.Section.rectangle(bd.Material(E=7.2e6, nu=0.3, rho=1.0), width=3.0, height=2.0)
+    mech, corner, right = bd.Mechanism(), (0.0, 120.0), (120.0, 120.0)
+    column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), corner), section, 4))
+    beam = mech.add(bd.Beam("beam", bd.Line(corner, right), section, 5))
+    mech.add(bd.Weld("corner", column.end, beam.start))
+    mech.add(bd.Revolute("foot", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*right), beam.end))
+    mech.add(bd.Force("press", beam.at(24.0), (0.0, -1000.0)))
+    mech.observe("ld", beam.at(24.0))
+    with pytest.warns(bd.BeamdaeWarning, match="suggests a limit point"):
+        certificate = bd.certify_equilibrium(mech, to=15.0)
+    assert certificate.success
+    assert np.all(np.isnan(certificate.theory_as_written))
+    (note,) = certificate.notes
+    assert note.startswith("The formulations of the model fail and are not assessed: Newton's")
+
+
 def test_an_accuracy_beyond_the_meshes_is_refused():
     result = bd.certify_modes(cantilever(), accuracy=1e-12, n=4)
     assert not result.success
