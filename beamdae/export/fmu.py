@@ -164,6 +164,7 @@ def export_fmu(
     `step`. Each change of the internal step, and each breakpoint of a law, restarts the method with
     consistent accelerations; constant communication steps that are multiples of `step` avoid this.
     A communication step shorter than 1 % of `step` extrapolates the motion and is part of the next.
+    Contacts that begin and end within one internal step are not noticed.
 
     Inputs are constant during a communication step. Where inputs or parameters change,
     accelerations and reactions change with them, as at the samples of a `Controller`; outputs that
@@ -208,7 +209,8 @@ def export_fmu(
         package ziglang (`pip install "beamdae[fmu]"`). Empty for sources only.
     real_time
         Number of Newton iterations of every step, each step with one factorization, so that all
-        steps take the same time. By default, the number follows from the tolerance.
+        steps take the same time. From 2 on, diverging iterations are errors. By default, the number
+        follows from the tolerance.
     timed_steps
         Number of steps to be measured on this machine; see `ExportedFmu.step_times`.
 
