@@ -39,8 +39,6 @@ _EXPONENTS = (1, 2, 3, 4, -1, -2, -3)
 # The range ends at the last value before the first that is rejected.
 _FACTORS_DOWN = (0.5, 0.1, 1e-3, 1e-6, 0.0, -1e-3, -1.0, -1e3, -1e6)
 _FACTORS_UP = (2.0, 10.0, 1e3, 1e6)
-# Errors of model functions, parts and formulas for values that are not possible.
-_BUILD_ERRORS = (BeamdaeError, ArithmeticError, ValueError)
 # Difference of equal numbers, relative to the largest number of the same index.
 _ROUNDING = 1e-11
 # Change of the start, relative to max(1, largest coordinate).
@@ -259,7 +257,7 @@ def _find_limits(samples: _Samples, check: _NumberCheck, name: str) -> tuple[flo
             warnings.simplefilter("ignore")
             try:
                 return check.agrees({name: value})
-            except _BUILD_ERRORS:
+            except Exception:  # of the model function, whatever it raises for impossible values
                 return False
 
     def last_possible(factors: Sequence[float]) -> float:
