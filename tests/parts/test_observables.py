@@ -404,7 +404,9 @@ def cross(mech, of):
 
 
 def control(mech, of):
-    mech.add(bd.Controller("pid", lambda sample: 0.0, 0.01, [of]))
+    push = mech.input("push", 0.0, "N m")
+    mech.add(bd.Moment("motor", mech.parts["rod"].at(0.0, 0.0), push))
+    mech.add(bd.Controller("pid", 0.01, [of], [push], lambda sample: 0.0))
     bd.simulate(mech, bd.Radau(), t_end=0.1)
 
 
@@ -422,7 +424,7 @@ def reach(mech, of):
         (cross, "an event cannot depend on accelerations"),
         (control, "a controller cannot read accelerations"),
         (lambda mech, of: mech.sensor("gauge", of, "ax"), "a sensor cannot measure accelerations"),
-        (lambda mech, of: bd.export_fmu(mech, "swing.fmu"), "which FMUs do not compute"),
+        (lambda mech, of: bd.export_fmu(mech, "swing.fmu", t_end=1.0), "which FMUs do not compute"),
         (maximize, "the objective must not contain accelerations"),
         (reach, "to must name an observed position, got 'sensor.ay'"),
     ],
