@@ -74,7 +74,7 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
             {
                 "id": experiment or _GROUP,
                 "label": experiment or fit.model_name,
-                "frames": export_run_frames(run),
+                "frames": export_run_frames(run, enlarges=True),
             }
             for experiment, run in runs.items()
         ],

@@ -59,7 +59,7 @@ def build_run_page(
         "subtitle": f"{method}: {status.sentence}",
         "made": solution.versions,
         "notes": [*warnings, *solution.warnings],
-        "groups": [{"id": _ID, "frames": export_run_frames(solution)}],
+        "groups": [{"id": _ID, "frames": export_run_frames(solution, enlarges=True)}],
         "tables": tables,
         "cases": [
             {

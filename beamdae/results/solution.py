@@ -246,9 +246,10 @@ class Solution(RunData, TimeSeries):
         frames: int | None = None,
         color: str | None = None,
         trail: Any = False,
+        scale: float | None = None,
     ) -> Animation | Path:
         """Animate the motion in a notebook or in a file, see `beamdae.animate`."""
-        return load_views().animate(self, path, speed, frames, color, trail)
+        return load_views().animate(self, path, speed, frames, color, trail, scale)
 
     def page(self, path: str | Path) -> Path:
         """Write an HTML page with the motion of the mechanism, charts and tables.

@@ -56,6 +56,36 @@ def test_a_run_that_fails_at_the_start_is_drawn(tmp_path):
     assert "<b>" not in solution.animate(trail=True)._repr_html_()
 
 
+def sliding_run(travel, t_end=0.1):
+    """Return the run of a rod of 1 m that moves along its axis by `travel` [m]."""
+    mech = bd.Mechanism()
+    rod = mech.add(
+        bd.RigidBody.plate("rod", (0.5, 0.0), 1.0, 0.1, mass=1.0, velocity=(travel / t_end, 0.0))
+    )
+    mech.observe("end", rod.at(1.0, 0.0))
+    return bd.simulate(mech, bd.GeneralizedAlpha(step=0.01), t_end=t_end)
+
+
+def test_displacements_that_are_too_small_to_be_visible_are_enlarged():
+    for travel, scale in ((0.2, 1.0), (2e-4, 500.0), (2e-6, 50_000.0), (1e-9, 1.0)):
+        run = sliding_run(travel)
+        frames = export_run_frames(run, 5, enlarges=True)
+        assert frames.get("scale", 1.0) == pytest.approx(scale)
+        # Frames of several runs, between which pages interpolate, have one scale.
+        assert "scale" not in export_run_frames(run, 5)
+        rod = scene_lines(run, scale=scale)["rod", "rigid"]
+        assert_allclose((rod[-1] - rod[0])[:, 0], travel * scale, rtol=1e-6)
+
+
+def test_the_scale_of_displacements_can_be_chosen():
+    run = sliding_run(2e-4)
+    assert '"scale":500.0' in run.animate(frames=3).page
+    assert '"scale":20.0' in run.animate(frames=3, scale=20.0).page
+    assert '"scale"' not in run.animate(frames=3, scale=1.0).page
+    with pytest.raises(bd.BeamdaeError, match=r"^animate: scale must be positive, got 0"):
+        run.animate(frames=3, scale=0.0)
+
+
 def test_trails_follow_the_observed_points():
     mechanism = pendulum(elements=1)
     solution = simulate(mechanism)

@@ -126,6 +126,7 @@ def encode_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "symbols": list(frames.get("symbols", ())),
         "colors": [_pack_color(color) for color in frames.get("colors", ())],
         "extent": frames.get("extent"),
+        **({"scale": frames["scale"]} if "scale" in frames else {}),
     }
 
 

@@ -56,6 +56,8 @@ _COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILIN
 # Comments at the ends of lines. Texts between quotation marks are not comments.
 _END_COMMENTS = re.compile(r"(?<=\S) +// [^\"'`\n]*$", re.MULTILINE)
 
+_STYLE_LINE_ENDS = re.compile(r"(?<=[;{}])\n")
+
 # Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
 _TABLE_DEFAULTS: dict[str, Any] = {"title": "", "head": [], "rows": [], "section": "results"}
@@ -311,10 +313,11 @@ def fill_template(
 
 
 def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
-    """Return the content of files without indentation, empty lines and comments."""
+    """Return the content of scripts or styles without indentation, empty lines and comments."""
     text = "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
     lines = _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
-    return _END_COMMENTS.sub("", lines)
+    # Only scripts need the ends of lines.
+    return _END_COMMENTS.sub("", lines) if suffix == ".js" else _STYLE_LINE_ENDS.sub("", lines)
 
 
 def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:

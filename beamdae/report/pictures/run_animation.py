@@ -23,7 +23,7 @@ from beamdae.report.pictures.scene_artists import (
 )
 from beamdae.report.scene.beam_colors import BeamColors, available_colors, compute_beam_colors
 from beamdae.report.scene.frame_export import export_frames
-from beamdae.report.scene.run_scene import build_run_scene, frame_times
+from beamdae.report.scene.run_scene import build_run_scene, choose_scale, frame_times
 from beamdae.report.scene.scene import Scene
 from beamdae.results.displays import Animation
 from beamdae.results.solution import Solution
@@ -50,6 +50,7 @@ def animate(
     frames: int | None = None,
     color: str | None = None,
     trail: Any = False,
+    scale: float | None = None,
 ) -> Animation | Path:
     """Animate a run in a notebook or in a file.
 
@@ -73,6 +74,10 @@ def animate(
         the section force "N", "Q" or "M". The color scale covers the whole run.
     trail
         True to show the trails of all observed points, or the names of the points to trace.
+    scale
+        Factor of the displacements from the first frame. Defaults to 1 if the largest displacement
+        exceeds 1 % of the size of the mechanism, and to a factor that makes the motion visible
+        otherwise. The animation shows factors other than 1.
 
     Returns
     -------
@@ -99,22 +104,26 @@ def animate(
     if duration > 0.0:
         rate = float(np.clip((number - 1) / duration, _MIN_RATE, _MAX_RATE))
     times = frame_times(solution, number)
-    scene = build_run_scene("animate", solution, times, trail)
+    factor = 1.0 if scale is None else require_positive("animate", "scale", scale)
+    scene = build_run_scene("animate", solution, times, trail, factor)
+    if scale is None and (factor := choose_scale(scene)) != 1.0:
+        scene = build_run_scene("animate", solution, times, trail, factor)
     if path is None:
-        data = export_frames(scene, times, available_colors(solution, times, color))
+        data = export_frames(scene, times, available_colors(solution, times, color), factor)
         low, high = scene.extent()
         width, height = (high - low).tolist()
         return build_motion_player(data, (width, height), "", speed, color is not None)
     colors = None if color is None else compute_beam_colors("animate", solution, color, times)
-    captions = _format_captions(times, speed)
+    captions = _format_captions(times, speed, factor)
     return _create_animation(scene, colors, captions, rate).save("animate", path)
 
 
-def _format_captions(times: Array, speed: float) -> list[str]:
+def _format_captions(times: Array, speed: float, scale: float) -> list[str]:
     """Return captions with the times of the frames, with enough digits to distinguish them."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
     suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
+    suffix += "" if scale == 1.0 else f"   displacements \u00d7 {scale:.4g}"
     return [f"t = {time:.{digits}f} s{suffix}" for time in times]
 
 

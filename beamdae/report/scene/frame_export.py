@@ -10,7 +10,12 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.scene.beam_colors import BeamColors, available_colors
-from beamdae.report.scene.run_scene import DEFAULT_FRAMES, build_run_scene, frame_times
+from beamdae.report.scene.run_scene import (
+    DEFAULT_FRAMES,
+    build_run_scene,
+    choose_scale,
+    frame_times,
+)
 from beamdae.report.scene.scene import MovingCurve, Scene, Symbol
 from beamdae.results.solution import Solution
 
@@ -21,17 +26,28 @@ _FRACTION_DIGITS = 5  # of angles and fractions
 _COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
-def export_run_frames(solution: Solution, frames: int = DEFAULT_FRAMES) -> dict[str, Any] | None:
-    """Return the exported scene of a run, or None if nothing can be drawn; see `export_frames`."""
+def export_run_frames(
+    solution: Solution, frames: int = DEFAULT_FRAMES, enlarges: bool = False
+) -> dict[str, Any] | None:
+    """Return the exported scene of a run, or None if nothing can be drawn; see `export_frames`.
+
+    If `enlarges` is True, displacements that are too small to be visible are enlarged by the factor
+    "scale".
+    """
     times = frame_times(solution, frames)
     try:
         scene = build_run_scene("animate", solution, times)
+        scale = choose_scale(scene) if enlarges else 1.0
+        if scale != 1.0:
+            scene = build_run_scene("animate", solution, times, scale=scale)
     except BeamdaeError:
         return None
-    return export_frames(scene, times, available_colors(solution, times))
+    return export_frames(scene, times, available_colors(solution, times), scale)
 
 
-def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ()) -> dict[str, Any]:
+def export_frames(
+    scene: Scene, times: Array, colors: Sequence[BeamColors] = (), scale: float = 1.0
+) -> dict[str, Any]:
     """Export a scene as lists and numbers, with None for invisible points.
 
     Returns
@@ -47,6 +63,7 @@ def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ())
         - "colors" of beams: "title", "limits", "scale" (colors at equally spaced values) and
           "values" by beam name, as one list along the beam per frame.
         - "extent": lower left and upper right corner of the scene [m].
+        - "scale": factor by which displacements are enlarged, if it is not 1.
     """
     low, high = scene.extent()
     digits = _POSITION_DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
@@ -59,6 +76,7 @@ def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ())
         "symbols": [_export_symbol(symbol, digits, scene) for symbol in symbols],
         "colors": [_export_colors(x) for x in colors],
         "extent": [low.tolist(), high.tolist()],
+        **({"scale": scale} if scale != 1.0 else {}),
     }
 
 

@@ -71,6 +71,22 @@ class CoordinatePoses:
         return poses
 
 
+class EnlargedPoses:
+    """Poses whose differences from the first frame are multiplied by a factor."""
+
+    def __init__(self, poses: Poses, scale: float) -> None:
+        self._poses, self._scale = poses, scale
+
+    def __call__(self, attachments: Sequence[Attachment]) -> Array:
+        """Return the poses, (frames, attachments, 3)."""
+        return enlarge(self._poses(attachments), self._scale)
+
+
+def enlarge(values: Array, scale: float) -> Array:
+    """Return values whose differences from the first entry are multiplied by `scale`."""
+    return values[:1] + scale * (values - values[:1])
+
+
 class VibrationPoses:
     """Poses of a small vibration about a state, one frame per phase.
 

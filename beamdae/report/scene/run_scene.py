@@ -19,7 +19,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.report.scene.mechanism_scene import build_scene
-from beamdae.report.scene.poses import CoordinatePoses
+from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses, enlarge
 from beamdae.report.scene.scene import MovingCurve, Scene
 from beamdae.report.scene.scene_builder import Measure
 from beamdae.results.solution import Solution
@@ -30,6 +30,12 @@ Array = np.ndarray
 DEFAULT_FRAMES = 120
 _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
+_BODY_KINDS = ("beam", "rigid", "point")
+# Largest displacements relative to the size of the mechanism: those that are visible, those of
+# enlarged motions, and those that may be rounding noise.
+_VISIBLE_RATIO = 0.01
+_ENLARGED_RATIO = 0.12
+_NOISE_RATIO = 1e-7
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
@@ -41,7 +47,12 @@ def frame_times(solution: Solution, frames: int = DEFAULT_FRAMES) -> Array:
 
 
 def build_run_scene(
-    name: str, solution: Solution, times: Array, trail: Any = False, **settings: Any
+    name: str,
+    solution: Solution,
+    times: Array,
+    trail: Any = False,
+    scale: float = 1.0,
+    **settings: Any,
 ) -> Scene:
     """Return the scene of a run at the given times.
 
@@ -55,6 +66,8 @@ def build_run_scene(
         Times of the frames [s].
     trail
         True to show the trails of all observed points, or the names of the points to trace.
+    scale
+        Factor of the displacements from the first frame.
     **settings
         Further arguments of `build_scene`.
 
@@ -69,14 +82,34 @@ def build_run_scene(
         raise BeamdaeError(f"{name}: the run has no mechanism; only mechanisms can be drawn.")
     branches, state = solution.trajectory.at(times)
     measure = _create_measure(solution, branches, state)
-    poses = CoordinatePoses(mechanism, state.q)
+    poses: Poses = CoordinatePoses(mechanism, state.q)
+    if scale != 1.0:
+        poses = EnlargedPoses(poses, scale)
     scene = build_scene(mechanism, poses, times, measure, name=name, **settings)
     points = _find_observed_points(mechanism.observables)
     trails = _build_trails(
-        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times
+        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times, scale
     )
     absent = _find_absent_frames(solution, times)
     return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
+
+
+def choose_scale(scene: Scene) -> float:
+    """Return the factor of displacements that makes the motion of a scene visible.
+
+    It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
+    and if the motion is so small that it may be rounding noise.
+    """
+    bodies = [line for glyph, line in scene.lines() if glyph.kind in _BODY_KINDS]
+    distances = [np.hypot(*np.moveaxis(line - line[:1], -1, 0)).ravel() for line in bodies]
+    largest = float(np.nanmax(np.concatenate([np.zeros(1), *distances])))
+    low, high = scene.extent()
+    ratio = largest / float(np.max(high - low))
+    if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
+        return 1.0
+    scale = _ENLARGED_RATIO / ratio
+    power = 10.0 ** np.floor(np.log10(scale))
+    return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
 
 
 def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
@@ -122,7 +155,7 @@ def _select_trails(name: str, trail: Any, points: Iterable[str]) -> list[str]:
 
 
 def _build_trails(
-    solution: Solution, points: dict[str, Quantity], times: Array
+    solution: Solution, points: dict[str, Quantity], times: Array, scale: float
 ) -> list[MovingCurve]:
     """Return the path of each point up to each frame, also sampled between the frames."""
     between = int(np.clip(_MAX_TRAIL_POINTS // len(times), 1, _MAX_TRAIL_POINTS_PER_FRAME))
@@ -133,5 +166,6 @@ def _build_trails(
     for name, quantity in points.items():
         columns = [column.name for column in quantity.columns]
         positions = measure(quantity)[:, [columns.index("x"), columns.index("y")]]
+        positions = enlarge(positions, scale) if scale != 1.0 else positions
         trails.append(MovingCurve(name, "trail", np.where(is_past[..., None], positions, np.nan)))
     return trails

@@ -7,6 +7,9 @@ const MARKERS_PER_LINE = 6;
 // those with a smaller magnitude: guided coordinates and unloaded directions leave rounding noise.
 const CONSTANT_RANGE = 1e-9;
 const NOISE_MAGNITUDE = 1e-14; // [SI units]
+// No chart opens on a column whose range is smaller than this part of the largest one with its unit, such as the
+// shortening of a beam that bends.
+const MINOR_RANGE = 1e-3;
 const PANELS = [
   { key: "observed", title: "Observed", section: "panels" },
   { key: "energy", title: "Energy [J]", section: "panels", unit: "J" },
@@ -35,23 +38,25 @@ function drawPanels() {
   hideEmptySections();
 }
 
-// A column moves if it does so in any of the cases.
-function findConstantNames(names, curves, unitOf) {
+// Largest range and magnitude of each column in any of the cases, and the largest ones of all columns with its unit.
+function measureRanges(names, curves, unitOf) {
   const extents = new Map();
-  const scales = new Map();
+  const units = new Map();
   for (const name of names) {
     const limits = removeMissing(curves.map((byName) => getOwn(byName, name))).map(storedLimits);
     const range = Math.max(...limits.map(([low, high]) => high - low));
     const magnitude = Math.max(...limits.flat().map(Math.abs));
+    const unit = units.get(unitOf(name)) ?? { range: 0, magnitude: 0 };
+    units.set(unitOf(name), { range: Math.max(unit.range, range), magnitude: Math.max(unit.magnitude, magnitude) });
     extents.set(name, { range, magnitude });
-    scales.set(unitOf(name), Math.max(scales.get(unitOf(name)) ?? 0, magnitude));
   }
-  return names.filter((name) => {
-    const { range, magnitude } = extents.get(name);
-    // Derivatives, for example with respect to an elastic modulus in Pa, may be small without being noise.
-    const noise = name.startsWith("d(") ? 0 : NOISE_MAGNITUDE;
-    return magnitude <= noise || range <= CONSTANT_RANGE * scales.get(unitOf(name));
-  });
+  return new Map(names.map((name) => [name, { ...extents.get(name), unit: units.get(unitOf(name)) }]));
+}
+
+function isConstantColumn(name, { range, magnitude, unit }) {
+  // Derivatives, for example with respect to an elastic modulus in Pa, may be small without being noise.
+  const noise = name.startsWith("d(") ? 0 : NOISE_MAGNITUDE;
+  return magnitude <= noise || range <= CONSTANT_RANGE * unit.magnitude;
 }
 
 // Choices of a panel: each single curve, and all curves with the same unit together.
@@ -64,12 +69,15 @@ function listChoices({ key, unit }) {
   const names = all.filter((name) => !isLog(name) || !isZero(name));
   const unitOf = (name) => (isLog(name) ? null : (unit ?? /\[([^\]]*)\]$/.exec(name)?.[1] ?? null));
   const canRest = key === "observed" || key === "energy";
-  const constant = canRest ? findConstantNames(names, curves, unitOf) : [];
+  const ranges = measureRanges(canRest ? names : [], curves, unitOf);
+  const constant = canRest ? names.filter((name) => isConstantColumn(name, ranges.get(name))) : [];
+  const isMinor = (name) => ranges.get(name)?.range < MINOR_RANGE * ranges.get(name)?.unit.range;
   const rankOf = (name) => (page.featured.includes(name) ? page.featured.indexOf(name) : page.featured.length);
   const moving = names.filter((name) => !constant.includes(name)).sort((a, b) => rankOf(a) - rankOf(b));
   const createChoice = (name) => ({
     label: name,
     names: [name],
+    isMinor: isMinor(name) && !page.featured.includes(name),
     title: isLog(name) && name === "imbalance" ? "magnitude of the imbalance" : name,
   });
   const combined = removeDuplicates(removeMissing(moving.map(unitOf))).map((commonUnit) => ({
@@ -88,7 +96,8 @@ function createPanel(panel) {
   const { key, title, choices } = panel;
   // All energies of a single run share a chart.
   const together = choices.find(({ names }) => names.length > 1);
-  const initial = (page.cases.length === 1 && key === "energy" && together) || choices[0];
+  const single = choices.find((choice) => !choice.isMinor) ?? choices[0];
+  const initial = (page.cases.length === 1 && key === "energy" && together) || single;
   panel.choice = choices.find(({ label }) => label === state.choices[key]) ?? initial;
   panel.holder = html("div");
   const controls = [html("h3", {}, title)];

@@ -43,7 +43,7 @@ function createStage(frames, color) {
     svg("rect", { class: "stage", ...box, rx: 6 }),
     ...initial,
     ...moving.map(({ element }) => element),
-    ...createScaleBar(zoom, box),
+    ...createScaleBar(zoom, box, frames.scale),
   );
 }
 
@@ -148,12 +148,13 @@ function interpolateColor(scale, share) {
   return `color-mix(in srgb, ${scale[k + 1]} ${(100 * (position - k)).toFixed(1)}%, ${scale[k]})`;
 }
 
-function createScaleBar(zoom, box) {
+function createScaleBar(zoom, box, scale) {
   const length = roundDownToNice(box.width / 4 / zoom);
   const [x, y] = [12, box.height - 10];
   return [
     svg("path", { class: "cursor", d: `M${x} ${y - 4}V${y}H${x + length * zoom}V${y - 4}`, fill: "none" }),
     svg("text", { x: x + 4, y: y - 6 }, `${formatValue(length)} m`),
+    ...(scale ? [svg("text", { x: box.width - 12, y: y - 6, "text-anchor": "end" }, `displacements × ${scale}`)] : []),
   ];
 }
 
