@@ -102,6 +102,20 @@ def test_the_page_of_a_periodic_motion_has_its_stability_first(shaken, tmp_path)
     assert shaken.page(tmp_path / "periodic.html").is_file()
 
 
+def test_regression_labels_of_critical_points_are_in_the_plot(path, show):
+    """The label of a limit point, the highest point of a path, was cut at the upper edge."""
+    tab = show(build_path_page(path, "truss"))
+    plot = tab.evaluate('state.charts.get("portrait").box')
+    label = tab.evaluate(
+        """() => {
+            const {x, y, width} = document.querySelector("#portrait .plot g text.halo").getBBox();
+            return {x, y, width};
+        }"""
+    )
+    assert label["y"] >= plot["top"]
+    assert label["x"] + label["width"] <= plot["right"]
+
+
 def test_the_page_of_a_path_in_a_browser(path, show):
     tab = show(build_path_page(path, "truss"))
     assert tab.locator("[data-chart=portrait] .mark").count() == 1

@@ -56,7 +56,7 @@ function describePortrait(selected) {
       if (!isKnown(line, k)) return [];
       return [svg("circle", { class: "time-dot", cx: x.toPosition(line.x[k]), cy: y.toPosition(line.y[k]), r: 5 })];
     });
-  const createMarks = (x, y) =>
+  const createMarks = (box, x, y) =>
     page.portrait.marks.flatMap(({ t, label }) => {
       const [line] = lines;
       const k = nearestIndex(line.t, t);
@@ -64,7 +64,7 @@ function describePortrait(selected) {
       const [cx, cy] = [x.toPosition(line.x[k]), y.toPosition(line.y[k])];
       return [
         svg("circle", { class: "mark", cx, cy, r: 5 }),
-        svg("text", { class: "halo", x: cx + 8, y: cy - 6 }, label),
+        createMarkLabel(box, [cx, cy], label),
       ];
     });
   const range = (axis) => padRange(findExtent(lines.map((line) => line[axis])), false);
@@ -78,7 +78,7 @@ function describePortrait(selected) {
     lines,
     height: (width) => clamp(0.4 * width, 230, 340),
     drawBackground: () => [],
-    drawClipped: (_, x, y) => [...lines.map((line) => createLine(line, x, y)), ...createMarks(x, y)],
+    drawClipped: (box, x, y) => [...lines.map((line) => createLine(line, x, y)), ...createMarks(box, x, y)],
     drawForeground: () => [],
     showTime: (chart, time) => createDots(chart, time),
     legend: () => lines.map(({ run, style }) => ({ icon: createLineIcon(style), text: run.label })),
@@ -87,6 +87,13 @@ function describePortrait(selected) {
       ...lines.flatMap(({ run, t, x, y }) => t.map((time, k) => [run.label, time, x[k], y[k]])),
     ],
   };
+}
+
+// Label beside a mark, on the side where the plot does not clip it.
+function createMarkLabel(box, [cx, cy], label) {
+  const isRight = cx > box.right - 8 - DIGIT_WIDTH * label.length;
+  const side = isRight ? { x: cx - 8, "text-anchor": "end" } : { x: cx + 8 };
+  return svg("text", { class: "halo", ...side, y: cy < box.top + 20 ? cy + 18 : cy - 6 }, label);
 }
 
 // Move the motion to the point of a curve next to the pointer.
