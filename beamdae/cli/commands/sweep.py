@@ -232,8 +232,8 @@ def _parse_range(model: Model, name: str, text: str) -> list[Any]:
     start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
     is_geometric = rest == ["log", ""]
     unit = model.parameter_info[name].unit
-    numbers = [parse_number(model.name, name, x, unit) for x in (start_text, stop_text)]
-    ends = np.array(numbers, float).tolist()  # NaN where a text is not a number
+    start, stop = (parse_number(model.name, name, x, unit) for x in (start_text, stop_text))
+    ends = (np.nan if start is None else start, np.nan if stop is None else stop)
     try:
         count = float(count_text)
     except ValueError:
