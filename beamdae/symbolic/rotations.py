@@ -24,6 +24,7 @@ SX = ca.SX
 
 # Entries of the cached results of `factor_operator`, about 50 bytes each.
 _MAX_CACHED_ENTRIES = 100_000
+_ENTRIES_OF_OBJECTS = 50  # that take as much memory as the objects of one result and its key
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def _factor(constant: ConstantOperator, count: int) -> RotatedOperator:
 
 
 def _count_entries(result: RotatedOperator) -> float:
-    return result.selection.nnz + result.data.size
+    return result.selection.nnz + result.data.size + _ENTRIES_OF_OBJECTS
 
 
 _cached_factor = bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)(_factor)

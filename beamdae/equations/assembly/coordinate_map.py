@@ -24,6 +24,7 @@ from beamdae.symbolic.statements import SX, Piece
 Array = np.ndarray
 
 _MAX_CACHED_ENTRIES = 200_000  # of stacked operators, about 12 bytes each
+_ENTRIES_OF_OBJECTS = 200  # that take as much memory as the objects of one operator and its key
 # Sizes of a mechanism up to which the positions of its attachments are cached.
 _MAX_CACHED_POINTS, _MAX_CACHED_COORDINATES = 1000, 5000
 
@@ -88,7 +89,9 @@ def _stack(operators: tuple[tuple[ConstantOperator, int], ...], n: int) -> sp.cs
 
 
 # Models are often built again with other numbers but the same operators.
-_cached_stack = bounded_cache(_MAX_CACHED_ENTRIES, lambda operator: operator.nnz)(_stack)
+_cached_stack = bounded_cache(
+    _MAX_CACHED_ENTRIES, lambda operator: operator.nnz + _ENTRIES_OF_OBJECTS
+)(_stack)
 
 
 def _as_csr(operator: Any) -> sp.csr_array:
