@@ -30,10 +30,11 @@ def bounded_cache(
 
     def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
         results: OrderedDict[Hashable, tuple[Any, float]] = OrderedDict()
-        lock = threading.Lock()
+        total, lock = 0.0, threading.Lock()
 
         @wraps(function)
         def cached(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
+            nonlocal total
             key = (arguments, tuple(sorted(options.items())))
             with lock:
                 if key in results:
@@ -45,12 +46,22 @@ def bounded_cache(
                 return result
             with lock:
                 # Concurrent threads obtain the same object for equal arguments.
-                result = cast(Result, results.setdefault(key, (result, size))[0])
-                while sum(entry_size for _, entry_size in results.values()) > limit:
-                    results.popitem(last=False)
+                if key in results:
+                    return cast(Result, results[key][0])
+                results[key] = result, size
+                # A sum over all results would make each new one slower than the one before.
+                total += size
+                while total > limit:
+                    total -= results.popitem(last=False)[1][1]
             return result
 
-        cast(Any, cached).cache_clear = results.clear
+        def clear() -> None:
+            nonlocal total
+            with lock:
+                results.clear()
+                total = 0.0
+
+        cast(Any, cached).cache_clear = clear
         return cached
 
     return decorate

@@ -105,3 +105,24 @@ def test_the_latest_mapped_functions_are_kept():
         assert (rows(values) == values**2).all()
     assert len(rows._mapped_functions) == MAX_MAPPED_FUNCTIONS
     assert (count,) in rows._mapped_functions
+
+
+def test_regression_new_results_do_not_read_the_sizes_of_all_others():
+    """The sum over all results made each of thousands of models slower than the one before."""
+    additions = []
+
+    class Size(float):
+        def __radd__(self, other):
+            additions.append(other)
+            return other + float(self)
+
+        def __rsub__(self, other):
+            additions.append(other)
+            return other - float(self)
+
+    @bounded_cache(50.0, lambda result: Size(1.0))
+    def square(x):
+        return x**2
+
+    assert [square(x) for x in range(100)] == [x**2 for x in range(100)]
+    assert len(additions) == 150
