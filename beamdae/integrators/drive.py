@@ -413,7 +413,7 @@ class _RunInProgress:
     def _integrate_to(self, end: float, is_resumed: bool = False) -> Status:
         """Take steps until `end` [s], a limit, a terminal event or a failure; return the status.
 
-        If `is_resumed` is True, the method continues the interval; see `Method.resume`.
+        If `is_resumed` is True, the method continues the interval; see `ResumableMethod`.
         """
         segment, method, limits = self._segments[-1], self.method, self._limits
         history, branch = segment.history, segment.branch

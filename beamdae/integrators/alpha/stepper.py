@@ -188,7 +188,7 @@ class AlphaStepper:
         set_step(run, h)
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
-        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`."""
+        """Continue from `start` to `end` [s] after held inputs have jumped: `ResumableMethod`."""
         run, current = self._run, self._run.current
         if run.t != start or not self._can_resume(end):
             return None

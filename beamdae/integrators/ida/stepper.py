@@ -137,7 +137,7 @@ class IdaStepper:
         self._start(first, state)
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
-        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `ResumableMethod`.
 
         Multistep formulas do not hold across the jump: IDA begins again with order 1, unless no
         input has changed.

@@ -244,7 +244,7 @@ class RadauStepper:
         size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
-        """Continue from `start` to `end` [s] after held inputs have jumped; see `Method.resume`.
+        """Continue from `start` to `end` [s] after held inputs have jumped; see `ResumableMethod`.
 
         The step size and the factors are kept, but the last polynomial does not predict stages,
         unless no input has changed.
