@@ -280,6 +280,7 @@ def test_the_page_of_a_linear_model_in_a_browser(oscillator, show):
     tab.locator("[data-chart=phase] .plot").focus()
     tab.keyboard.press("ArrowRight")
     assert tab.inner_text("#tooltip strong").startswith("frequency = 0.1")
+    assert find_violations(tab) == []
 
 
 def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show):
@@ -288,6 +289,7 @@ def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show)
     assert "-1" in tab.inner_text("#result-facts")
     assert not tab.locator("#cases").is_visible()
     assert not tab.locator("#top").is_visible()
+    assert find_violations(tab) == []
 
 
 @pytest.fixture(scope="module")

@@ -85,6 +85,7 @@ function showGroup(group) {
 function showTables() {
   for (const id of ["choice", "top", "charts", "cases"]) byId(id).hidden = true;
   drawFactTables();
+  byId("results").prepend(html("h2", {}, "Results"));
   hideEmptySections();
 }
 
