@@ -480,7 +480,7 @@ class StartAdjoint:
         """
         if coefficients[0] == 0.0 and all(term.rows is None for term in self.equations.forces):
             lam = None
-        parts = [time, q, v, coefficients, () if lam is None else lam]
+        parts = [time, q, v, np.array(coefficients), np.zeros(0) if lam is None else lam]
         return self._recent_nonzeros.get(
             np.concatenate(parts),
             lambda: self.solver.saddle_matrix(time, q, v, None, coefficients, lam),
