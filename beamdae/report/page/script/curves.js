@@ -213,8 +213,11 @@ function describeCurveChart({ key, title, choice }, allLines) {
     lines,
     height: (width) => clamp(0.36 * width, 215, 320),
     drawBackground: () => [],
-    drawClipped: (box, x, y) =>
-      lines.map((line, k) => createCurve(line, x, y, spaceMarkers(box, k, countMarked(lines)))),
+    drawClipped: (box, x, y) => {
+      // Measured data are points already, and a single curve among them needs no markers.
+      const marked = lines.filter(({ run }) => !run.points);
+      return lines.map((line) => createCurve(line, x, y, spaceMarkers(box, marked.indexOf(line), marked.length)));
+    },
     drawForeground: (box, _, y) => (key === "error" ? createResolutionLine(box, y) : []),
     afterViewChange: () => shareTimeRange(key),
     showTime: createTimeLine,
@@ -241,11 +244,6 @@ function shareTimeRange(key) {
     state.views[other].x = x;
     if (state.charts.has(other)) drawChart(state.charts.get(other));
   }
-}
-
-// Measured data are points already, and the curve among them needs no markers.
-function countMarked(lines) {
-  return lines.filter(({ run }) => !run.points).length;
 }
 
 // Positions of the markers of line k, staggered with the markers of other lines. A single line has no markers.
