@@ -137,6 +137,7 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
             "frames": 3,
             "color": "M",
             "trail": True,
+            "scale": 2.0,
         },
         return_result,
     ),
