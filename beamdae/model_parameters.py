@@ -305,8 +305,8 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
         return None
     if not unit:
         raise BeamdaeError(
-            f"{call}: the model states no unit of {name}; give the number alone, or add the unit "
-            "to the docstring of the model function."
+            f"{call}: the model states no unit of this parameter; give the number alone, or add "
+            "the unit to the docstring of the model function."
         )
     if symbol == unit:
         source = target = (Fraction(1), {})

@@ -119,7 +119,7 @@ MISTAKES = {
     "tilt=3 Hz": "the unit Hz measures another quantity; give the value in rad.",
     "speed=3 Hz": "the unit Hz measures another quantity; give the value in rad/s.",
     "copies=3 m": "the unit m measures another quantity; give the number alone.",
-    "factor=3 m": "swing: factor=3 m: the model states no unit of factor; give the number alone",
+    "factor=3 m": "swing: factor=3 m: the model states no unit of this parameter; give",
     "factor=heavy": "swing: factor must be of type float, got 'heavy'.",
     "copies=250%": "swing: copies must be of type int, got 2.5.",
     "length=1e400 mm": "swing: length must be finite, got inf.",

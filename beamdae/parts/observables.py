@@ -113,8 +113,8 @@ def acceleration(of: Attachment, axes: str = "inertial") -> Quantity:
     that decay within the first step and may be large. An accelerometer measures this acceleration
     minus gravity.
 
-    They are columns of runs, of `sensitivities` and of `linearize`, but not of events, controllers,
-    FMUs and adjoint gradients.
+    They are columns of runs, of `sensitivities`, and of `linearize` about an equilibrium, but not
+    of events, controllers, FMUs and adjoint gradients.
 
     Parameters
     ----------

@@ -125,6 +125,11 @@ def test_end_before_a_limit_point_is_not_rechecked():
         ([3.0, 3.0001, 3.0002, 3.0003], [1, -1, 1, -1], []),
         ([3.0, 3.0001, 3.0002], [2, -1, -1], []),
         ([3.0, 3.1], [1, -1], [3.0, 3.1]),
+        # Flutter of one part where another part becomes stable or unstable.
+        ([3.0, 3.0001], [2, -1], [3.0]),
+        ([3.0, 3.0001], [-1, 2], [3.0001]),
+        ([3.0, 3.0001], [1, -2], [3.0001]),
+        ([3.0, 3.0001, 3.0002], [2, 2, -1], [3.0, 3.0001]),
     ],
 )
 def test_changes_that_cancel_at_one_load_are_no_critical_points(loads, changes, remaining):

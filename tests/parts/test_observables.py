@@ -389,6 +389,40 @@ def test_accelerations_are_outputs_of_linear_models():
         bd.linearize(swing(gravity=0.0), about=bd.rotation(4.0), outputs=["sensor"])
 
 
+@pytest.mark.filterwarnings("ignore:.*not an equilibrium:beamdae.errors.BeamdaeWarning")
+def test_regression_accelerations_of_moving_states_are_refused():
+    """The changes of constraints along the motion were missing: -3 instead of -6."""
+    for about in (bd.simulate(swing(), t_end=0.1).at(0.1), "reference"):
+        with pytest.raises(bd.BeamdaeError, match="sensor cannot be an output of a moving state"):
+            bd.linearize(swing(), about=about, outputs=["sensor"])
+    path = bd.equilibrium(swing(hangs=True))
+    assert bd.linearize(swing(hangs=True), about=path, outputs=["sensor"]).C.shape == (3, 2)
+
+
+def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
+    """They were refused after the analysis, although the period is given."""
+
+    @bd.model(t_end=1.0)
+    def shaken(stiffness=100.0):
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+        spring = bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), ball.point, stiffness, 2.0)
+        mech.add(spring)
+        mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point, direction=(1, 0)))
+        mech.add(bd.Force("force", ball.point, (lambda t: 5.0 * np.sin(8.0 * t), 0.0)))
+        mech.observe("ball acceleration", bd.acceleration(ball.point))
+        return mech
+
+    result = bd.periodic_sensitivities(shaken, ["stiffness"], period=np.pi / 4.0)
+    t = result.motion.solution.t
+    # x = Im(H f e^(i w t)), dH/dk = -H^2, a = -w^2 x.
+    response = 5.0 / (100.0 - 64.0 + 16.0j) ** 2
+    expected = 64.0 * (response * np.exp(8.0j * t)).imag
+    computed = result.sensitivity("ball acceleration.ax", "stiffness")
+    # The tolerance of the motion is 1e-6 of its amplitude.
+    assert_allclose(computed, expected, atol=1e-5 * np.max(np.abs(expected)))
+
+
 def test_accelerations_of_particles_have_no_angle_and_no_axes():
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.7)))

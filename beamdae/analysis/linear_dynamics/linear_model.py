@@ -475,6 +475,8 @@ class _StateReduction:
                 # The displacement of a driver depends on the states.
                 change = -self.by_q[self.rows[name]] @ dq / size
             dp[list(one.indices)] = change
+        # The changes of accelerations below omit those of the constraints along a motion.
+        moves = np.any(lin.state.v) or np.any(lin.state.a)
         derivatives, values, names = [np.zeros((0, dq.shape[1]))], [np.zeros(0)], []
         for o in observables:
             if full.redundant and o.rows.stop > o.rows.start and self.e.m < full.m:
@@ -485,10 +487,11 @@ class _StateReduction:
                 )
             q, v = o.operator @ lin.state.q, o.operator @ lin.state.v
             data = full.p[o.data]
-            if o.has_accelerations and lin.rotation is not None:
+            if o.has_accelerations and (lin.rotation is not None or moves):
+                frame = "in a rotating frame" if lin.rotation is not None else "of a moving state"
                 raise BeamdaeError(
-                    f"linearize: {o.name} cannot be an output in a rotating frame, because it "
-                    "depends on accelerations; choose other outputs."
+                    f"linearize: {o.name} cannot be an output {frame}, because it depends on "
+                    "accelerations; choose other outputs, or linearize about='equilibrium'."
                 )
             arguments = [lin.time, q, v, data, lam[o.rows]]
             arguments += [o.operator @ lin.state.a] * o.has_accelerations

@@ -130,16 +130,23 @@ class PeriodicSensitivities(SensitivityResult):
         phases = (run.t - run.t[0]) / self.motion.period
         along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
         result: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
+        period_changes = any(self.periods.values())
         for number, observable in enumerate(e.observables):
-            rates = np.array(
-                [
-                    time_derivative(observable, e, time, State(*(x[k] for x in at)), lam_rates[k])
-                    for k, time in enumerate(times)
-                ]
-            )
             changes = differentiate_observable(e, number, times, at, along, self._differences)
+            if period_changes:
+                rates = np.array(
+                    [
+                        time_derivative(
+                            observable, e, time, State(*(x[k] for x in at)), lam_rates[k]
+                        )
+                        for k, time in enumerate(times)
+                    ]
+                )
+                shifts = phases[:, None] * rates
+                changes = {
+                    name: rows + self.periods[name] * shifts for name, rows in changes.items()
+                }
             for name, rows in changes.items():
-                rows = rows + self.periods[name] * phases[:, None] * rates
                 result[name] |= dict(zip(observable.headers, rows.T, strict=True))
         return result
 

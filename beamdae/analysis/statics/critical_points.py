@@ -477,8 +477,8 @@ def _cancel_opposite_changes(
 ) -> list[SegmentCriticalPoint]:
     """Return the points without those at nearly equal loads whose changes cancel each other.
 
-    Of the points of a group with the sign of its total change, those in the middle remain, with the
-    `loads` of the group.
+    Of the points of a group with the sign of its total change, those in the middle remain whose
+    changes reach the total, with the `loads` of the group.
     """
     groups: list[list[SegmentCriticalPoint]] = []
     for one in points:
@@ -494,8 +494,11 @@ def _cancel_opposite_changes(
         if len(same) < len(group):
             factors = [one.point.mu for one in group]
             same = [replace(one, loads=(min(factors), max(factors))) for one in same]
-        while same and abs(sum(one.change for one in same)) > abs(total):
-            same.pop(-1 if len(same) % 2 else 0)
+        while same:
+            removed = -1 if len(same) % 2 else 0
+            if abs(sum(one.change for one in same) - same[removed].change) < abs(total):
+                break
+            same.pop(removed)
         remaining += same
     return remaining
 

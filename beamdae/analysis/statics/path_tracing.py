@@ -285,9 +285,10 @@ def _range_notes(path: StagePath) -> list[str]:
     ranges = dict.fromkeys(one.loads for one in path.critical if one.loads)
     return [
         f"equilibrium: critical points between the load factors {low:.6g} and {high:.6g} are not "
-        "distinguished by this mesh: the number of unstable directions rises and falls there by "
-        "rounding errors, or because the mesh separates modes with equal critical loads. Use more "
-        "elements or thicker beams."
+        "distinguished: the number of unstable directions rises and falls there by rounding "
+        "errors, because the mesh separates modes with equal critical loads, or because one mode "
+        "becomes unstable where another becomes stable. Use more elements or thicker beams, or "
+        "analyze independent parts separately."
         for low, high in ranges
         if high - low > _SAME_LOAD_RATIO * abs(high)
     ]
