@@ -55,7 +55,10 @@ _FREQUENCY_WORK = 1e10  # frequencies times number of states cubed; about ten se
 _PEAK_SHARE = 0.5  # of the frequencies are beside poles
 # Distances from lightly damped poles, in half widths of their peaks.
 _PEAK_POSITIONS = np.array([-6.0, -3.0, -1.5, -0.7, -0.3, 0.0, 0.3, 0.7, 1.5, 3.0, 6.0])
-_MIN_PEAK_WIDTH = 1e-5  # relative half width of peaks, so that undamped poles are not met
+_MIN_PEAK_WIDTH = 1e-5  # relative half width of peaks that are resolved
+# Shift of the positions beside undamped poles, where the response is infinite, and the minimum
+# distance of all frequencies from these poles, in half widths.
+_UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
 
 
 def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
@@ -438,10 +441,9 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     pairs = [(i, j) for j in range(len(model.inputs)) for i in range(len(model.outputs))]
     # Those with one unit share a chart, and the first ones are selected.
     units = [_format_ratio(model.outputs[i].unit, model.inputs[j].unit) for i, j in pairs]
+    sizes = np.median(np.abs(response), axis=0)
     scales = {
-        unit: max(
-            np.abs(response[:, *x]).max() for x, y in zip(pairs, units, strict=True) if y == unit
-        )
+        unit: max(sizes[x] for x, y in zip(pairs, units, strict=True) if y == unit)
         for unit in units
     }
     pairs = [pairs[k] for k in sorted(range(len(pairs)), key=lambda k: units.index(units[k]))]
@@ -504,7 +506,8 @@ def _describe_pole(pole: complex) -> tuple[float, float, float]:
     """Return frequency [Hz], damping ratio [-] and growth rate [1/s]."""
     size = abs(pole)
     frequency = abs(pole.imag) / (2.0 * np.pi) if _is_oscillating(pole) else 0.0
-    return frequency, -pole.real / size if size else 0.0, pole.real + 0.0
+    # Adding zero changes -0 to 0.
+    return frequency, (-pole.real / size if size else 0.0) + 0.0, pole.real + 0.0
 
 
 def _is_oscillating(pole: complex) -> bool:
@@ -519,11 +522,15 @@ def _format_ratio(output_unit: str, input_unit: str) -> str:
 def _build_transfer_case(
     model: LinearModel, frequencies: Array, response: Array, i: int, j: int, scale: float
 ) -> dict[str, Any]:
-    """Return a transfer function; `scale` is the largest magnitude with the same unit."""
+    """Return a transfer function; `scale` is the largest median magnitude with the same unit.
+
+    Rounding errors are compared to medians, because peaks of undamped modes have any magnitude.
+    """
     output, source = model.outputs[i], model.inputs[j]
     magnitude, largest = np.abs(response), int(np.argmax(np.abs(response)))
+    size = np.median(magnitude)
     # A response that is zero but for rounding has no phase.
-    is_noise = magnitude <= _NOISE_RANGE * magnitude[largest]
+    is_noise = magnitude <= _NOISE_RANGE * size
     phase = np.degrees(np.unwrap(np.angle(response)))
     return {
         "id": f"{i}-{j}",
@@ -536,7 +543,7 @@ def _build_transfer_case(
             "magnitude": {f"magnitude [{_format_ratio(output.unit, source.unit)}]": magnitude},
             "phase": {"phase [deg]": np.where(is_noise, np.nan, phase)},
         }
-        if magnitude[largest] > _NOISE_RANGE * scale
+        if size > _NOISE_RANGE * scale
         else None,
     }
 
@@ -556,18 +563,24 @@ def _choose_frequencies(poles: Array, n_states: int) -> Array:
     high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)
     work = _FREQUENCY_WORK / max(n_states, 1) ** 3
     count = int(np.clip(work, _MIN_FREQUENCIES, _MAX_FREQUENCIES))
-    near = []
+    near, undamped = [], []
     n_peaks = int(_PEAK_SHARE * count) // len(_PEAK_POSITIONS)
-    for pole, size in list(zip(poles, sizes, strict=True))[:n_peaks]:
+    for k, (pole, size) in enumerate(zip(poles, sizes, strict=True)):
         if _is_oscillating(pole):
-            width = max(abs(pole.real) / (2.0 * np.pi), _MIN_PEAK_WIDTH * size)
-            # The peak itself, unless it is infinite.
-            shift = 0.0 if width > _MIN_PEAK_WIDTH * size else 0.1 * width
-            near.append(pole.imag / (2.0 * np.pi) + width * _PEAK_POSITIONS + shift)
+            center, width = pole.imag / (2.0 * np.pi), abs(pole.real) / (2.0 * np.pi)
+            if width <= _MIN_PEAK_WIDTH * size:
+                width = _MIN_PEAK_WIDTH * size
+                undamped.append((center, _MIN_POLE_DISTANCE * width))
+                center += _UNDAMPED_SHIFT * width
+            if k < n_peaks:
+                near.append(center + width * _PEAK_POSITIONS)
     near_poles = np.concatenate([np.zeros(0), *near])
     near_poles = near_poles[(near_poles > low) & (near_poles < high)]
     grid = np.geomspace(low, high, max(count - len(near_poles), 2))
-    return np.unique(np.concatenate([grid, near_poles]))
+    frequencies = np.unique(np.concatenate([grid, near_poles]))
+    for center, distance in undamped:
+        frequencies = frequencies[np.abs(frequencies - center) >= distance]
+    return frequencies
 
 
 def _excitation(multiple: int, speeds: Array) -> Array:

@@ -292,6 +292,51 @@ def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show)
     assert find_violations(tab) == []
 
 
+def build_chain(stiffness, count):
+    """Return undamped masses of 1 kg on a line, connected by springs, with a force on the first."""
+    mech = bd.Mechanism()
+    end = mech.ground.at(0.0, 0.0)
+    for k in range(count):
+        mass = mech.add(bd.PointMass(f"mass {k}", 1.0, at=(1.0 + k, 0.0)))
+        mech.add(bd.PointOnLine(f"rail {k}", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        mech.add(bd.Spring(f"spring {k}", end, mass.point, stiffness, free_length=1.0))
+        end = mass.point
+        if k == 0:
+            mech.add(bd.Force("push", end, (0.0, 0.0)))
+    mech.observe("end", end)
+    return mech
+
+
+def find_transfer_curves(model):
+    """Return frequencies, magnitudes and phases of the last mass of a chain."""
+    page = build_linear_page(model, "undamped")
+    case = next(x for x in page["cases"] if x["label"] == "end.x [m] / push.Fx [N]")
+    (magnitude,), (phase,) = (case["curves"][x].values() for x in ("magnitude", "phase"))
+    return page, case["curves"]["t"], magnitude, phase
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 81.0, 100.0])
+def test_regression_undamped_linear_models_have_a_page(stiffness):
+    model = bd.linearize(build_chain(stiffness, 1), inputs=["push"])
+    page, frequencies, magnitude, phase = find_transfer_curves(model)
+    exact = 1.0 / (stiffness - (2.0 * np.pi * frequencies) ** 2)
+    assert_allclose(magnitude, np.abs(exact), rtol=1e-6)
+    assert np.isfinite(phase).all()
+    # The middle of the frequencies was the pole.
+    assert np.abs(frequencies / (np.sqrt(stiffness) / (2.0 * np.pi)) - 1.0).min() > 4e-7
+    poles = next(table["rows"] for table in page["tables"] if table["title"] == "Poles")
+    assert poles[0][2:] == ["0", "0"]
+
+
+def test_regression_peaks_of_undamped_modes_hide_no_phases():
+    _, _, magnitude, phase = find_transfer_curves(
+        bd.linearize(build_chain(100.0, 3), inputs=["push"])
+    )
+    assert magnitude.min() < 1e-10 * magnitude.max()
+    assert np.isfinite(phase).all()
+    assert_allclose(np.sin(np.radians(phase)), 0.0, atol=1e-6)
+
+
 @pytest.fixture(scope="module")
 def rotor():
     """Return a mass on an isotropic bearing: whirl frequencies (10 - speed) and (10 + speed)."""
