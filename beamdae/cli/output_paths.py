@@ -97,6 +97,23 @@ def _require_file_path(option: str, path: Path) -> None:
 
 def _require_folder(option: str, folder: Path) -> None:
     """Raise an error unless files can be created in the folder, which need not exist yet."""
+    # Imported here because the help is printed without NumPy.
+    from beamdae.results.storage.files import is_in_deleted_folder
+
+    try:
+        _create_temporarily(option, folder)
+    except OSError as problem:
+        reason = f"of the error '{problem.strerror or problem}'"
+        if is_in_deleted_folder(folder):
+            reason = "the working folder has been deleted"
+        raise BeamdaeError(
+            f"{option} {folder}: the folder cannot be written because {reason}; "
+            "choose another folder."
+        ) from None
+
+
+def _create_temporarily(option: str, folder: Path) -> None:
+    """Create the folder with a file, and remove what did not exist before."""
     created: list[Path] = []
     missing = []
     existing = folder.absolute()
@@ -122,11 +139,6 @@ def _require_folder(option: str, folder: Path) -> None:
             scratch.write_bytes(b"\0")
         finally:
             scratch.unlink(missing_ok=True)
-    except OSError as problem:
-        raise BeamdaeError(
-            f"{option} {folder}: the folder cannot be written because of the error "
-            f"'{problem.strerror or problem}'; choose another folder."
-        ) from None
     finally:
         for each in reversed(created):
             with suppress(OSError):

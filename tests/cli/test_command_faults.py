@@ -1,6 +1,7 @@
 """Commands that end early: closed streams, interrupts, models that exit, unusual options."""
 
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from terminals import process, shell
 from typer.testing import CliRunner
 
-from beamdae.cli import signals
+from beamdae.cli import output_paths, signals
 from beamdae.cli.app import _format_warning, app
 from beamdae.errors import BeamdaeError, KernelWarning
 from beamdae.studies.execution.executors import SerialPool
@@ -538,3 +539,20 @@ def test_warnings_of_beamdae_are_sentences_and_others_have_their_file_and_line()
     text = _format_warning("kernels are slow.", KernelWarning, "native.py", 57)
     assert text == "warning: kernels are slow.\n"
     assert "model.py:5" in _format_warning("odd", UserWarning, "model.py", 5)
+
+
+@pytest.mark.parametrize("name", ["absolute", "mkdir"])
+def test_regression_folder_deleted_while_outputs_are_checked_is_named(name, tmp_path, monkeypatch):
+    """The message named a missing file if the folder was deleted between two operations."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    operation = getattr(Path, name)
+
+    def delete(path, *arguments):
+        shutil.rmtree(work, ignore_errors=True)
+        return operation(path, *arguments)
+
+    monkeypatch.setattr(output_paths.Path, name, delete)
+    with pytest.raises(BeamdaeError, match="because the working folder has been deleted"):
+        output_paths._require_folder("--out", Path("results", "study"))
