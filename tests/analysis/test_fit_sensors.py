@@ -9,7 +9,10 @@ from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
 from beamdae.analysis.fit.column_rates import column_rates
+from beamdae.analysis.fit.data import read_series
 from beamdae.analysis.fit.problem import FitProblem
+from beamdae.cli.commands.fit import _json_results
+from beamdae.report.terminal.text_tables import estimates_table
 
 SLOW = pytest.mark.slow(reason="half a second and more")
 TIMES = np.linspace(0.2, 2.0, 37)
@@ -343,3 +346,68 @@ def test_data_in_other_units_are_converted(is_sigma_known):
     (other,) = FitProblem(oscillator, long, ["stiffness"], METHOD).data.series
     np.testing.assert_allclose(other.times, TIMES[:3], rtol=1e-15)
     np.testing.assert_allclose(other.values, values, rtol=1e-15)
+
+
+def test_regression_offsets_of_converted_columns_are_named_with_the_unit_of_the_estimate():
+    """They were "offset of mass.x [mm]" in m, and "offset of mass.x [m] [m]" in tables."""
+    times = TIMES[:4]
+    data = {"t [ms]": 1e3 * times, "mass.x [mm]": 1e3 * (record(times)[0] + OFFSET)}
+    options = {"parameters": TRUE, "sigma": 1.0, "offset": ["mass.x [mm]"]}
+    fit = bd.fit(oscillator, data, "stiffness", METHOD, max_evaluations=2, **options)
+    assert fit.sensors == pytest.approx({"offset of mass.x [m]": OFFSET}, rel=1e-4)
+    table = estimates_table(fit.table(), fit.units)
+    assert [row[0] for row in table.texts][2:] == ["offset of mass.x [m]"]
+    assert _json_results(fit)["estimates"]["offset of mass.x [m]"]["unit"] == "m"
+
+
+def test_regression_offsets_in_two_units_of_one_column_are_rejected():
+    data = {
+        "a": {"t [s]": TIMES, "mass.x [mm]": TIMES},
+        "b": {"t [s]": TIMES, "mass.x [cm]": TIMES},
+    }
+    names = ["mass.x [mm]", "mass.x [cm]"]
+    with pytest.raises(bd.BeamdaeError, match="twice; remove one, or name the experiments"):
+        FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=1.0, offset=names)
+    pairs = list(zip("ab", names, strict=True))
+    problem = FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=1.0, offset=pairs)
+    assert problem.coefficients == ("offset of mass.x [m] in a", "offset of mass.x [m] in b")
+
+
+def test_regression_one_column_in_two_units_needs_no_sigma():
+    """The two names were counted as two columns, whose weights need sigma."""
+    data = {
+        "a": {"t [s]": TIMES, "mass.x [mm]": 1e3 * TIMES},
+        "b": {"t [s]": TIMES, "mass.x": TIMES},
+    }
+    problem = FitProblem(oscillator, data, ["stiffness"], METHOD)
+    for series in problem.data.series:
+        np.testing.assert_allclose(series.values, TIMES, rtol=1e-15)
+        np.testing.assert_array_equal(series.sigma, 1.0)
+    data["b"]["mass.y"] = TIMES
+    with pytest.raises(bd.BeamdaeError, match="sigma is required for several columns"):
+        FitProblem(oscillator, data, ["stiffness"], METHOD)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        pd.to_timedelta(TIMES, unit="s"),
+        pd.to_datetime(TIMES, unit="s"),
+        [np.timedelta64(k, "s") for k in range(1, 1 + len(TIMES))],
+    ],
+)
+def test_regression_durations_are_rejected(times):
+    """They were read as numbers of nanoseconds."""
+    data = pd.DataFrame({"t [s]": times, "mass.x": TIMES})
+    for table in (data, {"t [s]": times, "mass.x": TIMES}):
+        with pytest.raises(bd.BeamdaeError, match=r"'t .s.' of data must contain numbers, got"):
+            FitProblem(oscillator, table, ["stiffness"], METHOD)
+
+
+@pytest.mark.parametrize("name", ["t [N]", "time [N]", "time [furlong]"])
+def test_regression_only_columns_with_a_unit_of_time_are_times(name):
+    """The columns were "both times"."""
+    table = {name: TIMES, "t [ms]": 1e3 * TIMES, "mass.x": TIMES}
+    series = read_series("plot", table, ["mass.x [m]"])
+    assert [x.column for x in series if len(x.values)] == ["mass.x"]
+    np.testing.assert_allclose(series[-1].times, TIMES, rtol=1e-15)

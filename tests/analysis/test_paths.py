@@ -220,3 +220,11 @@ def test_plot_is_dashed_where_the_path_is_unstable(tmp_path):
     assert axis.get_aspect() == 1.0
     with pytest.raises(bd.BeamdaeError, match=r"Equilibrium.plot: 'crown' selects several columns"):
         path.plot("crown.x", x="crown")
+
+
+def test_regression_the_load_factor_is_plotted_over_the_only_column_that_changes():
+    """The figure had no axes."""
+    path = bd.equilibrium(truss(), to=0.1)
+    (axis,) = path.plot(x="crown.y").figure.axes
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("crown.y [m]", "load factor [-]")
+    assert_allclose(axis.lines[0].get_xdata(), path["crown.y"])

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import beamdae as bd
+from beamdae.report.pictures import time_plots
 from beamdae.report.run_summary import summarize_as_html
 
 ALPHA = bd.GeneralizedAlpha(step=1e-2)
@@ -117,6 +118,58 @@ def test_measured_data_are_plotted_as_markers_in_the_units_of_the_run(run, tmp_p
 def test_invalid_measured_data_are_refused(run, data, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         run.plot("tip.y", data=data)
+
+
+def test_regression_one_column_of_data_in_two_units_is_refused(run):
+    """One of them was plotted, without a warning."""
+    data = {"t [s]": [0.0], "tip.y [mm]": [1.0], "tip.y [m]": [1.0]}
+    with pytest.raises(bd.BeamdaeError, match=r"'tip.y .mm.' and 'tip.y .m.' of data are the same"):
+        run.plot("tip.y", data=data)
+
+
+def test_regression_texts_in_other_columns_of_data_are_ignored(run):
+    """A column of comments was refused, although columns of numbers were ignored."""
+    data = {"t [s]": [0.0, 0.1], "tip.y": [0.0, 1.0], "comment": ["start", None]}
+    assert_array_equal(run.plot(data=data).figure.axes[0].lines[1].get_ydata(), [0.0, 1.0])
+
+
+def legend_of(plot):
+    (legend,) = plot.figure.legends
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_regression_each_experiment_has_one_marker_in_all_panels(run):
+    """Markers were numbered in each panel, and the legend named those of one panel only."""
+    t = run.t[1::3]
+    data = {"e1": {"t [s]": t, "tip.x": t}, "e2": {"t [ms]": 1e3 * t, "tip.y [mm]": t}}
+    plot = run.plot(data=data)
+    assert legend_of(plot)[1:] == ["data, e1", "data, e2"]
+    assert [axis.lines[1].get_marker() for axis in plot.figure.axes] == ["o", "s"]
+
+
+def test_regression_a_run_with_the_label_data_is_in_the_legend(run):
+    """The entry of the data replaced that of the run."""
+    data = {"t [s]": run.t, "tip.y": run.t}
+    plot = bd.plot([run, run], labels=["a", "data"], data=data)
+    assert legend_of(plot) == ["a", "data", "measured data"]
+
+
+def test_regression_a_plot_over_the_only_characteristic_column_is_not_empty():
+    """The figure had no axes."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    run = bd.simulate(mech, ALPHA, t_end=0.02)
+    assert [x.get_title() for x in run.plot(x="ball.y").figure.axes] == ["ball.x"]
+    # Rates are plotted if nothing else is left.
+    only = {"t [s]": run.t, "gap.value [m]": run["ball.y"], "gap.rate_dot [m/s]": run["ball.y_dot"]}
+    headers = list(only)
+    figure = time_plots._create_figure(
+        {"run": only}, time_plots.select_plot(headers, headers, (), "gap.value"), headers
+    )
+    assert [x.get_title() for x in figure.axes] == ["gap.rate_dot"]
+    with pytest.raises(bd.BeamdaeError, match=r"no observed column .* over gap\.value"):
+        time_plots.select_plot(headers[:2], headers[:2], (), "gap.value")
 
 
 def test_regression_observables_take_precedence_over_bodies_of_the_same_name():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -136,15 +136,19 @@ def read_data(data: Any, sigma: Any = None) -> FitData:
     return FitData(tuple(present), True)
 
 
-def read_series(part: str, data: Any) -> list[Series]:
+def read_series(part: str, data: Any, headers: Iterable[str]) -> list[Series]:
     """Return the measured series of data as in `fit`; `part` is the calling function.
+
+    In wide tables, columns that do not belong to one of the `headers` may contain anything; their
+    series are empty.
 
     Raises
     ------
     BeamdaeError
         If the data are incomplete, contain text or do not ascend in time.
     """
-    series, _, _ = _read_series(part, data)
+    known = {name for header in headers for name in (header, _split_unit(header)[0])}
+    series, _, _ = _read_series(part, data, known)
     return series
 
 
@@ -199,8 +203,13 @@ def _split_unit(header: str) -> tuple[str, str]:
     return (name, unit) if name and header.endswith("]") else (header, "")
 
 
-def _read_series(part: str, data: Any) -> tuple[list[Series], bool, str]:
-    """Return the series, True if their standard deviations are known, and the name of the data."""
+def _read_series(
+    part: str, data: Any, known: Set[str] | None = None
+) -> tuple[list[Series], bool, str]:
+    """Return the series, True if their standard deviations are known, and the name of the data.
+
+    Series of wide tables are empty if neither their names nor these without units are `known`.
+    """
     path = None if isinstance(data, Mapping) else path_as_text(data)
     if path is not None and not (is_valid_path(path) and path.strip()):
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
@@ -218,9 +227,10 @@ def _read_series(part: str, data: Any) -> tuple[list[Series], bool, str]:
                     "printable characters."
                 )
             place = f"the experiment {experiment!r}"
-            series += _read_wide_table(part, _as_columns(part, columns, place), place, experiment)
+            columns = _as_columns(part, columns, place)
+            series += _read_wide_table(part, columns, place, experiment, known)
         return series, False, name
-    return _read_wide_table(part, table, name, ONLY_EXPERIMENT), False, name
+    return _read_wide_table(part, table, name, ONLY_EXPERIMENT, known), False, name
 
 
 def _is_table(value: Any) -> bool:
@@ -272,9 +282,16 @@ def _read_csv(part: str, path: str) -> Any:
 def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
     """Return a column (k,) as floats; missing values become NaN."""
     try:
+        # Durations and dates would become counts of their own unit, such as nanoseconds.
+        is_duration = np.asarray(values).dtype.kind in "mM"
         numbers = np.asarray(values, float)
     except Exception:  # Of any kind in conversions of the user's objects.
         raise BeamdaeError(_describe_text(part, values, column, name)) from None
+    if is_duration:
+        raise BeamdaeError(
+            f"{part}: the column {column!r} of {name} must contain numbers, got durations or "
+            "dates; convert them, for example with `Timedelta.total_seconds`."
+        )
     if numbers.ndim != 1:
         raise BeamdaeError(
             f"{part}: the column {column!r} of {name} must have one finite number or NaN per time, "
@@ -314,22 +331,32 @@ def _require_times(part: str, times: Array, name: str) -> None:
 
 
 def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str | None:
-    """Return the column of times: "t" or "time" with any unit of time, or one of `names`."""
-    parts = {x: _split_unit(x) for x in table}
-    candidates = [x for x, (y, unit) in parts.items() if x in names or (y in _TIMES and unit)]
+    """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
+
+    Without such a column, return one named "t" or "time" that has another unit, if there is one.
+    """
+    units = {x: unit for x in table for name, unit in [_split_unit(x)] if name in _TIMES and unit}
+    candidates = [x for x in table if x in names or (x in units and _is_time_unit(units[x]))]
+    if not candidates:
+        return next(iter(units), None)
     if len(candidates) > 1:
         raise BeamdaeError(
             f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
             "remove one."
         )
-    return candidates[0] if candidates else None
+    return candidates[0]
+
+
+def _is_time_unit(unit: str) -> bool:
+    parsed = parse_unit(unit)
+    return parsed is not None and parsed[1] == {"s": 1}
 
 
 def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Array:
     """Return the column of times in seconds."""
     numbers, unit = _as_numbers(part, table[time], time, name), _split_unit(time)[1] or "s"
     parsed = parse_unit(unit)
-    if parsed is None or parsed[1] != {"s": 1}:
+    if parsed is None or not _is_time_unit(unit):
         raise BeamdaeError(
             f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}."
         )
@@ -337,7 +364,7 @@ def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Ar
 
 
 def _read_wide_table(
-    part: str, table: Mapping[str, Any], name: str, experiment: str
+    part: str, table: Mapping[str, Any], name: str, experiment: str, known: Set[str] | None
 ) -> list[Series]:
     """Return the series of a table with a column of times and one column per observed column."""
     time = _find_time(part, table, (measures.TIME,))
@@ -358,6 +385,9 @@ def _read_wide_table(
         )
     series = []
     for column in columns:
+        if known is not None and not known & {column, _split_unit(column)[0]}:
+            series.append(Series(experiment, column, times[:0], times[:0], times[:0]))
+            continue
         values = _as_numbers(part, table[column], column, name)
         if values.shape != times.shape:
             raise BeamdaeError(
@@ -435,7 +465,8 @@ def _with_sigma(series: list[Series], present: list[Series], sigma: Any) -> FitD
     """Return the data with the standard deviations of the argument `sigma`; 1 if it is None."""
     columns = list(dict.fromkeys(x.column for x in series))
     if sigma is None:
-        if len(columns) > 1:
+        # The same column may be in different units in different experiments.
+        if len({_split_unit(column)[0] for column in columns}) > 1:
             raise BeamdaeError(
                 "fit: sigma is required for several columns, because it determines their weights; "
                 "pass sigma={name: standard deviation}, or a long table with the column sigma."

@@ -173,11 +173,14 @@ class _Selection:
                     f"({known}); correct the name."
                 )
             named = "all columns" if column == _ALL_COLUMNS else column
+            if column == self._series[numbers[0]].name_in_data:
+                # The unit of the estimate is that of the model, not that of the data.
+                named = self._headers[numbers[0]]
             label = label_series(named, experiment or "")
-            if taken & set(numbers):
+            if taken & set(numbers) or label in result:
                 raise BeamdaeError(
-                    f"fit: {argument} contains {label} twice, by the column and by the experiment; "
-                    "remove one."
+                    f"fit: {argument} contains {label} twice; remove one, or name the experiments "
+                    "of both."
                 )
             taken |= set(numbers)
             result[label] = np.concatenate([self._rows[k] for k in numbers])

@@ -260,7 +260,7 @@ def _json_results(result: Fit) -> dict[str, Any]:
     return {
         "status": "ok" if result.converged else "limited",
         "reason": result.reason,
-        "estimates": result.table().to_dict("index"),
+        "estimates": result.table().assign(unit=list(result.units.values())).to_dict("index"),
         "chi-square": result.chi_square,
         "degrees of freedom": result.degrees_of_freedom,
         "sigma": dict(result.sigma),

@@ -52,7 +52,8 @@ def save_path_figure(
 ) -> Path:
     """Plot the load factor over columns, or columns over the column `x`, and write the figure.
 
-    Without names, the columns are the observed ones that vary, except rates. The suffix of `path`
+    Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
+    the load factor is plotted over it. The suffix of `path`
     selects the image format. Lines are dashed where the equilibrium under
     constant loads is unstable or its stability is unknown, and limit, branch and flutter points are
     marked. If the path has several stages, their load factors are added.
@@ -103,6 +104,8 @@ def _create_path_figure(
         observed = {c: x for c, x in columns.items() if c in equilibrium.columns}
         names = [c for c in varying_columns(observed) if _is_varying(equilibrium, c)]
         names = [c for c in names if c != abscissa]
+    if not names and abscissa is not None:
+        names, abscissa = [abscissa], None
     factors, is_unstable = equilibrium.factors.sum(axis=1), _find_unstable_segments(equilibrium)
     figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):

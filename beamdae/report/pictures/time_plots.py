@@ -38,7 +38,9 @@ from beamdae.report.pictures.figures import (
 from beamdae.report.text import shorten_text
 from beamdae.results.columns import (
     Header,
+    is_derivative,
     merge_columns,
+    observed_columns,
     remove_unit,
     require_one_column,
     select_columns,
@@ -60,6 +62,7 @@ _TITLE_LETTERS = 40  # of a panel title
 _TITLE_LETTERS_BESIDE_LEGEND = 22
 _PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
 _PANEL_LEGEND_COLUMNS = 4
+_MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
 _DATA_MARKERS = "osD^v"  # of experiments
 
@@ -149,10 +152,13 @@ def _create_figure(
     abscissa, columns, points = selection
     first = next(iter(tables.values()))
     if not columns:
-        characteristic = characteristic_columns({c: first[c] for c in observed})
-        columns = [c for c in characteristic if c != abscissa]
+        candidates = _candidates(observed, abscissa)
+        columns = characteristic_columns({c: first[c] for c in candidates})
+        columns = columns or candidates[:_MAX_FALLBACK_COLUMNS]
     is_over_time = abscissa == TIME
     figure, axes = create_panels(len(columns), title, x_label=TIME if is_over_time else None)
+    experiments = dict.fromkeys(name for measured in points.values() for name in measured)
+    markers = {name: _marker_style(k) for k, name in enumerate(experiments)}
     styles = dict(zip(tables, _line_styles(len(tables)), strict=True))
     for axis, column in zip(axes, columns, strict=False):
         for label, table in tables.items():
@@ -163,8 +169,8 @@ def _create_figure(
             if not is_over_time:
                 start = {"color": style["color"], "marker": "o", "ms": 4}
                 axis.plot(values[:1], masked[vertical][:1], **start)
-        for k, measured in enumerate(points.get(column, {}).values()):
-            axis.plot(*measured, **_marker_style(k))
+        for experiment, measured in points.get(column, {}).items():
+            axis.plot(*measured, **markers[experiment])
         header = Header.of(column)
         name = column.removesuffix(f" [{header.unit}]")
         format_axis(axis, shorten_text(name, _TITLE_LETTERS), f"[{header.unit}]")
@@ -173,13 +179,19 @@ def _create_figure(
     entries: dict[str, dict[str, Any]] = {}
     if len(tables) > 1 or points:
         entries = {label: {"lw": 1.4, **style} for label, style in styles.items()}
-    experiments = max(points.values(), key=len, default={})
-    entries |= {
-        f"data, {name}" if name else "data": _marker_style(k) for k, name in enumerate(experiments)
-    }
+    for experiment, marker in markers.items():
+        label = f"data, {experiment}" if experiment else "data"
+        while label in entries:
+            label = f"measured {label}"  # A run has this label.
+        entries[label] = marker
     if entries:
         add_legend(figure, entries)
     return figure
+
+
+def _candidates(observed: Sequence[str], abscissa: str) -> list[str]:
+    """Return the observed columns that may be plotted over `abscissa` without being named."""
+    return [c for c in observed_columns(observed) if c != abscissa and not is_derivative(c)]
 
 
 class PlotSelection(NamedTuple):
@@ -222,8 +234,8 @@ def select_plot(
     Raises
     ------
     BeamdaeError
-        If a name selects no column, `x` selects several columns, or the data cannot be read or
-        contain none of the plotted columns.
+        If a name selects no column, no column is left, `x` selects several columns, or the data
+        cannot be read or contain none of the plotted columns.
     """
 
     def select(name: str) -> list[str]:
@@ -243,6 +255,11 @@ def select_plot(
             f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
             f"{', '.join(dict.fromkeys(s.column for s in measured))}."
         )
+    if not columns and not _candidates(observed, abscissa):
+        raise BeamdaeError(
+            f"plot: the run has no observed column to plot over {abscissa}; name columns, such as "
+            "coordinates."
+        )
     return PlotSelection(abscissa, columns, points)
 
 
@@ -251,11 +268,18 @@ def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
     from beamdae.analysis.fit.data import convert_units, read_series
 
     measured = []
-    given = read_series("plot", data)
+    names: dict[tuple[str, str], str] = {}
+    given = read_series("plot", data, headers)
     for series in given:
         converted = convert_units("plot", series, headers)
         selected = [c for c in headers if converted.column in (c, remove_unit(c))]
         if selected and len(series.values):
+            other = names.setdefault((series.experiment, selected[0]), series.column)
+            if other != series.column:
+                raise BeamdaeError(
+                    f"plot: the columns {other!r} and {series.column!r} of data are the same "
+                    "column of the run; remove one."
+                )
             measured.append(replace(converted, column=selected[0]))
     if not measured:
         raise BeamdaeError(

@@ -245,8 +245,15 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
-    """Return names with their units, such as "speed [rad/s]", by name; only of those with one."""
-    return {name: f"{name} [{unit}]" for name, unit in units.items() if unit not in ("", "-")}
+    """Return names with their units, such as "speed [rad/s]", by name; only of those with one.
+
+    Names that end with their unit, such as "offset of tip.y [m]", are unchanged.
+    """
+    return {
+        name: f"{name.removesuffix(f' [{unit}]')} [{unit}]"
+        for name, unit in units.items()
+        if unit not in ("", "-")
+    }
 
 
 def sweep_table(
