@@ -60,6 +60,8 @@ _MAX_COORDINATES = 600
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
 _MAX_LOOSE_TIME = 3.0
+# Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
+_MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
 # Largest error (of arc length, or of curvature times length) of good and of fair meshes. For the
 # hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
 # 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
@@ -168,8 +170,9 @@ class Check:
     problem
         Reason why the mechanism cannot be run, or "".
     warnings
-        Sentences about sections that are higher than their beams are long, parts and event actions
-        without effect, contacts that start inside a surface, and damping laws that supply energy.
+        Sentences about sections over three times as high as their beams are long, parts and event
+        actions without effect, contacts that start inside a surface, and damping laws that supply
+        energy.
     """
 
     name: str
@@ -347,7 +350,7 @@ def _collect_warnings(
 
 
 def _thick_beam_warnings(mechanism: Mechanism | None) -> Iterator[str]:
-    """Yield a warning for each beam whose section is higher than the beam is long.
+    """Yield a warning for each beam whose section is over three times as high as it is long.
 
     The length of a segment is that of the whole curve, of which other beams continue the segment.
     """
@@ -359,7 +362,7 @@ def _thick_beam_warnings(mechanism: Mechanism | None) -> Iterator[str]:
             curve = curve.curve
         sections = [part.section.at(s) for s in (0.0, 0.5 * part.length, part.length)]
         height = max(section.height or 0.0 for section in sections)
-        if height > curve.length:
+        if height > _MAX_HEIGHT_TO_LENGTH_RATIO * curve.length:
             yield (
                 f"{part.name}: the section is {height:.4g} m high, but the beam is only "
                 f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid "

@@ -384,5 +384,17 @@ def test_sections_that_are_higher_than_their_beams_are_long_cause_a_warning():
         ": the section is 2 m high, but the beam is only 0.3 m long; give sizes in meters, or "
         "model the part as a rigid body."
     )
+    assert warnings_of(0.91)
     assert not warnings_of(0.29)
     assert not warnings_of(0.2, bodies=2)
+
+
+def test_regression_short_pieces_of_a_bar_cause_no_warning():
+    """A bar of 50 mm x 50 mm whose pieces are drawn one by one, one of them 40 mm long."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.05)
+    short = mech.add(bd.Beam("short", bd.Line((0.0, 0.0), (0.04, 0.0)), section, elements=1))
+    rest = mech.add(bd.Beam("rest", bd.Line((0.04, 0.0), (1.0, 0.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), short.start))
+    mech.add(bd.Weld("seam", short.end, rest.start))
+    assert not [x for x in bd.check(mech, predict=False).warnings if "high" in x]

@@ -106,13 +106,14 @@ class Run:
             self.interrupted = True
 
 
-def require_plot(run: Run, is_drawn: bool) -> None:
+def require_plot(run: Run, is_drawn: bool, is_resumed: bool) -> None:
     """Reject options of the picture before the run; a run may take hours.
 
     Raises
     ------
     BeamdaeError
-        If no picture is drawn, the model does not have a column, or the data do not fit.
+        If no picture is drawn, the model does not have a column, the data do not fit, or a resumed
+        run is to plot a coordinate.
     """
     if run.plot.is_default:
         return
@@ -126,7 +127,14 @@ def require_plot(run: Run, is_drawn: bool) -> None:
     equations = as_equations("run", run.model, sampled=True)
     observed = [header for o in equations.observables for header in o.headers]
     headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
-    select_plot(list(headers), [TIME, *observed, *LEDGER_COLUMNS], *run.plot)
+    in_table = [TIME, *observed, *LEDGER_COLUMNS]
+    selection = select_plot(list(headers), in_table, *run.plot)
+    missing = [c for c in (selection.abscissa, *selection.columns) if c not in in_table]
+    if is_resumed and missing:
+        raise BeamdaeError(
+            f"run: the coordinate {missing[0]} is not in the tables of the earlier parts of a "
+            "resumed run (--continue); plot observed columns."
+        )
 
 
 def can_resume(status: Status) -> bool:

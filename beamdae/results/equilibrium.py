@@ -39,6 +39,23 @@ UNSTABLE = "unstable directions [-]"
 KIND = "point"
 
 
+def static_headers(equations: EquationsOfMotion) -> list[str]:
+    """Return the headers of `Equilibrium.columns`: without rates and accelerations."""
+    return [
+        header
+        for o in equations.observables
+        if not o.has_accelerations
+        for header in o.headers
+        if not Header.of(header).suffix.endswith("_dot")
+    ]
+
+
+def static_coordinate_headers(equations: EquationsOfMotion) -> list[str]:
+    """Return the headers of `Equilibrium.coordinates`."""
+    coordinates = [coordinate.header for coordinate in equations.coordinates]
+    return [*coordinates, *(f"lam.{multiplier.header}" for multiplier in equations.multipliers)]
+
+
 class CriticalPoint(NamedTuple):
     """Point of an equilibrium path at which the stability under constant loads may change.
 
@@ -193,14 +210,14 @@ class Equilibrium(HasPage):
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
-        accelerations = {x for o in e.observables if o.has_accelerations for x in o.headers}
+        present = set(static_headers(e))
         at_rest = np.zeros_like(self.q)
         times = np.full((rows, 2), self.t)
         values = ObservedRows(e)(times, self.q, at_rest, at_rest, self.lam).T
         return {
             header: column
             for header, column in zip(headers, values, strict=True)
-            if header not in accelerations and not Header.of(header).suffix.endswith("_dot")
+            if header in present
         }
 
     def all_columns(self) -> dict[str, Any]:
@@ -293,9 +310,7 @@ class Equilibrium(HasPage):
         """
         import pandas as pd
 
-        e = self.equations
-        names = [coordinate.header for coordinate in e.coordinates]
-        names += [f"lam.{multiplier.header}" for multiplier in e.multipliers]
+        names = static_coordinate_headers(self.equations)
         return pd.DataFrame(np.hstack([self.q, self.lam]), columns=names)
 
     @interruptible

@@ -149,3 +149,14 @@ def test_changed_parameters_need_accept_changes(run):
     assert "--accept-changes" in result.stderr
     result = run(*options, "--accept-changes")
     assert result.exit_code == 0
+
+
+def test_regression_coordinates_are_not_plotted_of_resumed_runs(run):
+    """They were refused after the run, and the earlier picture was removed."""
+    Path("ball.py").write_text(BALL.replace('observe("ball"', 'observe("spot"'))
+    end = ("--checkpoint", "end.json", "--no-page")
+    assert run("--t-end", "0.02", "--plot", "ball.x", *end).exit_code == 0
+    result = run("--t-end", "0.04", "--continue", "end.json", "--x", "ball.x", "--no-page")
+    assert result.exit_code == 2
+    assert "run: the coordinate ball.x [m] is not in the tables of the earlier" in result.output
+    assert not Path("results/ball_part2.csv").exists()

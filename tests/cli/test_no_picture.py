@@ -172,3 +172,21 @@ def test_static_draws_columns_over_another_one(tmp_path):
     result, _ = call(tmp_path, "static", "--x", "tip.z")
     assert result.exit_code == 2
     assert "there is no column 'tip.z'" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--plot", "tip.x_dot"], "there is no column 'tip.x_dot'"),
+        (["--x", "tip"], "static: 'tip' selects several columns"),
+        (["--plot", "tip.y", "--no-picture"], "static: --plot and --x require the picture"),
+    ],
+)
+def test_regression_options_of_the_picture_are_refused_before_a_static_analysis(
+    tmp_path, options, message
+):
+    """Without a picture, they were ignored; the others failed after the analysis."""
+    result, kinds = call(tmp_path, "static", *options)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert not kinds

@@ -88,7 +88,7 @@ def static_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
-    _require_columns(model, [*(plot or []), *[name for name in (x,) if name]])
+    _require_plot(model, plot or [], x, picture)
     name = f"{model.name}_static"
     table, page_path = out / f"{name}.csv", out / f"{name}.html"
     picture_path = out / f"{name}.png"
@@ -130,18 +130,27 @@ def static_command(
     files.finish(result.status)
 
 
-def _require_columns(model: Model, names: list[str]) -> None:
-    """Reject columns of the picture that the model does not have, before the analysis."""
-    if not names:
+def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool) -> None:
+    """Reject options of the picture before the analysis, as `run` does."""
+    if not names and x is None:
         return
-    from beamdae.results.columns import select_columns
-    from beamdae.results.run_data import coordinate_headers
+    if not is_drawn:
+        raise BeamdaeError("static: --plot and --x require the picture; omit --no-picture.")
+    from beamdae.results.columns import require_one_column, select_columns
+    from beamdae.results.equilibrium import static_coordinate_headers, static_headers
     from beamdae.simulation import as_equations
 
     equations = as_equations("static", model)
-    headers = [header for o in equations.observables for header in o.headers]
+    observed = static_headers(equations)
+    headers = dict.fromkeys([*observed, *static_coordinate_headers(equations)])
+
+    def select(name: str) -> list[str]:
+        return select_columns(headers, name, "Equilibrium", observed)
+
     for name in names:
-        select_columns([*headers, *coordinate_headers(equations)], name, "Equilibrium")
+        select(name)
+    if x is not None:
+        require_one_column("static", x, select(x))
 
 
 def _parse_targets(options: list[str] | None) -> Any:
