@@ -86,6 +86,40 @@ def test_the_scale_of_displacements_can_be_chosen():
         run.animate(frames=3, scale=0.0)
 
 
+def find_default_scale(mechanism, t_end):
+    run = bd.simulate(mechanism, bd.GeneralizedAlpha(step=t_end / 20.0), t_end=t_end)
+    return export_run_frames(run, 5, enlarges=True).get("scale", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "scale"),
+    # Rotations of 2 pi, 0.5 mrad and 5 mrad in the run. Displacements are below 1 % of the size.
+    [(2.0 * np.pi, 1.0), (5e-4, 200.0), (5e-3, 20.0)],
+)
+def test_regression_enlarged_bodies_rotate_by_at_most_a_tenth_of_a_radian(speed, scale):
+    mech = bd.Mechanism()
+    disc = mech.add(bd.RigidBody("disc", 1.0, 1e-3, (0.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), disc.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), disc.at(0.0, 0.0), lambda t: speed * t))
+    mech.add(bd.Force("load", disc.at(0.005, 0.0), (0.0, 0.0)))
+    mech.add(bd.PointMass("far", 1.0, at=(1.5, 0.0)))
+    assert find_default_scale(mech, t_end=1.0) == pytest.approx(scale)
+
+
+@pytest.mark.parametrize("has_contact", [True, False])
+def test_regression_mechanisms_with_contacts_are_drawn_with_their_true_motion(has_contact):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointMass("far", 1.0, at=(1.0, 0.0)))
+    if has_contact:
+        table = bd.LineSurface(mech.ground.at(0.0, -1e-3))
+        mech.add(bd.Contact("touch", ball.point, table, 1e4, exponent=2.0))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.0), ball.point, 1e4, free_length=1.0))
+    mech.add(bd.Distance("tie", mech.ground.at(1.0, 1.0), mech.parts["far"].point))
+    scale = find_default_scale(mech, t_end=0.1)
+    assert (scale == 1.0) == has_contact
+
+
 def test_trails_follow_the_observed_points():
     mechanism = pendulum(elements=1)
     solution = simulate(mechanism)

@@ -76,8 +76,10 @@ def animate(
         True to show the trails of all observed points, or the names of the points to trace.
     scale
         Factor of the displacements from the first frame. Defaults to 1 if the largest displacement
-        exceeds 1 % of the size of the mechanism, and to a factor that makes the motion visible
-        otherwise. The animation shows factors other than 1.
+        exceeds 1 % of the size of the mechanism or the mechanism contains contacts, whose gaps are
+        not enlarged. Otherwise, it defaults to a factor that makes the motion visible while no body
+        or section is drawn rotated by more than 0.1 rad from the first frame, or to 1 if there is
+        none. The animation shows factors other than 1.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def animate(
     times = frame_times(solution, number)
     factor = 1.0 if scale is None else require_positive("animate", "scale", scale)
     scene = build_run_scene("animate", solution, times, trail, factor)
-    if scale is None and (factor := choose_scale(scene)) != 1.0:
+    if scale is None and (factor := choose_scale(solution, times, scene)) != 1.0:
         scene = build_run_scene("animate", solution, times, trail, factor)
     if path is None:
         data = export_frames(scene, times, available_colors(solution, times, color), factor)

@@ -37,7 +37,7 @@ def export_run_frames(
     times = frame_times(solution, frames)
     try:
         scene = build_run_scene("animate", solution, times)
-        scale = choose_scale(scene) if enlarges else 1.0
+        scale = choose_scale(solution, times, scene) if enlarges else 1.0
         if scale != 1.0:
             scene = build_run_scene("animate", solution, times, scale=scale)
     except BeamdaeError:

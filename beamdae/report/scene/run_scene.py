@@ -18,7 +18,12 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.report.scene.mechanism_scene import build_scene
+from beamdae.parts.forces.contact import Contact
+from beamdae.report.scene.mechanism_scene import (
+    build_scene,
+    collect_drawings,
+    count_beam_sections,
+)
 from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses, enlarge
 from beamdae.report.scene.scene import MovingCurve, Scene
 from beamdae.report.scene.scene_builder import Measure
@@ -30,12 +35,12 @@ Array = np.ndarray
 DEFAULT_FRAMES = 120
 _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
-_BODY_KINDS = ("beam", "rigid", "point")
 # Largest displacements relative to the size of the mechanism: those that are visible, those of
 # enlarged motions, and those that may be rounding noise.
 _VISIBLE_RATIO = 0.01
 _ENLARGED_RATIO = 0.12
 _NOISE_RATIO = 1e-7
+_MAX_ENLARGED_ROTATION = 0.1  # [rad]; enlarged motions of rotating bodies stretch them by 0.5 %
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
@@ -94,20 +99,29 @@ def build_run_scene(
     return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
 
 
-def choose_scale(scene: Scene) -> float:
-    """Return the factor of displacements that makes the motion of a scene visible.
+def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
+    """Return the factor of displacements that makes the motion of the scene of a run visible.
 
     It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
-    and if the motion is so small that it may be rounding noise.
+    if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
+    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.1 rad, because points of
+    a rotating body move along straight lines in enlarged motions.
     """
-    bodies = [line for glyph, line in scene.lines() if glyph.kind in _BODY_KINDS]
-    distances = [np.hypot(*np.moveaxis(line - line[:1], -1, 0)).ravel() for line in bodies]
-    largest = float(np.nanmax(np.concatenate([np.zeros(1), *distances])))
+    mechanism = solution.equations.mechanism
+    if mechanism is None or any(isinstance(x, Contact) for x in mechanism.parts.values()):
+        return 1.0
+    drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
+    places = [x for _, drawing in drawings if drawing.kind != "ground" for x in drawing.places]
+    poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)(places)
+    x, y, rotations = np.moveaxis(poses - poses[:1], -1, 0)
     low, high = scene.extent()
-    ratio = largest / float(np.max(high - low))
+    ratio = float(np.nanmax(np.hypot(x, y), initial=0.0) / np.max(high - low))
     if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
         return 1.0
     scale = _ENLARGED_RATIO / ratio
+    rotation = float(np.nanmax(np.abs(rotations), initial=0.0))
+    if scale * rotation > _MAX_ENLARGED_ROTATION:
+        scale = max(_MAX_ENLARGED_ROTATION / rotation, 1.0)
     power = 10.0 ** np.floor(np.log10(scale))
     return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
 
