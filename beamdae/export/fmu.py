@@ -192,8 +192,9 @@ def export_fmu(
         Names of parameters of the model function to be tunable. A parameter is accepted if it
         changes nothing but numbers of the equations, each through a sum of products of powers of
         the parameters, and neither positions nor velocities at the start. Both are verified by
-        building the model with other values, up to a million times smaller and larger ones; the
-        FMU rejects values beyond the last one that the model accepts.
+        building the model with other values, up to a million times smaller and larger ones. If the
+        model rejects some of them, the range of the parameter ends by up to 3 % before the limit of
+        the model, or at a limit that is a round number; the FMU rejects values outside.
     fmi
         Version of the interface, 2 (accepted by most tools) or 3.
     rho_inf, newton_tolerance

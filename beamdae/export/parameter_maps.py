@@ -35,10 +35,17 @@ _VERIFIED_CHANGES = ((0.13, -0.07), (-0.11, 0.19))
 # Change instead of a relative change for a parameter with the value zero.
 _CHANGE_FROM_ZERO = 1.0
 _EXPONENTS = (1, 2, 3, 4, -1, -2, -3)
-# Values at which the limits of a parameter are determined, relative to its default (to 1 for zero).
-# The range ends at the last value before the first that is rejected.
+# Changes of one parameter that are built before its limits are searched.
+_SMALL_DECREASES, _SMALL_INCREASES = (-0.11, -0.2), (0.13, 0.25)
+# Further values of the search, relative to the default (to 1 for zero). It ends at the first value
+# that is rejected.
 _FACTORS_DOWN = (0.5, 0.1, 1e-3, 1e-6, 0.0, -1e-3, -1.0, -1e3, -1e6)
 _FACTORS_UP = (2.0, 10.0, 1e3, 1e6)
+# Numbers with the default zero are rarely negative: the first value is small.
+_FACTORS_BELOW_ZERO = (-1e-3, -0.25, -2.0, -10.0, -1e3, -1e6)
+# Bisection between the last value that is accepted and the first that is rejected.
+_MAX_BISECTIONS = 8
+_LIMIT_ACCURACY = 0.01  # relative to the limit
 # Difference of equal numbers, relative to the largest number of the same index.
 _ROUNDING = 1e-11
 # Change of the start, relative to max(1, largest coordinate).
@@ -260,15 +267,41 @@ def _find_limits(samples: _Samples, check: _NumberCheck, name: str) -> tuple[flo
             except Exception:  # of the model function, whatever it raises for impossible values
                 return False
 
-    def last_possible(factors: Sequence[float]) -> float:
-        last = default
-        for factor in factors:
-            value = factor * (default or 1.0)
+    def find_limit(values: Sequence[float]) -> float:
+        accepted = default
+        for value in values:
             if not is_possible(value):
-                return last
-            last = value
-        return math.copysign(math.inf, last)
+                return bisect(accepted, value)
+            accepted = value
+        return math.copysign(math.inf, accepted)
 
-    down = _FACTORS_DOWN if default else tuple(-x for x in _FACTORS_UP)
-    ends = last_possible(down), last_possible(_FACTORS_UP)
+    def bisect(accepted: float, rejected: float) -> float:
+        # Ratios of the values are bisected; next to zero, the accepted value is close enough.
+        if accepted * rejected <= 0.0:
+            return accepted
+        for _ in range(_MAX_BISECTIONS):
+            if abs(rejected - accepted) <= _LIMIT_ACCURACY * abs(accepted):
+                break
+            middle = math.copysign(math.sqrt(accepted * rejected), accepted)
+            if is_possible(middle):
+                accepted = middle
+            else:
+                rejected = middle
+        # Limits of models are mostly round numbers, which users expect to be accepted.
+        rounded = _round_between(accepted, rejected)
+        return rounded if is_possible(rounded) else accepted
+
+    size = default or 1.0
+    up = [samples.changed_value(name, x) for x in _SMALL_INCREASES]
+    up += [size * x for x in _FACTORS_UP]
+    down = [samples.changed_value(name, x) for x in _SMALL_DECREASES] if default else []
+    down += [size * x for x in (_FACTORS_DOWN if default else _FACTORS_BELOW_ZERO)]
+    ends = find_limit(down), find_limit(up)
     return min(ends), max(ends)
+
+
+def _round_between(a: float, b: float) -> float:
+    """Return a number between a and b with as few digits as possible."""
+    middle = 0.5 * (a + b)
+    rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next((x for x in rounded if min(a, b) < x < max(a, b)), a)

@@ -162,13 +162,53 @@ def test_regression_parameters_end_where_the_model_ends(tmp_path):
         mech.observe("ball", point)
         return mech
 
+    ranges = {"mass": (2e-6, 100.0), "pull": (-np.inf, 4.0), "drag": (0.0, np.inf)}
     for fmi in (2, 3):
-        found = variables(export(tmp_path, ball, fmi=fmi, parameters=["mass", "pull", "drag"]))
-        for name, low, high in (("mass", 2e-6, 20.0), ("pull", None, 3.0), ("drag", 0.0, None)):
-            variable = found[name][0] if fmi == 2 else found[name]
-            limits = [variable.get(key) for key in ("min", "max")]
-            expected = [None if x is None else pytest.approx(x) for x in (low, high)]
-            assert [x and float(x) for x in limits] == expected, name
+        found = variables(export(tmp_path, ball, fmi=fmi, parameters=list(ranges)))
+        for name, limits in ranges.items():
+            require_limits(found[name][0] if fmi == 2 else found[name], *limits)
+
+
+def require_limits(variable, low, high):
+    """Require that the range ends at these values or by 2 % of them inside."""
+    for key, limit, sign in (("min", low, 1.0), ("max", high, -1.0)):
+        found = float(variable.get(key, -sign * np.inf))
+        assert found == limit or 0.0 <= sign * (found - limit) < 0.02 * abs(limit), (key, found)
+
+
+def export_limited(folder, default, low, high):
+    """Return the variable of a parameter that the model rejects below `low` and above `high`."""
+
+    @bd.model(t_end=T_END)
+    def ball(pull=default):
+        if not low <= pull <= high:
+            raise ValueError(f"pull must be {low} to {high}")
+        mech = bd.Mechanism()
+        point = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0))).point
+        mech.add(bd.Force("pull", point, (pull, 0.0)))
+        mech.observe("ball", point)
+        return mech
+
+    return variables(export(folder, ball, parameters=["pull"]))["pull"][0]
+
+
+@pytest.mark.parametrize(
+    ("default", "low", "high"), [(2.0, 1.5, 3.0), (-3.0, -4.1234, -1.2345), (5.0, -700.0, 6000.0)]
+)
+def test_regression_narrow_ranges_are_found(tmp_path, default, low, high):
+    """The FMU accepted only the default if the model rejects its half and its double."""
+    require_limits(export_limited(tmp_path, default, low, high), low, high)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.3), (-0.7, 0.4), (-np.inf, 1.0)])
+def test_regression_ranges_around_a_default_of_zero_are_found(tmp_path, low, high):
+    """The FMU accepted only zero if the model rejects 2, although 0.25 was built."""
+    require_limits(export_limited(tmp_path, 0.0, low, high), low, high)
+
+
+def test_round_limits_of_models_are_accepted(tmp_path):
+    variable = export_limited(tmp_path, 0.02, 0.012, 0.03)
+    assert (variable.get("min"), variable.get("max")) == ("0.012", "0.03")
 
 
 def test_units():
