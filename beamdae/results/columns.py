@@ -84,7 +84,11 @@ def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, An
 
 
 def select_columns(
-    headers: Iterable[str], name: Any, of: str = "Solution", observed: Iterable[str] = ()
+    headers: Iterable[str],
+    name: Any,
+    of: str = "Solution",
+    observed: Iterable[str] = (),
+    part: str = "",
 ) -> list[str]:
     """Return the headers selected by a name.
 
@@ -99,6 +103,8 @@ def select_columns(
         Name of the class of the result, for the error message.
     observed
         Headers that take precedence if `name` also selects other headers.
+    part
+        The calling function, for the error message. Defaults to `of`.
 
     Raises
     ------
@@ -119,7 +125,7 @@ def select_columns(
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
-        f"{of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
+        f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
         f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
     )
 

@@ -83,7 +83,7 @@ def test_columns_are_plotted_over_other_columns(run):
     assert bd.plot([run, run], "tip.y", x="tip.x").figure.legends
     with pytest.raises(bd.BeamdaeError, match="plot: 'tip' selects several columns; name one"):
         run.plot("tip.y", x="tip")
-    with pytest.raises(bd.BeamdaeError, match=r"no column 'tip\.z' .did you mean"):
+    with pytest.raises(bd.BeamdaeError, match=r"^plot: there is no column 'tip\.z' .did you mean"):
         run.plot("tip.y", x="tip.z")
 
 

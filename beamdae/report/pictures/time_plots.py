@@ -239,7 +239,7 @@ def select_plot(
     """
 
     def select(name: str) -> list[str]:
-        return select_columns(headers, name, observed=observed)
+        return select_columns(headers, name, observed=observed, part="plot")
 
     abscissa = TIME if x is None else require_one_column("plot", x, select(x))
     measured = [] if data is None else _read_measured(data, headers)
