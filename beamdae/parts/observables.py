@@ -110,8 +110,9 @@ def acceleration(of: Attachment, axes: str = "inertial") -> Quantity:
     The columns follow from the accelerations of the coordinates, which satisfy the equations of
     motion at each step of a run; they are not differences of velocities. Between steps, they are
     interpolated like reactions. At the onset of a sudden load, they include the response of modes
-    that decay within the first step and may be large. An accelerometer measures this acceleration
-    minus gravity.
+    that decay within the first step and may be large. The first row of a run belongs to its start:
+    there, regularized friction of a body at rest is zero. Impacts (`bd.impact`) change velocities
+    at once and have no acceleration. An accelerometer measures this acceleration minus gravity.
 
     They are columns of runs, of `sensitivities`, and of `linearize` about an equilibrium, but not
     of events, controllers, FMUs and adjoint gradients.

@@ -490,7 +490,8 @@ def at_most(quantity: Any, limit: float) -> Limit:
     quantity
         A `Quantity`, or an `Objective` of a run.
     limit
-        Upper limit, in the unit of the quantity.
+        Upper limit of the value with its sign, in the unit of the quantity. `LargestOf([quantity])`
+        limits the magnitude, such as tension and compression.
 
     Raises
     ------

@@ -141,8 +141,9 @@ class Friction(ObservableLoad):
         integrators need steps of about this velocity divided by the acceleration.
     static, stribeck
         Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
-        static to the kinetic coefficient. If both are omitted, the coefficient does
-        not depend on the velocity.
+        static to the kinetic coefficient. If both are omitted, the coefficient does not depend on
+        the velocity. `regularization` should be much less than `stribeck`: with a fifth of it, the
+        largest friction is up to 16 % below the static friction, with a tenth up to 7 %.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m]; required for
         these joints, and not accepted for others.
