@@ -28,6 +28,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.read_only import read_only
 from beamdae.symbolic.signals import Signal, as_expression
@@ -47,6 +48,11 @@ _MIN_SLOPE_JUMP = 1e-12
 # Slopes that change the values of both adjacent intervals less, relative to the values at their
 # ends, are rounding errors.
 _SLOPE_ROUNDING = 1e-14
+# Splines that leave the range of the values by more, relative to this range, are hardly intended.
+# Splines of equidistant rows leave it by at most 0.3.
+_MAX_OVERSHOOT = 0.5
+# Smaller overshoots, relative to the largest value, are rounding errors of constant values.
+_MIN_OVERSHOOT = 1e-12
 
 # Units that headers of CSV files may contain, in SI units.
 _SI_FACTORS = {
@@ -485,6 +491,50 @@ def _fit_axis(knots: Array, values: Array, kind: str) -> Array:
     return np.concatenate([values[:1], polynomials[2], polynomials[1], polynomials[0]])
 
 
+def _warn_about_overshoot(result: Table) -> None:
+    """Warn if a spline is far outside the values of its rows.
+
+    In tables of two arguments, this is checked along the rows and the columns.
+    """
+    if result.kind != "spline":
+        return
+    low, high = float(result.values.min()), float(result.values.max())
+    limit = max(_MAX_OVERSHOOT * (high - low), _MIN_OVERSHOOT * max(abs(low), abs(high)))
+    worst, excess, place = 0.0, limit, 0.0
+    argument = ""
+    for axis, (name, knots) in enumerate(zip(result.arguments, result.axes, strict=True)):
+        rows = np.moveaxis(result.values, axis, 0).reshape(len(knots), -1)
+        arguments, extrema = _find_extrema(knots, rows)
+        outside = np.maximum(extrema - high, low - extrema)
+        k = np.unravel_index(np.argmax(outside), outside.shape)
+        if outside[k] > excess:
+            worst, excess, place = float(extrema[k]), float(outside[k]), float(arguments[k])
+            argument = name
+    if argument:
+        kinds = "kind='linear'" if len(result.axes) > 1 else "kind='pchip' or kind='linear'"
+        warn_user(
+            f"{result.name}: the spline reaches {worst:.3g} at {argument} = {place:.6g}, far "
+            f"outside the values {low:.6g} to {high:.6g} of its rows; use {kinds}, or add rows."
+        )
+
+
+def _find_extrema(knots: Array, values: Array) -> tuple[Array, Array]:
+    """Return arguments and values of splines, one per column, at their extrema between rows.
+
+    The shape is (2, intervals, columns). Where an interval has no extremum, a row takes its place.
+    """
+    lengths = np.diff(knots)[:, None]
+    slope, square, cube = _fit_axis(knots, values, "spline")[1:].reshape(3, *values[1:].shape)
+    with np.errstate(all="ignore"):
+        # Zeros of slope + 2 square depth + 3 cube depth^2, without cancellation.
+        root = np.sqrt(square**2 - 3.0 * cube * slope)
+        larger = -(square + np.copysign(root, square))
+        depth = np.stack([larger / (3.0 * cube), slope / larger])
+        depth = np.where((depth > 0.0) & (depth < lengths), depth, 0.0)
+        extrema = values[:-1] + depth * (slope + depth * (square + depth * cube))
+    return knots[:-1, None] + depth, extrema
+
+
 def table(
     x: Any, y: Any, kind: str = "spline", outside: str = "hold", name: str | None = None
 ) -> Table:
@@ -505,7 +555,8 @@ def table(
     kind
         "linear"; "pchip" (monotone between the rows, with a continuous slope; Fritsch & Butland,
         SIAM J. Sci. Stat. Comput. 5, 1984, doi:10.1137/0905021), for one argument only; or "spline"
-        (natural cubic spline with a continuous second derivative, which may overshoot).
+        (natural cubic spline with a continuous second derivative, which may overshoot, most of all
+        beside steps between unequal intervals).
     outside
         Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
         an argument leaves the range, with a reason that names the table, argument and value.
@@ -525,6 +576,12 @@ def table(
         If the lists have different lengths, too few entries or entries that are not finite numbers,
         `x` does not ascend, `kind` or `outside` is unknown, or `kind` is "pchip" for two arguments.
 
+    Warns
+    -----
+    BeamdaeWarning
+        If a spline leaves the range of `y` by more than half of this range; for two arguments, this
+        is checked along the rows and columns of the grid.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -536,6 +593,12 @@ def table(
     >>> top = mech.ground.at(0.0, 0.0)
     >>> spring = mech.add(bd.Spring("spring", top, ball.point, law=characteristic))
     """
+    result = _create_table(x, y, kind, outside, name)
+    _warn_about_overshoot(result)
+    return result
+
+
+def _create_table(x: Any, y: Any, kind: str, outside: str, name: str | None = None) -> Table:
     label = "table" if name is None else require_name("table", name)
     require_choice(label, "kind", kind, KINDS)
     require_choice(label, "outside", outside, OUTSIDE)
@@ -636,6 +699,11 @@ def table_from_csv(
         If the file cannot be read, a column is missing or contains a cell that is not a number, a
         unit is unknown, the rows of two arguments do not form a grid, or as in `table`.
 
+    Warns
+    -----
+    BeamdaeWarning
+        As in `table`, with values in SI units.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -691,9 +759,11 @@ def table_from_csv(
         value_header = _find_header(text, headers, y, "y")
     arrays = [_convert_column(label, header, columns[header]) for header in chosen]
     values = _convert_column(label, value_header, columns[value_header])
-    result = table(*_as_grid(label, arrays, values), kind, outside)
+    result = _create_table(*_as_grid(label, arrays, values), kind, outside)
     names = tuple(_split_header(header)[0] for header in chosen)
-    return Table(label, result.axes, result.values, kind, outside, names)
+    result = Table(label, result.axes, result.values, kind, outside, names)
+    _warn_about_overshoot(result)
+    return result
 
 
 def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:

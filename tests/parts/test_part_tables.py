@@ -470,3 +470,50 @@ def test_regression_steps_do_not_pass_over_peaks_of_grids(method):
         lost = 50.0 - 0.5 * solution.table()["ball.x_dot [m/s]"].iloc[-1] ** 2
         # The ball passes the ridge at t = 0.49 s.
         assert_allclose(lost, (factor or 1.98) * width * height, rtol=1e-3)
+
+
+STEP_PLACES, STEP = [0.0, 0.0199, 0.0201, 0.1], [0.0, 0.0, 1.0, 1.0]
+
+
+def test_regression_splines_far_outside_their_values_have_a_warning(tmp_path):
+    # A force of 0 to 1 N was 78 N without a warning.
+    sentence = (
+        r"the spline reaches 78.1 at x = 0.0538697, far outside the values 0 to 1 of its rows; "
+        r"use kind='pchip' or kind='linear', or add rows\.$"
+    )
+    with pytest.warns(bd.BeamdaeWarning, match=f"^table: {sentence}"):
+        curve = bd.table(STEP_PLACES, STEP)
+    assert_allclose(np.max(curve(np.linspace(0.0, 0.1, 10001))), 78.1, atol=0.05)
+    with pytest.warns(bd.BeamdaeWarning, match=r"^step: the spline reaches -77.1 at"):
+        bd.table(STEP_PLACES, [1.0, 1.0, 0.0, 0.0], name="step")
+    for axes, values, name in (
+        ((STEP_PLACES, [0.0, 1.0, 2.0]), np.outer(STEP, [1.0, 2.0, 3.0]), r"x\[0\]"),
+        (([0.0, 1.0, 2.0], STEP_PLACES), np.outer([1.0, 2.0, 3.0], STEP), r"x\[1\]"),
+    ):
+        with pytest.warns(
+            bd.BeamdaeWarning, match=f"reaches 234 at {name} .*; use kind='linear', "
+        ):
+            bd.table(axes, values)
+    path = write(tmp_path, "time [ms],force [kN]\n0,0\n19.9,0\n20.1,1\n100,1\n")
+    expected = "table .*csv: the spline reaches 7.81e.04 at time = 0.0538697, .* 0 to 1000 of"
+    with pytest.warns(bd.BeamdaeWarning, match=expected) as warnings:
+        bd.table_from_csv(path)
+    assert len(warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "kind"),
+    [
+        (STEP_PLACES, STEP, "pchip"),
+        (STEP_PLACES, STEP, "linear"),
+        (X, Y, "spline"),
+        (np.linspace(0.0, 0.1, 11), [0.0] * 5 + [1.0] * 6, "spline"),
+        (np.geomspace(1e-3, 1.0, 20), np.sin(6.0 * np.geomspace(1e-3, 1.0, 20)), "spline"),
+        ([0.0, 1e-6, 2.0, 3.0], [5.0, 5.0, 5.0 + 1e-15, 5.0], "spline"),
+        ([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], "spline"),
+        ((X, X), np.outer(Y, Y), "spline"),
+    ],
+)
+def test_tables_near_their_values_have_no_warning(x, y, kind):
+    # Warnings are errors in tests.
+    assert bd.table(x, y, kind).kind == kind
