@@ -123,7 +123,6 @@ def test_time_scales():
     )
 
 
-@pytest.mark.filterwarnings("ignore:table. the spline reaches:beamdae.BeamdaeWarning")
 @given(
     steps=st.lists(times, min_size=2, max_size=6),
     values=st.lists(numbers, min_size=7, max_size=7),
