@@ -129,10 +129,26 @@ def test_weakly_determined_parameter_is_named(exact):
 @SLOW
 def test_estimate_at_a_bound(exact):
     data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
-    result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds={"damping": (0.0, 0.6)})
+    with pytest.warns(bd.BeamdaeWarning, match="damping is at its upper bound 0.6, so its"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds={"damping": (0.0, 0.6)})
     assert result.parameters["damping"] == pytest.approx(0.6, rel=1e-6)
     assert result.at_bounds == ("damping",)
     assert "at a bound: damping" in repr(result)
+
+
+@SLOW
+def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
+    # The search converges at a distance from the bound, which its own criterion does not see.
+    noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
+    data = {"t [s]": TIMES[:21], "mass.x": (exact["mass.x"] + noise)[:21]}
+    bounds = {"stiffness": (25.0, 39.0), "damping": (0.0, 10.0)}
+    with pytest.warns(bd.BeamdaeWarning, match="fit: stiffness is at its upper bound 39, so its"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds=bounds)
+    assert result.at_bounds == ("stiffness",)
+    (sentence,) = result.warnings
+    assert "if larger values are possible" in sentence
+    bounds = {"stiffness": (25.0, 50.0), "damping": (0.0, 10.0)}
+    assert bd.fit(oscillator, data, list(TRUE), METHOD, bounds=bounds).warnings == ()
 
 
 @pytest.mark.parametrize(

@@ -255,6 +255,27 @@ def test_failed_analyses_shorten_the_step():
     assert history["objective"].isna().sum() == (history["failure"] != "").sum()
 
 
+@pytest.mark.slow(reason="half a second")
+def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
+    # The tip of a cantilever with one frame rotates by nearly 1 rad.
+    limits = [
+        bd.at_least(bd.EquilibriumValue("tip.y"), -0.7),
+        bd.at_most(bd.EquilibriumValue("stress 0", step=0.5), 1e12),
+    ]
+    given, bounds = {"height": (0.003,), "load": 20.0}, {"height": (0.002, 0.05)}
+    message = "the error of deflections is estimated"
+    with pytest.warns(bd.BeamdaeWarning, match=message) as caught:
+        design = bd.optimize(cantilever, bd.Mass(), "height", limits, bounds, parameters=given)
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        expected = bd.equilibrium(cantilever(**{**given, **design.parameters})).warnings
+    assert len(expected) == 1
+    # Both paths end in the same equilibrium.
+    assert sum(isinstance(x, bd.Equilibrium) for x in design.analyses) == 2
+    assert design.warnings == expected
+    # Designs of the search are not reported.
+    assert [str(x.message) for x in caught] == list(expected)
+
+
 @pytest.mark.slow(reason="a second")
 def test_no_design_satisfies_the_constraints():
     limit = bd.at_most(bd.Mass(), 0.1)

@@ -366,6 +366,8 @@ class Scaling:
         First variables (K,).
     limits
         Lower and upper bounds of the variables, (K,) each.
+    bound_texts
+        Lower and upper bounds by name, as given or with units.
     is_log
         True (K,) for variables that are logarithms.
     """
@@ -392,6 +394,7 @@ class Scaling:
         lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
         lower[self.is_log] = 0.0
         self._size = np.where(values != 0.0, np.abs(values), 1.0)
+        self.bound_texts: dict[str, tuple[str, ...]] = {}
         for k, name in enumerate(names):
             if name not in limits:
                 continue
@@ -411,8 +414,13 @@ class Scaling:
                     f"got {least:g}; raise the bound, or remove {name} from log."
                 )
             lower[k], upper[k] = max(lower[k], least), most
+            self.bound_texts[name] = tuple(
+                given if isinstance(given, str) else f"{x:g} {unit}".rstrip()
+                for given, x in zip(pair, (least, most), strict=True)
+            )
         for k, shift in enumerate(problem.sensors.shifts, len(names)):
             lower[k], upper[k] = shift.bounds
+            self.bound_texts[shift.name] = tuple(f"{x:g} s" for x in shift.bounds)
             self._size[k] = shift.size
         self.first = self.variables(values)
         self.limits = self.variables(lower), self.variables(upper)

@@ -102,8 +102,8 @@ class Fit:
         Sentences on estimates that depend on the steps of the runs (a run with half the step or a
         tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
         do not explain the data (`sigma` is known, and larger values of chi-square have a
-        probability below 1e-6, or, without `sigma`, more than half of the variance is left), or on
-        data that end after the end time of the model.
+        probability below 1e-6, or, without `sigma`, more than half of the variance is left), on
+        estimates at a bound, or on data that end after the end time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -586,6 +586,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             *problem.duration_warnings,
             *_check_chi_square(problem, residuals, len(all_names)),
             *_check_variation(problem, evaluation.residuals),
+            *_check_bounds(problem, scaling, search, estimates),
             *steps,
         ),
         _information=information,
@@ -594,6 +595,24 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         _search=search,
         _starts=starts,
     )
+
+
+def _check_bounds(
+    problem: FitProblem, scaling: Scaling, search: SearchResult, estimates: Array
+) -> tuple[str, ...]:
+    """Return a warning for each estimate at a bound."""
+    x = scaling.variables(estimates[: len(problem.variables)])
+    lower, upper = scaling.limits
+    sentences = []
+    for k in np.flatnonzero(search.at_bounds):
+        name, is_upper = problem.variables[k], upper[k] - x[k] < x[k] - lower[k]
+        side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
+        bound = scaling.bound_texts[name][int(is_upper)]
+        sentences.append(
+            f"{name} is at its {side} bound {bound}, so its interval does not hold; widen the "
+            f"bounds if {beyond} values are possible, or leave {name} out of the fit."
+        )
+    return tuple(sentences)
 
 
 def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -14,6 +15,8 @@ Array = np.ndarray
 
 # Relative changes of the sum of squares and of the parameters at which a fit has converged.
 _TOLERANCE = 1e-8
+# Distance from a bound, in first values or logarithms, at which an estimate may be at the bound.
+_MAX_BOUND_DISTANCE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,5 +130,19 @@ def search(
     assert last is not None
     at_bounds = np.zeros(len(first), bool)
     at_bounds[free] = result.active_mask != 0
+    if result.success:
+        at_bounds[free] |= _find_bounds_ahead(result, lower, upper)
     reason = str(result.message).rstrip(".")
     return SearchResult(last, evaluations, bool(result.success), reason, at_bounds)
+
+
+def _find_bounds_ahead(result: Any, lower: Array, upper: Array) -> Array:
+    """Return True (k,) for variables near a bound whose own Gauss-Newton step ends beyond it.
+
+    The search stays inside the bounds and may end at a distance from one that ends its progress.
+    """
+    curvature = np.sum(result.jac**2, axis=0)
+    steps = np.divide(-result.grad, curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
+    below, above = result.x - lower, upper - result.x
+    is_low = (below < _MAX_BOUND_DISTANCE) & (steps < -below)
+    return np.asarray(is_low | ((above < _MAX_BOUND_DISTANCE) & (steps > above)))

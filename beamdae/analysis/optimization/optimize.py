@@ -10,7 +10,11 @@ from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.optimization.analyses import RunSettings, assemble_design
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import Limit, Quantity
-from beamdae.analysis.optimization.result import Optimization, create_optimization
+from beamdae.analysis.optimization.result import (
+    Optimization,
+    create_optimization,
+    list_warnings,
+)
 from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
@@ -125,7 +129,7 @@ def optimize(
     -----
     BeamdaeWarning
         If the search did not converge, with the reason, for each sentence in
-        `Optimization.warnings`, and for each warning of the run of the best design.
+        `Optimization.warnings`, which contain those of the analyses of the best design.
 
     Examples
     --------
@@ -170,9 +174,8 @@ def optimize(
     flat: Any = problem.flat
     warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
     messages = [] if result.converged else [f"optimize: {result.status.sentence}."]
-    messages += [f"optimize: {x}" for x in result.warnings]
-    if result.solution is not None:
-        messages += result.solution.warnings
+    of_analyses = list_warnings(result.analyses)
+    messages += [x if x in of_analyses else f"optimize: {x}" for x in result.warnings]
     for message in messages:
         warn_user(message)
     return result

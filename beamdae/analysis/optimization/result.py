@@ -86,7 +86,8 @@ class Optimization:
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
         of `rtol` would change the objective or a constrained quantity by more than 1 %), and on
-        maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not.
+        maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not,
+        and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -195,7 +196,8 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     results = tuple(x.result for x in design.analyses.values() if x.result is not None)
     messages: tuple[str, ...] = ()
     if not search.was_ended:
-        messages = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
+        own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
+        messages = tuple(dict.fromkeys((*own, *list_warnings(results))))
     return Optimization(
         parameter_values(problem.flat, best.numbers),
         float(best.values[0]),
@@ -211,6 +213,11 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         dict(zip(names, numbers, strict=True)),
         columns,
     )
+
+
+def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
+    """Return the warnings of results of analyses, each once."""
+    return tuple(dict.fromkeys(message for x in results for message in x.warnings))
 
 
 def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:

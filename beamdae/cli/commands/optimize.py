@@ -181,5 +181,3 @@ def _print_results(result: Optimization, name: str) -> None:
     facts |= {str(parameter): f"{value:.6g}" for parameter, value in values}
     console.print(text_tables.fact_list(name, facts))
     print_warnings(console, result.warnings)
-    if result.solution is not None:
-        print_warnings(console, result.solution.warnings)
