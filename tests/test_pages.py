@@ -51,7 +51,8 @@ def run_page(page):
             continue
         for line in text.splitlines():
             program, *arguments = shlex.split(line, comments=True)
-            if program == "beamdae":
+            # The live view waits for Ctrl-C; its own tests start and end it.
+            if program == "beamdae" and arguments[0] != "view":
                 run_command(line, arguments)
     return names
 
