@@ -19,7 +19,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import remove_unit
+from beamdae.results.columns import Header, remove_unit
 
 Array = np.ndarray
 
@@ -212,7 +212,7 @@ class _Selection:
         """Return the unit of the column of these rows."""
         for own, header in zip(self._rows, self._headers, strict=True):
             if rows[0] in own:
-                return header.removesuffix("]").rpartition(" [")[2]
+                return Header.of(header).unit
         return ""
 
     def first_time(self, rows: Array) -> float:

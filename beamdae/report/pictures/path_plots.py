@@ -53,10 +53,10 @@ def save_path_figure(
     """Plot the load factor over columns, or columns over the column `x`, and write the figure.
 
     Without names, the columns are the observed ones that vary, except rates; if only `x` varies,
-    the load factor is plotted over it. The suffix of `path`
-    selects the image format. Lines are dashed where the equilibrium under
-    constant loads is unstable or its stability is unknown, and limit, branch and flutter points are
-    marked. If the path has several stages, their load factors are added.
+    the load factor is plotted over it. The suffix of `path` selects the image format. Lines are
+    dashed where the equilibrium under constant loads is unstable or its stability is unknown, and
+    limit, branch and flutter points are marked. If the path has several stages, their load factors
+    are added.
 
     Returns
     -------
