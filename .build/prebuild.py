@@ -43,6 +43,7 @@ from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
+from beamdae.results.storage.number_text import format_rows  # noqa: E402
 from beamdae.testing import SampleMechanism  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
@@ -91,7 +92,7 @@ def compile_objects(folder: Path) -> None:
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
     recorder = Recorder()
     lane_kernels.load_object = loops.load_object = recorder
-    for exercise in chain(model_runs(), sample_runs(), derivative_runs()):
+    for exercise in chain(model_runs(), sample_runs(), derivative_runs(), text_runs()):
         with suppress(bd.BeamdaeError):
             exercise()
     # The longest first, to keep all processes busy.
@@ -179,6 +180,11 @@ def derivative_runs() -> Iterator[Callable[[], Any]]:
     for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
         yield partial(bd.sensitivities, model, [by], integrator, t_end)
         yield partial(bd.gradient, model, bd.EndValue("tip.x"), by, integrator, t_end)
+
+
+def text_runs() -> Iterator[Callable[[], Any]]:
+    """Yield the formatting of a table that is large enough to be formatted in machine code."""
+    yield partial(format_rows, np.zeros((1000, 2)))
 
 
 def sample_mechanism(beam: dict[str, Any]) -> tuple[Any, SampleMechanism]:

@@ -25,7 +25,7 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
     `DataFrame.to_csv`, which takes ten times as long.
     """
     headers = _format_headers(str(table.index.name), tuple(str(c) for c in table))
-    rows = np.column_stack([table.index, table]).astype(float)
+    rows = np.column_stack([table.index.to_numpy(float), table.to_numpy(float)])
     return (headers + format_rows(rows)).encode(errors="replace")
 
 
