@@ -70,18 +70,26 @@ class _Operator:
     matrix: sp.csr_array = field(compare=False)
 
 
-def plan_banded_stiffness(operator: sp.csr_array, size: int) -> BandedStiffness:
-    """Return the plan for elements with `size` coordinates.
+def plan_banded_stiffness(
+    operator: sp.csr_array, element_size: int, rows: slice
+) -> BandedStiffness:
+    """Return the plan for the coordinates `rows` of the `element_size` coordinates of each element.
 
     `operator` maps the coordinates of the mechanism to the coordinates of all elements. Plans are
     cached, because the runs of a sweep share them.
     """
-    return _plan_operator(_Operator(comparison_key(operator), operator), size)
+    key, (start, stop, _) = comparison_key(operator), rows.indices(element_size)
+    return _plan_operator(_Operator(key, operator), element_size, start, stop)
 
 
 @bounded_cache(_MAX_CACHED_COORDINATES, lambda plan: plan.to_local.shape[1])
-def _plan_operator(operator: _Operator, size: int) -> BandedStiffness:
-    matrix = operator.matrix[:, np.unique(operator.matrix.nonzero()[1])]
+def _plan_operator(
+    operator: _Operator, element_size: int, start: int, stop: int
+) -> BandedStiffness:
+    size = stop - start
+    starts = np.arange(0, operator.matrix.shape[0], element_size)
+    matrix = sp.csr_array(operator.matrix)[(starts[:, None] + np.arange(start, stop)).ravel()]
+    matrix = matrix[:, np.unique(matrix.nonzero()[1])]
     elements = matrix.shape[0] // size
     couplings = sp.kron(sp.eye_array(elements), np.ones((size, size)), "csr")
     pattern = sp.csr_array(abs(matrix).T @ couplings @ abs(matrix))

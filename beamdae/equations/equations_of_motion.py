@@ -123,10 +123,8 @@ class RangeTerm:
 
     @cached_property
     def _stiffness_plan(self) -> BandedStiffness:
-        defect, copies = self._defect, self.statement.data.shape[1]
         size = self.statement.kernel.local.size
-        rows = np.arange(copies * size).reshape(copies, size)[:, defect.deformations].ravel()
-        return plan_banded_stiffness(sp.csr_array(self.operator)[rows], defect.size)
+        return plan_banded_stiffness(self.operator, size, self._defect.deformations)
 
     def _largest(self, deformations: Array) -> Array:
         """Return the largest displacement and rotation of deformations (k, copies, size)."""
@@ -447,6 +445,8 @@ class EquationsOfMotion:
     statements
         Statements of the parts of the mechanism. They contain the formulas of laws as they were
         when the equations were assembled. Empty for a constrained system.
+    build_warnings
+        Warnings issued while the model was built, which are part of all its results.
     """
 
     coordinates: tuple[Variable, ...]
@@ -471,6 +471,7 @@ class EquationsOfMotion:
     statements: tuple[PartStatements, ...] = field(default=(), repr=False)
     inputs: tuple[InputTerm, ...] = field(default=(), repr=False)
     controllers: tuple[ControllerTerm, ...] = field(default=(), repr=False)
+    build_warnings: tuple[str, ...] = field(default=(), repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __deepcopy__(self, memo: Any) -> EquationsOfMotion:
@@ -542,7 +543,7 @@ class EquationsOfMotion:
 
 
 # Fields that may differ from those of newly assembled equations of the same mechanism.
-_PICKLED_NUMBERS = ("q0", "v0", "p", "length", "breakpoints", "scales", "start")
+_PICKLED_NUMBERS = ("q0", "v0", "p", "length", "breakpoints", "scales", "start", "build_warnings")
 
 
 def _reassemble(source: bytes, numbers: dict[str, Any]) -> EquationsOfMotion:

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.shape_functions import gauss_points
+from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import Configuration, State
 from beamdae.errors import BeamdaeError, require_finite, warn_user
 from beamdae.read_only import read_only, read_only_data
@@ -21,6 +22,7 @@ Array = np.ndarray
 # amplified by 2.2 between the steps (1.6 with degree 3, 3.1 with degree 5).
 _DEGREE_OF_MOTION = 4  # for q and v
 _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
+_MAX_CACHED_WEIGHTS = 1_000_000  # of nodes in integrals over steps, which take 12 MB
 
 
 @read_only_data
@@ -273,7 +275,7 @@ class Interval:
 
     def _integrate_steps(self, rates: Array) -> Array:
         """Integrate rates over each step."""
-        return self._integration_weights(self.t[1:], np.arange(len(self.t) - 1)) @ rates
+        return _step_weights(self.nodes.tobytes(), self.nodes_per_step) @ rates
 
     def _integration_weights(self, t: Array, step: Array) -> sp.csr_array:
         """Return the weights (len(t), k) of the nodes in integrals from the start of the step.
@@ -308,7 +310,7 @@ class Interval:
         step = _preceding_node(self.t, t)
         x = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
         weights = self._integration_weights(t, step)
-        to_ends = self._integration_weights(self.t[1:], np.arange(len(self.t) - 1))
+        to_ends = _step_weights(self.nodes.tobytes(), self.nodes_per_step)
         # All times of a step have the same nodes.
         width = int(to_ends.indptr[1])
         weights.data -= np.repeat(x, width) * to_ends.data.reshape(-1, width)[step].ravel()
@@ -359,6 +361,15 @@ class Interval:
         ends = np.arange(len(t) + 1) * (degree + 1)
         shape = (len(t), len(self.nodes))
         return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
+
+
+# The runs of a sweep with fixed steps have the same nodes.
+@bounded_cache(_MAX_CACHED_WEIGHTS, lambda weights: weights.nnz)
+def _step_weights(nodes: bytes, nodes_per_step: int) -> sp.csr_array:
+    """Return the weights (steps, k) of the nodes of an interval in integrals over each step."""
+    no_rows = State(*[np.zeros((0, 0))] * len(State._fields))
+    interval = Interval(np.frombuffer(nodes), no_rows, 0.0, nodes_per_step)
+    return interval._integration_weights(interval.t[1:], np.arange(len(interval.t) - 1))
 
 
 def _multiply_lagrange_factors(t: Array, x: Array) -> Array:
