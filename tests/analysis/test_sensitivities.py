@@ -1,6 +1,7 @@
 """Derivatives of runs against closed forms, an independent recursion and differences of runs."""
 
 import math
+import warnings
 from functools import partial
 
 import casadi as ca
@@ -558,6 +559,26 @@ def test_parameter_in_a_user_formula():
         rtol=0.0,
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("step", [0.05, 0.01])
+def test_regression_errors_of_fixed_steps_are_reported(step):
+    """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 % at 4 s."""
+    method, t_end = bd.GeneralizedAlpha(step=step), 4.0
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        result = bd.sensitivities(oscillator, "stiffness", method, t_end)
+        bd.simulate(oscillator, method, t_end, sensitivities="stiffness")
+    values = {"stiffness": 40.0, "damping": 0.8, "speed": SPEED}
+    exact = complex_step(partial(exact_position, t=result.t), values, "stiffness")
+    difference = result.sensitivity("mass.x", "stiffness") - exact
+    error = np.linalg.norm(difference) / np.linalg.norm(exact)
+    sentences = [str(x.message) for x in messages if "due to the step of" in str(x.message)]
+    callers = ["sensitivities", "simulate"] if error > 0.05 else []
+    assert [x.partition(":")[0] for x in sentences] == callers
+    if sentences:
+        estimate = sentences[0].partition(" estimated at ")[2].partition(" %")[0]
+        assert float(estimate) == pytest.approx(100.0 * error, rel=0.4)
 
 
 @bd.model(t_end=0.02)

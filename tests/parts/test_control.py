@@ -173,13 +173,13 @@ def test_step_response_of_a_transfer_function():
     assert lag.name == "lag"
 
 
-def build_stage(goal=0.1, **options):
+def build_stage(goal=0.1, kp=300.0, **options):
     """Return a mass on a rail under a PID controller."""
     mech = bd.Mechanism()
     stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
     x = mech.sensor("x", stage.point, "x")
-    force = bd.pid(mech, "servo", goal - x, kp=300.0, ki=400.0, kd=40.0, **options)
+    force = bd.pid(mech, "servo", goal - x, kp=kp, ki=400.0, kd=40.0, **options)
     mech.add(bd.Force("motor", stage.point, (force, 0.0)))
     return mech
 
@@ -210,6 +210,16 @@ def test_saturated_pid_does_not_wind_up():
     # Without tracking, the integral winds up and the stage overshoots more than twice as far.
     winding = bd.simulate(build_stage(**limits, tracking_time=1e9), bd.Radau(), t_end=4.0)
     assert np.max(winding["x"]) - 0.1 > 2.0 * (np.max(run["x"]) - 0.1)
+
+
+def test_regression_rounding_of_gains_does_not_change_the_structure():
+    """Equal numbers in a formula are one number; ki (kp / ki) was kp or not, by rounding."""
+    options = {"filter_time": 0.01, "limits": (-1.0, 1.0)}
+    structures = {
+        bd.equations_of_motion(build_stage(kp=300.0 + 1e-3 * k, **options)).structure
+        for k in range(8)
+    }
+    assert len(structures) == 1
 
 
 def test_invalid_blocks_are_rejected():

@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.analysis.fit.column_rates import column_rates
 from beamdae.analysis.fit.data import FitData, Series, convert_units, read_data
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
-from beamdae.analysis.sensitivities.sensitivities import Sensitivities, sensitivities
+from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameters,
@@ -292,7 +292,7 @@ class FitProblem:
         with warnings.catch_warnings():
             # The warnings of the last run are issued with the result.
             warnings.simplefilter("ignore", BeamdaeWarning)
-            run = sensitivities(
+            run, _ = differentiate_run(
                 self.model,
                 self.names,
                 self.integrator,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,6 +23,7 @@ from beamdae.analysis.gradients.run_adjoint import (
 )
 from beamdae.analysis.sensitivities.differentiable_methods import (
     require_differentiable_method,
+    warn_of_step_errors,
     warn_of_unreliable_run,
 )
 from beamdae.analysis.sensitivities.model_differences import (
@@ -45,11 +45,9 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
-    BeamdaeWarning,
     as_real,
     short_repr,
     suggest,
-    warn_user,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.interrupts import interruptible
@@ -66,8 +64,8 @@ Array = np.ndarray
 # A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
 # and 0.02 % with 1e-5.
 DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
-# Error of a gradient due to a fixed step, relative to its largest entry, of which users are warned.
-_MAX_STEP_ERROR = 0.05
+# The derivatives in warnings.
+_WORDS = "the gradient"
 # Copies of the states and of the derivatives with respect to them that are in memory at once.
 _COPIES_OF_ROWS = 3.0
 
@@ -386,28 +384,14 @@ def _warn_of_step_errors(run: DifferentiableRun, objective: Objective, derivativ
     Derivatives are compared by the changes of the objective that they predict for equal relative
     changes of the parameters.
     """
-    method = run.method
-    if not isinstance(method, GeneralizedAlpha) or method.rtol is not None:
-        return
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            coarse_run = run.with_method(replace(method, step=2.0 * method.step))
-            coarse = coarse_run.differentiate(objective)[1]
-    except BeamdaeError:
-        return  # The longer steps fail: there is no estimate.
     sizes = np.abs(list(run.flat.values.values()))
     if not np.any(sizes):
         sizes = np.ones_like(sizes)
-    # Richardson's estimate.
-    errors = np.abs(coarse - derivatives) / (2.0**method.order - 1.0)
-    largest, error = (float(np.max(np.abs(x) * sizes)) for x in (derivatives, errors))
-    if largest > 0.0 and error > _MAX_STEP_ERROR * largest:
-        warn_user(
-            f"{derivative_call()}: the error of the gradient of {run.flat.name} due to the step of "
-            f"{method.step:g} s is estimated at {100.0 * error / largest:.2g} %; use a shorter "
-            "step, or GeneralizedAlpha(rtol=1e-4)."
-        )
+
+    def repeat(method: GeneralizedAlpha) -> dict[str, Array]:
+        return {_WORDS: sizes * run.with_method(method).differentiate(objective)[1]}
+
+    warn_of_step_errors(run.flat.name, run.method, lambda: {_WORDS: sizes * derivatives}, repeat)
 
 
 def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.analysis.sensitivities.differentiable_methods import (
     require_differentiable_method,
+    warn_of_step_errors,
     warn_of_unreliable_run,
 )
 from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
@@ -39,7 +40,12 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import HasOrigin, Model, model_of
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import ColumnDerivatives, derivative_header
+from beamdae.results.column_derivatives import (
+    ColumnDerivatives,
+    derivative_columns,
+    derivative_header,
+)
+from beamdae.results.columns import Header, largest_of_kind, remove_unit
 from beamdae.results.outcome import Status
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
@@ -54,6 +60,10 @@ Array = np.ndarray
 
 # Copies of the derivatives of all steps that are in memory at the same time.
 _COPIES_OF_ROWS = 3.0
+# Effect of a change of a parameter by its value on a column, relative to the largest column of the
+# same unit, below which the step is not checked. Velocities that are zero by constraints had
+# derivatives with effects of 1e-5.
+_MIN_EFFECT = 1e-4
 
 
 @read_only_data
@@ -262,7 +272,8 @@ def sensitivities(
     integrator
         `Radau`, or `GeneralizedAlpha` in the index-3 form, whose `newton_tolerance` is reduced to
         1e-10. The derivatives do not include changes of adaptive steps. `Auto` is replaced by
-        `Radau`. Defaults to `Radau()`.
+        `Radau`. Defaults to `Radau()`. With a fixed step, the run and its derivatives are computed
+        again with twice the step, to estimate their error.
     t_end
         End time [s]. Defaults to the model's end time. It does not depend on the parameters. A run
         that an event stops is differentiated up to its end.
@@ -291,7 +302,9 @@ def sensitivities(
     -----
     BeamdaeWarning
         If the run violates the balance of energy or has warnings, a parameter has no effect on the
-        model, or differences of the model function depend on their step.
+        model, differences of the model function depend on their step, or derivatives of observed
+        columns with twice the fixed step differ so much that their error is estimated at more than
+        5 %.
 
     Examples
     --------
@@ -307,6 +320,31 @@ def sensitivities(
     >>> print(f"{result.sensitivity('mass.x', 'stiffness').iloc[-1]:.3e} m per N/m")
     2.481e-03 m per N/m
     """
+    result, method = differentiate_run(
+        model, by, integrator, t_end, output_step, parameters=parameters, start=start
+    )
+    warn_of_unreliable_run(model.name, result.solution)
+    _warn_of_step_errors(model.name, result, method)
+    return result
+
+
+def differentiate_run(
+    model: Model,
+    by: Sequence[str] | str,
+    integrator: Integrator | None,
+    t_end: float | None,
+    output_step: float | None = None,
+    *,
+    parameters: Mapping[str, Any] | None,
+    start: Any,
+) -> tuple[Sensitivities, GeneralizedAlpha | Radau]:
+    """Return the result of `sensitivities` without checks of its accuracy, and the method.
+
+    Raises
+    ------
+    BeamdaeError
+        As `sensitivities`.
+    """
     names = require_parameters("sensitivities", model, by)
     values = complete_parameters("sensitivities", model, parameters)
     method = require_differentiable_method(integrator, Radau())
@@ -318,7 +356,7 @@ def sensitivities(
             f"{derivative_call()}: the run of {model.name} did not reach its end "
             f"({solution.status.sentence}); differentiate a shorter run, or change the integrator."
         )
-    return _differentiate(model.name, values, differences, solution, method)
+    return _differentiate(values, differences, solution, method), method
 
 
 def simulate_with(
@@ -379,9 +417,11 @@ def simulate_with(
     )
     if not solution.status.success:
         return solution
+    warn_of_unreliable_run(function.name, solution)
     try:
-        result = _differentiate(function.name, values, differences, solution, method)
+        result = _differentiate(values, differences, solution, method)
         columns = result.columns
+        _warn_of_step_errors(function.name, result, method)
     except KeyboardInterrupt:
         reason = "interrupted while the derivatives were computed"
         if partial == "raise":
@@ -415,15 +455,55 @@ def _difference_models(
     }
 
 
+def _warn_of_step_errors(
+    name: str, result: Sensitivities, method: GeneralizedAlpha | Radau
+) -> None:
+    """Warn if derivatives of observed columns of the model `name` depend on the fixed step."""
+    run = result.solution
+
+    def repeat(other: GeneralizedAlpha) -> dict[str, Array]:
+        output_step = float(run.t[-1] - run.t[0])
+        coarse = simulate(run.equations, other, float(run.t[-1]), output_step, keep_steps=True)
+        # An event may stop this run earlier.
+        rows = run.t <= coarse.trajectory.end
+        coarse = coarse.at_times(run.t[rows])
+        again = _differentiate(result.parameters, result._differences, coarse, other)
+        columns = derivative_columns(again.columns.observed)
+        values = {remove_unit(x): y for x, y in columns.items()}
+        derivatives = _select_significant(result)
+        return {x: np.concatenate([values[x], y[~rows]]) for x, y in derivatives.items()}
+
+    warn_of_step_errors(name, method, lambda: _select_significant(result), repeat)
+
+
+def _select_significant(result: Sensitivities) -> dict[str, Array]:
+    """Return the derivatives (k,) of the observed columns whose parameters have an effect."""
+    run, observed = result.solution, result.columns.observed
+    headers = [header for o in run.equations.observables for header in o.headers]
+    duration = float(run.t[-1] - run.t[0])
+    length = run.equations.length
+    motions = {"m": length, "rad": 1.0, "m/s": length / duration, "rad/s": 1.0 / duration}
+    sizes = [
+        max(np.max(np.abs(run.columns[x]), initial=0.0), motions.get(Header.of(x).unit, 0.0))
+        for x in headers
+    ]
+    significant: dict[str, Array] = {}
+    for header, size in zip(headers, largest_of_kind(headers, np.array(sizes)), strict=True):
+        for name, value in result.parameters.items():
+            derivative = observed[name][header]
+            effect = np.max(np.abs(derivative), initial=0.0) * (abs(value) or 1.0)
+            if effect > _MIN_EFFECT * size:
+                significant[remove_unit(derivative_header(header, name))] = derivative
+    return significant
+
+
 def _differentiate(
-    name: str,
     values: Mapping[str, Any],
     differences: Mapping[str, Difference],
     solution: Solution,
     method: GeneralizedAlpha | Radau,
 ) -> Sensitivities:
-    """Return the derivatives of a run of the model `name`."""
-    warn_of_unreliable_run(name, solution)
+    """Return the derivatives of a run."""
     redundant = RedundantConstraints.of(solution)
     trajectories: dict[str, Any] = {}
     with single_threaded:

@@ -41,9 +41,10 @@ _STEP_FRACTION = 1e-3
 # a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
 # From this penetration on, the effect of the slopes was less than 1e-3 of a derivative.
 MIN_STIFF_PENETRATION = 1e-6
-# Factors and accelerations at one state that are remembered, because all directions need them.
-_MAX_REMEMBERED = 8
-_MAX_REMEMBERED_CHANGES = 32
+# Stored factors and accelerations of states, which all directions need, and stored derivatives of
+# matrices, which differ per direction, but are smaller than factors.
+_MAX_STATES = 8
+_MAX_DIRECTIONS = 32
 
 
 @cache_on_owner
@@ -56,6 +57,25 @@ def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan, SumP
         directional_plan(sums.saddle, size, min_base=MIN_STIFF_PENETRATION),
         directional_plan(sums.levels, size),
     )
+
+
+@dataclass(eq=False)
+class _Store:
+    """Results by the arrays that they depend on; all are removed if there are `limit` of them."""
+
+    limit: int
+    results: dict[Any, Any] = field(default_factory=dict)
+
+    def get(
+        self, key: tuple[Any, ...], arrays: Sequence[Array | None], build: Callable[[], Any]
+    ) -> Any:
+        """Return the result for a key and arrays, built if it is not stored."""
+        key = (*key, *(None if x is None else x.tobytes() for x in arrays))
+        if key not in self.results:
+            if len(self.results) >= self.limit:
+                self.results.clear()
+            self.results[key] = build()
+        return self.results[key]
 
 
 @dataclass(frozen=True)
@@ -80,8 +100,10 @@ class StartDerivatives:
 
     solver: ConsistencySolver
     moving: Difference | None = None
-    _remembered: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
-    _remembered_changes: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    _states: _Store = field(default_factory=lambda: _Store(_MAX_STATES), init=False, repr=False)
+    _directions: _Store = field(
+        default_factory=lambda: _Store(_MAX_DIRECTIONS), init=False, repr=False
+    )
 
     def directional_plan(
         self,
@@ -418,7 +440,7 @@ class StartDerivatives:
             return Motion(along.q, v, ddq, ddq.copy(), along.lam, h)
         interval, stiff_time = JERK_INTERVAL * h, STIFF_TIME * h
         jerk = self.normal_jerk(time, at, along, dp, interval, dt=dt)
-        accelerations = self._remember(
+        accelerations = self._states.get(
             ("reduced", stiff_time),
             (time, at.q, at.v),
             lambda: self.solver.acceleration(time, at.q, at.v, stiff_time=stiff_time),
@@ -508,7 +530,7 @@ class StartDerivatives:
             evaluate_sum(total, inputs, nonzeros)
             return nonzeros
 
-        return self._remember(("change", coefficients), (time, inputs), build)
+        return self._directions.get(coefficients, (time, inputs), build)
 
     def _factorize(
         self,
@@ -523,22 +545,7 @@ class StartDerivatives:
             factors.factorize(self.solver.saddle_matrix(time, q, v, None, coefficients, lam))
             return factors
 
-        return self._remember(("factors", coefficients), (time, q, v, lam), build)
-
-    def _remember(
-        self, key: tuple[Any, ...], arrays: Sequence[Array | None], build: Callable[[], Any]
-    ) -> Any:
-        """Return a result that does not depend on the direction, built once per state."""
-        key = (*key, *(None if x is None else x.tobytes() for x in arrays))
-        # Derivatives of matrices are needed per direction, but are smaller than factors.
-        results, limit = self._remembered, _MAX_REMEMBERED
-        if key[0] == "change":
-            results, limit = self._remembered_changes, _MAX_REMEMBERED_CHANGES
-        if key not in results:
-            if len(results) >= limit:
-                results.clear()
-            results[key] = build()
-        return results[key]
+        return self._states.get(("factors", coefficients), (time, q, v, lam), build)
 
     def _solve(
         self,

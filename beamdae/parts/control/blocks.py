@@ -273,7 +273,10 @@ def pid(
             output = output + ki * integral
     clipped = output if bounds is None else ca.fmin(ca.fmax(output, bounds[0]), bounds[1])
     if integral is not None and bounds is not None:
-        integral.follows(error + (clipped - output) / (ki * tracking))
+        # ki (kp / ki) may differ from kp by rounding, and equal numbers in a formula are one. The
+        # structure of equations that are differentiated may not depend on rounding.
+        gain = kp if tracking_time is None else ki * tracking
+        integral.follows(error + (clipped - output) / gain)
     elif integral is not None:
         integral.follows(error)
     return clipped
