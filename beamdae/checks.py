@@ -339,7 +339,7 @@ def _collect_warnings(
     state: Any,
 ) -> tuple[str, ...]:
     """Return the warnings about single parts; `state` is the consistent start or None."""
-    sentences = [*_thick_beam_warnings(equations.mechanism)]
+    sentences = [*equations.build_warnings, *_thick_beam_warnings(equations.mechanism)]
     sentences += idle_part_warnings(equations, 0.0, end)
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)

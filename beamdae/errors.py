@@ -8,7 +8,9 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from decimal import Decimal
 from functools import lru_cache
 from itertools import islice
@@ -105,6 +107,24 @@ _shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
 
+# Lists of the active `record_messages`.
+_message_lists: ContextVar[tuple[list[str], ...]] = ContextVar("message_lists", default=())
+
+
+@contextmanager
+def record_messages() -> Iterator[list[str]]:
+    """List the different messages of `warn_user` within a `with` block, which are also issued.
+
+    Filters do not apply to the list: it is part of a result, whether Python shows it or not.
+    """
+    messages: list[str] = []
+    token = _message_lists.set((*_message_lists.get(), messages))
+    try:
+        yield messages
+    finally:
+        _message_lists.reset(token)
+
+
 def kind_of_message(message: str) -> str:
     """Return a key that is equal if messages differ only in numbers after their first colon."""
     part, colon, rest = message.partition(": ")
@@ -118,6 +138,9 @@ def warn_user(message: str) -> None:
     colon are one kind, of which only the first is shown, for example in the runs of a loop. As for
     Python, this does not apply if filters show every warning or turn warnings into errors.
     """
+    for messages in _message_lists.get():
+        if message not in messages:
+            messages.append(message)
     frame = inspect.currentframe()
     inner = {"beamdae", "contextlib"}  # decorators may be context managers
     while frame and str(frame.f_globals.get("__name__", "")).partition(".")[0] in inner:

@@ -20,6 +20,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     plain_text,
+    record_messages,
     require_finite,
     require_mapping,
     require_positive,
@@ -59,9 +60,13 @@ _built: WeakKeyDictionary[Any, tuple[Model, dict[str, Any]]] = WeakKeyDictionary
 
 
 class HasOrigin:
-    """Base class of mechanisms and systems; `origin` is None unless a model built the object."""
+    """Base class of mechanisms and systems; `origin` is None unless a model built the object.
+
+    `build_warnings` are the warnings issued while the model function ran.
+    """
 
     origin: Origin | None = None
+    build_warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -216,14 +221,14 @@ class Model:
             `Model`.
         """
         parameters = self.complete(values)
-        with extend_import_path(self.home):
+        with extend_import_path(self.home), record_messages() as messages:
             # The function may change its arguments.
             mechanism = self.build(**copy_containers(parameters))
         if mechanism is None or isinstance(mechanism, Model):
             what = "None" if mechanism is None else f"the model {mechanism.name}"
             raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
         if isinstance(mechanism, HasOrigin):
-            set_fields(mechanism, origin=self._origin(parameters))
+            set_fields(mechanism, origin=self._origin(parameters), build_warnings=tuple(messages))
             with suppress(TypeError):  # classes without hash or weak references
                 _built[mechanism] = self, parameters
         return mechanism

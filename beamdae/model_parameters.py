@@ -49,6 +49,8 @@ _FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
 _SUPERSCRIPTS = str.maketrans("²³", "23")
 # The number is the longest one: "2.0" is no "2." with the unit "0".
 _VALUE = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
+# Header that ends with a unit in brackets or parentheses.
+_UNIT_AT_END = re.compile(r"(\S(?:.*\S)?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MAX_UNIT_LENGTH = 40
 
 _PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
@@ -282,6 +284,28 @@ def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | Non
         return None
     factor, exponents = _UNITS[symbol]
     return prefix * factor, exponents
+
+
+def split_unit(header: str) -> tuple[str, str]:
+    """Return name and unit of a column header 'name [unit]'; the unit is '' if there is none."""
+    name, bracket, unit = header.removesuffix("]").rpartition(" [")
+    return (name, unit) if bracket and name and header.endswith("]") else (header, "")
+
+
+def standardize_header(header: str) -> str:
+    """Return a header of measured data, such as 't (ms)' or 't[ms]', in the form 't [ms]'.
+
+    Text in parentheses is part of the name unless it is a unit.
+    """
+    # Spreadsheets write no-break spaces.
+    text = header.replace("\xa0", " ").strip()
+    match = _UNIT_AT_END.fullmatch(text)
+    if match is None:
+        return text
+    name, in_brackets, in_parentheses = match.groups()
+    unit = (in_parentheses if in_brackets is None else in_brackets).strip()
+    is_unit = bool(unit) if in_brackets is not None else _is_unit(unit)
+    return f"{name} [{unit}]" if is_unit else text
 
 
 def parse_value(part: str, name: str, text: str, unit: str) -> float | None:

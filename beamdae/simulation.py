@@ -238,7 +238,9 @@ def simulate(
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
     for sentence in sentences:
-        warn_user(sentence)
+        # The others were issued when the model was built.
+        if sentence not in solution.equations.build_warnings:
+            warn_user(sentence)
     return solution
 
 
@@ -358,7 +360,10 @@ def as_equations(
             )
         return equations
     if isinstance(model, ConstrainedSystem):
-        model = model.equations
+        equations = model.equations
+        if model.build_warnings:
+            equations = replace(equations, build_warnings=model.build_warnings)
+        model = equations
     if isinstance(model, EquationsOfMotion):
         return model if start is None else apply_initial_conditions(model, start)
     raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")

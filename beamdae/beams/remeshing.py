@@ -187,6 +187,10 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
             for name in list(vars(part)):
                 if isinstance(getattr_static(type(part), name, None), cached_property):
                     del vars(part)[name]
+    # Warnings about the replaced beams concern their meshes and lengths.
+    other.build_warnings = tuple(
+        x for x in other.build_warnings if not x.startswith(tuple(f"{name}: " for name in beams))
+    )
     other.observables = {name: x.current for name, x in other.observables.items()}
     for event in other.events:
         if isinstance(event.what, Quantity):

@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
 from beamdae.cli.option_values import convert_plain_values
-from beamdae.cli.output import CommandOutput, print_error, use_output
+from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.memory import is_out_of_memory
@@ -29,6 +29,8 @@ EXIT_CODES = (
     "3 study incomplete because processes or a cluster failed (run it again to resume), "
     "130 after Ctrl-C, 143 after SIGTERM."
 )
+# Commands that show warnings at once, because they run until they are interrupted.
+_ENDLESS_COMMANDS = ("view",)
 # In narrower terminals the boxes around help texts would cut words.
 _MIN_BOX_WIDTH = 76  # columns
 _OUT_OF_MEMORY = "out of memory; use fewer elements or a larger output step."
@@ -58,6 +60,8 @@ def wrap_command(name: str, command: Callable[..., None]) -> Callable[..., None]
                 stack.enter_context(streams.redirect_output_to_stderr())
             if quiet:
                 stack.enter_context(warnings.catch_warnings(action="ignore"))
+            elif name not in _ENDLESS_COMMANDS:
+                stack.enter_context(hold_warnings(output))
             code = _run_to_exit_code(lambda: interruptible(command)(**options))
         if as_json:
             typer.echo(output.to_json(name, code))

@@ -10,6 +10,7 @@ import json
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,7 +21,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.console import Console
 
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    format_exception,
+    kind_of_message,
+)
 from beamdae.interrupts import Interrupted
 from beamdae.report.text import make_printable
 
@@ -44,6 +50,8 @@ class CommandOutput:
         True to print the results as one JSON document instead of tables.
     results, files, warnings, errors
         Contents of the JSON document, besides the command and its exit code.
+    held_warnings
+        Warnings of beamdae that have been issued but not printed.
     """
 
     quiet: bool = False
@@ -52,6 +60,7 @@ class CommandOutput:
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
+    held_warnings: list[str] = field(default_factory=list)
 
     def to_json(self, command: str, exit_code: int) -> str:
         """Return the JSON document of a command."""
@@ -141,6 +150,49 @@ def print_warnings(console: Console, sentences: Iterable[str]) -> None:
     """Print warnings about a result, and add them to the JSON document."""
     for sentence in sentences:
         console.print(f"warning: {record_warning(sentence)}", style="yellow")
+
+
+@contextmanager
+def hold_warnings(output: CommandOutput) -> Iterator[None]:
+    """Print the warnings that beamdae issues in a `with` block after it, even if it raises.
+
+    Warnings that were printed with a result or as the reason of a failure are not repeated, and of
+    those that differ only in numbers, only the first is printed.
+    """
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def hold(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, BeamdaeWarning):
+                output.held_warnings.append(str(message))
+            else:
+                show(message, category, *place, **more)
+
+        warnings.simplefilter("always", BeamdaeWarning)
+        warnings.showwarning = hold
+        try:
+            yield
+        finally:
+            by_kind = {kind_of_message(x): x for x in reversed(output.held_warnings)}
+            for sentence in reversed(by_kind.values()):
+                if not _is_printed(sentence, output):
+                    typer.echo(f"warning: {record_warning(sentence)}", err=True)
+
+
+def _is_printed(sentence: str, output: CommandOutput) -> bool:
+    """Return True if a result or an error contains this warning, perhaps with another prefix.
+
+    Numbers are ignored.
+    """
+
+    def kind(text: str) -> str:
+        return kind_of_message(f": {make_printable(text)}")
+
+    body = kind((sentence.partition(": ")[2] or sentence).rstrip("."))[2:]
+    if any(body in kind(line) for line in [*output.warnings, *output.errors]):
+        return True
+    reasons = [kind(x.removeprefix("failed: ").partition("; ")[0])[2:] for x in output.errors]
+    return any(reason in kind(sentence) for reason in reasons)
 
 
 def record_warning(sentence: str) -> str:

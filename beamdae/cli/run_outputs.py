@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from beamdae.cli import signals
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.progress import show_run_progress
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
@@ -160,9 +159,7 @@ def integrate_run(
     """
     from beamdae.simulation import simulate
 
-    with show_run_progress(t_end or run.model.t_end) as show_progress, warnings.catch_warnings():
-        # These warnings are printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
+    with show_run_progress(t_end or run.model.t_end) as show_progress:
 
         def update(label: str, t: float) -> None:
             show_progress(label, t)
@@ -202,12 +199,7 @@ def certify_run(
 
     start, time_limit = limits
     task = f"accuracy {accuracy:g}"
-    with (
-        show_run_progress(t_end or run.model.t_end, task) as show_progress,
-        warnings.catch_warnings(),
-    ):
-        # These warnings are printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
+    with show_run_progress(t_end or run.model.t_end, task) as show_progress:
 
         def update(t: float) -> None:
             show_progress("", t)
@@ -234,7 +226,8 @@ def certify_run(
     budget = certificate.budget_columns()
     order = ("half the range", "total", "time", "mesh", "theory", "theory as written", "certified")
     run.errors = {name: budget[name] for name in order}
-    run.accuracy_warning = "" if certificate.success else f"not certified: {certificate.reason}."
+    if not certificate.success:
+        run.accuracy_warning = f"{run.model.name}: not certified; {certificate.reason}."
     return certificate.solution
 
 

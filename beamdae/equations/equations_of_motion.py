@@ -69,9 +69,16 @@ class RangeTerm:
 
     def largest_and_rotations(self, q: Array) -> tuple[Array, Array]:
         """Return `largest_deformation` and `rotations` for the same rows of `q`."""
-        blocks = [(self._largest_values(x), self._rotations(x)) for x in self._column_blocks(q)]
-        values, rotations = zip(*blocks, strict=True)
-        return np.max(values, axis=0), np.concatenate(rotations)
+        values, rotations, first = [], np.zeros((len(q), 0)), 0
+        for columns in self._column_blocks(q):
+            values.append(self._largest_values(columns))
+            block = self._rotations(columns)
+            if not first:
+                # Not joined at the end, which would take twice the memory.
+                rotations = np.empty((len(q), block.shape[1]))
+            rotations[first : first + len(block)] = block
+            first += len(block)
+        return np.max(values, axis=0), rotations
 
     def rotations(self, q: Array) -> Array:
         """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.

@@ -197,7 +197,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
 
 
 def _describe_mode_column(name: str, values: Any) -> dict[str, str]:
-    unit = Header.of(name).unit if name.endswith("]") else ""
+    unit = Header.of(name).unit
     kind = "number" if pd.api.types.is_numeric_dtype(values) else "text"
     return {"key": name, "label": name.removesuffix(f" [{unit}]"), "unit": unit, "kind": kind}
 

@@ -17,6 +17,7 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
+from beamdae.model_parameters import split_unit
 
 # Units of the columns that a certificate covers by default.
 _CONTROLLED_UNITS = ("m", "rad")
@@ -44,7 +45,7 @@ class Header(NamedTuple):
     @classmethod
     def of(cls, column: str) -> Header:
         """Split a header 'name.suffix [unit]' into its parts."""
-        dotted, _, unit = column.removesuffix("]").rpartition(" [")
+        dotted, unit = split_unit(column)
         if is_derivative(column):
             quantity, _, parameter = dotted.removeprefix("d(").partition(_BY)
             name, _, suffix = quantity.rpartition(".")
@@ -60,7 +61,7 @@ class Header(NamedTuple):
 
 def remove_unit(header: str) -> str:
     """Return a header without its unit."""
-    return header.rpartition(" [")[0] or header
+    return split_unit(header)[0]
 
 
 def is_derivative(header: str) -> bool:

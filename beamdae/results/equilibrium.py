@@ -362,7 +362,7 @@ class Equilibrium(HasPage):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the reliability of the result; `equilibrium` issues them."""
+        """Warnings about the model and the reliability of the result; `equilibrium` issues them."""
         free = ""
         if self.free and self.status.success:
             free = (
@@ -372,7 +372,8 @@ class Equilibrium(HasPage):
         beams = (beam.warning for beam in self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
-        return tuple(filter(None, (*self.notes, free, *beams, *strains, *outside)))
+        of_model = self.equations.build_warnings
+        return tuple(filter(None, (*of_model, *self.notes, free, *beams, *strains, *outside)))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return status, settings and warnings for `to_csv`; `further` adds or replaces entries."""

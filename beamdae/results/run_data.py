@@ -205,11 +205,12 @@ class RunData:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the reliability of the run; `simulate` issues them."""
+        """Warnings about the model and the reliability of the run; `simulate` issues them."""
         checked = self._with_checked_rows()
         beams = (beam.warning for beam in self.validity)
         return (
             *self.resume_warnings,
+            *self.equations.build_warnings,
             *filter(None, (self.start.warning, *beams)),
             *strain_warnings(
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)

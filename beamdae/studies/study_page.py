@@ -197,7 +197,7 @@ def extra_column_key(name: str) -> str:
 
 def _describe_extra_column(table: pd.DataFrame, name: str) -> tuple[str, str, str, str]:
     """Return the key, label, unit and kind of an extra column."""
-    unit = Header.of(name).unit if name.endswith("]") else ""
+    unit = Header.of(name).unit
     return extra_column_key(name), name.removesuffix(f" [{unit}]"), unit, _column_kind(table[name])
 
 
@@ -217,7 +217,7 @@ def _create_notes(results: StudyResults, n_in_files: int) -> list[str]:
         )
     if results.interrupted:
         notes.append("The study was interrupted; run the study again to resume.")
-    return notes
+    return [*results.describe_warnings(), *notes]
 
 
 def _create_groups(results: StudyResults, group_without_reference: str) -> list[dict[str, Any]]:

@@ -98,8 +98,8 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
     [
         (["--by", "stiff"], "has no parameter 'stiff'"),
         (["--by", "stiffness", "--bounds", "stiffness=1"], "must have the form LOW:HIGH"),
-        (["--by", "stiffness", "--sigma", "a"], "--sigma a: the value must be a number"),
-        (["--by", "stiffness", "--sigma", "mass.x=a"], "mass.x=a: the value must be a number"),
+        (["--by", "stiffness", "--sigma", "a"], "sigma must be a number, got 'a'"),
+        (["--by", "stiffness", "--sigma", "mass.x=a"], "of mass.x [m] must be a number, got 'a'"),
         (["--by", "stiffness", "--experiment", "mass=2"], "EXPERIMENT:NAME=VALUE"),
         (["--by", "stiffness", "--shift", "mass.x=a"], "must have the form LOW:HIGH"),
         (["--by", "stiffness", "--starts", "2"], "several starts need bounds"),

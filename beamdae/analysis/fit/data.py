@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.fit.csv_reader import read_csv_table
 from beamdae.equations import measures
 from beamdae.errors import (
     BeamdaeError,
     as_real,
     as_text,
-    format_message,
     is_valid_path,
     path_as_text,
     require_iterable,
@@ -22,9 +21,8 @@ from beamdae.errors import (
     require_positive,
     short_repr,
 )
-from beamdae.model_parameters import parse_unit
+from beamdae.model_parameters import convert_text, parse_unit, split_unit, standardize_header
 from beamdae.read_only import read_only_data
-from beamdae.results.storage.files import unescape_cell
 
 Array = np.ndarray
 
@@ -147,7 +145,7 @@ def read_series(part: str, data: Any, headers: Iterable[str]) -> list[Series]:
     BeamdaeError
         If the data are incomplete, contain text or do not ascend in time.
     """
-    known = {name for header in headers for name in (header, _split_unit(header)[0])}
+    known = {name for header in headers for name in (header, split_unit(header)[0])}
     series, _, _ = _read_series(part, data, known)
     return series
 
@@ -173,11 +171,11 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
     """
     name = series.column
     headers = list(headers)
-    column, unit = _split_unit(name)
+    column, unit = split_unit(name)
     if name in headers or not unit:
         return series
     for header in headers:
-        observed, observed_unit = _split_unit(header)
+        observed, observed_unit = split_unit(header)
         if column != observed:
             continue
         source, target = parse_unit(unit), parse_unit(observed_unit)
@@ -197,12 +195,6 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
     return series
 
 
-def _split_unit(header: str) -> tuple[str, str]:
-    """Return name and unit of a header 'name [unit]'; the unit is '' if there is none."""
-    name, _, unit = header.removesuffix("]").rpartition(" [")
-    return (name, unit) if name and header.endswith("]") else (header, "")
-
-
 def _read_series(
     part: str, data: Any, known: Set[str] | None = None
 ) -> tuple[list[Series], bool, str]:
@@ -214,9 +206,11 @@ def _read_series(
     if path is not None and not (is_valid_path(path) and path.strip()):
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
-    given = _read_csv(part, path) if path is not None else data
+    texts = (_EXPERIMENT, _OBSERVABLE)
+    given = data if path is None else read_csv_table(part, path, texts, _MAX_DATA + 1)
     table = _as_columns(part, given, name)
     if _OBSERVABLE in table and _VALUE in table:
+        table = _standardize_headers(part, table, name)
         return _read_long_table(part, table, name), _SIGMA in table, name
     if table and all(_is_table(x) for x in table.values()):
         series = []
@@ -253,30 +247,17 @@ def _as_columns(part: str, data: Any, name: str) -> dict[str, Any]:
     return require_mapping(part, name, data, _ALLOWED)
 
 
-def _read_csv(part: str, path: str) -> Any:
-    import pandas as pd
-
-    try:
-        # Names of experiments are texts, even if they are numbers.
-        table = pd.read_csv(
-            Path(path),
-            nrows=_MAX_DATA + 1,
-            skipinitialspace=True,
-            dtype={_EXPERIMENT: str, _OBSERVABLE: str},
-            keep_default_na=True,
-            low_memory=False,
-        )
-    except OSError as problem:
-        reason = problem.strerror or format_message(problem)
-        raise BeamdaeError(
-            f"{part}: {short_repr(path)} cannot be read: {reason}; check the path."
-        ) from None
-    except Exception as problem:  # Of several kinds in pandas: encoding, ragged rows, no columns.
-        raise BeamdaeError(
-            f"{part}: {path} is not a CSV table: {format_message(problem)}; write a table with a "
-            "header, commas and decimal points."
-        ) from None
-    return table.rename(columns=lambda x: unescape_cell(str(x).strip()))
+def _standardize_headers(part: str, table: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a table with headers of the form 'name [unit]', also for 'name (unit)'."""
+    result: dict[str, Any] = {}
+    for header, values in table.items():
+        standard = standardize_header(header)
+        if standard in result:
+            raise BeamdaeError(
+                f"{part}: {name} contains the column {short_repr(standard)} twice; remove one."
+            )
+        result[standard] = values
+    return result
 
 
 def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
@@ -323,10 +304,19 @@ def _describe_text(part: str, values: Any, column: str, name: str) -> str:
     )
 
 
-def _require_times(part: str, times: Array, name: str) -> None:
-    if not times.size or not np.isfinite(times).all() or times.min() < 0.0:
+def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
+    """Reject missing and negative times of the given rows."""
+    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
+    if not times.size:
+        raise BeamdaeError(f"{rule}; fill in measured values.")
+    if not np.isfinite(times).all():
+        k = int(np.argmax(~np.isfinite(times)))
+        raise BeamdaeError(f"{rule}, but row {rows[k] + 1} has no time; fill it in, or remove it.")
+    if times.min() < 0.0:
+        k = int(np.argmax(times < 0.0))
         raise BeamdaeError(
-            f"{part}: the times of {name} must be finite and ascend, from 0 s or later."
+            f"{rule}, got {times[k]:g} s in row {rows[k] + 1}; remove the rows before the start of "
+            "the run (t < 0), or shift the times."
         )
 
 
@@ -335,7 +325,7 @@ def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str
 
     Without such a column, return one named "t" or "time" that has another unit, if there is one.
     """
-    units = {x: unit for x in table for name, unit in [_split_unit(x)] if name in _TIMES and unit}
+    units = {x: unit for x in table for name, unit in [split_unit(x)] if _is_time(name) and unit}
     candidates = [x for x in table if x in names or (x in units and _is_time_unit(units[x]))]
     if not candidates:
         return next(iter(units), None)
@@ -347,6 +337,11 @@ def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str
     return candidates[0]
 
 
+def _is_time(name: str) -> bool:
+    # T may be a temperature.
+    return name in _TIMES or name.casefold() == "time"
+
+
 def _is_time_unit(unit: str) -> bool:
     parsed = parse_unit(unit)
     return parsed is not None and parsed[1] == {"s": 1}
@@ -354,7 +349,7 @@ def _is_time_unit(unit: str) -> bool:
 
 def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Array:
     """Return the column of times in seconds."""
-    numbers, unit = _as_numbers(part, table[time], time, name), _split_unit(time)[1] or "s"
+    numbers, unit = _as_numbers(part, table[time], time, name), split_unit(time)[1] or "s"
     parsed = parse_unit(unit)
     if parsed is None or not _is_time_unit(unit):
         raise BeamdaeError(
@@ -367,6 +362,7 @@ def _read_wide_table(
     part: str, table: Mapping[str, Any], name: str, experiment: str, known: Set[str] | None
 ) -> list[Series]:
     """Return the series of a table with a column of times and one column per observed column."""
+    table = _standardize_headers(part, table, name)
     time = _find_time(part, table, (measures.TIME,))
     columns = [column for column in table if column != time]
     if time is None or not columns:
@@ -376,17 +372,11 @@ def _read_wide_table(
             f"{', '.join(map(repr, table)) or 'none'}."
         )
     times = _read_times(part, table, time, name)
-    _require_times(part, times, name)
-    if np.any(np.diff(times) <= 0.0):
-        k = int(np.argmax(np.diff(times) <= 0.0))
-        raise BeamdaeError(
-            f"{part}: the times of {name} must be finite and ascend, got {times[k + 1]:g} s after "
-            f"{times[k]:g} s in row {k + 2}; sort the rows and average repeated ones."
-        )
-    series = []
+    series: list[Series] = []
+    numbers: dict[str, Array] = {}
     for column in columns:
-        if known is not None and not known & {column, _split_unit(column)[0]}:
-            series.append(Series(experiment, column, times[:0], times[:0], times[:0]))
+        if known is not None and not known & {column, split_unit(column)[0]}:
+            numbers[column] = np.full(len(times), np.nan)
             continue
         values = _as_numbers(part, table[column], column, name)
         if values.shape != times.shape:
@@ -394,6 +384,19 @@ def _read_wide_table(
                 f"{part}: the column {column!r} of {name} must have one finite number or NaN per "
                 f"time, got {len(values)} for {len(times)} times."
             )
+        numbers[column] = values
+    has_values = np.any([np.isfinite(x) for x in numbers.values()], axis=0)
+    # Rows without a time and values are empty lines.
+    rows = np.flatnonzero(np.isfinite(times) | has_values)
+    used = times[rows]
+    _require_times(part, used, rows, name)
+    if np.any(np.diff(used) <= 0.0):
+        k = int(np.argmax(np.diff(used) <= 0.0))
+        raise BeamdaeError(
+            f"{part}: the times of {name} must be finite and ascend, got {used[k + 1]:g} s after "
+            f"{used[k]:g} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
+        )
+    for column, values in numbers.items():
         present = np.isfinite(values)
         ones = np.ones(int(present.sum()))
         series.append(Series(experiment, column, times[present], values[present], ones))
@@ -415,14 +418,14 @@ def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Ser
     sigma = (
         _as_numbers(part, table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
     )
-    names = _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)
+    names = [standardize_header(x) for x in _as_names(part, table[_OBSERVABLE], _OBSERVABLE, name)]
     experiments = [ONLY_EXPERIMENT] * len(times)
     if _EXPERIMENT in table:
         experiments = _as_names(part, table[_EXPERIMENT], _EXPERIMENT, name)
     if not len(times) == len(values) == len(sigma) == len(names) == len(experiments):
         raise BeamdaeError(f"{part}: the columns of {name} must have equal lengths.")
     present = np.isfinite(values)
-    _require_times(part, times[present], name)
+    _require_times(part, times[present], np.flatnonzero(present), name)
     if not np.all(sigma[present] > 0.0):
         k = int(np.argmax(present & ~(sigma > 0.0)))
         raise BeamdaeError(
@@ -466,7 +469,7 @@ def _with_sigma(series: list[Series], present: list[Series], sigma: Any) -> FitD
     columns = list(dict.fromkeys(x.column for x in series))
     if sigma is None:
         # The same column may be in different units in different experiments.
-        if len({_split_unit(column)[0] for column in columns}) > 1:
+        if len({split_unit(column)[0] for column in columns}) > 1:
             raise BeamdaeError(
                 "fit: sigma is required for several columns, because it determines their weights; "
                 "pass sigma={name: standard deviation}, or a long table with the column sigma."
@@ -474,12 +477,37 @@ def _with_sigma(series: list[Series], present: list[Series], sigma: Any) -> FitD
         return FitData(tuple(present), False)
     if isinstance(sigma, Mapping):
         sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-        if set(sigma) != set(columns):
-            raise BeamdaeError(
-                f"fit: sigma must name the columns {', '.join(columns)} of data, got "
-                f"{', '.join(sigma) or 'none'}."
-            )
-        values = {x: require_positive("fit", f"sigma of {x}", sigma[x]) for x in columns}
+        given = _sigma_by_column(sigma, columns)
     else:
-        values = dict.fromkeys(columns, require_positive("fit", "sigma", sigma))
+        given = dict.fromkeys(columns, sigma)
+    values = {x: _read_sigma(x, given[x], isinstance(sigma, Mapping)) for x in columns}
     return FitData(tuple(replace(x, sigma=x.sigma * values[x.column]) for x in present), True)
+
+
+def _sigma_by_column(sigma: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
+    """Return the standard deviation of each column, which is named with or without its unit."""
+    matches = {
+        name: [x for x in columns if standardize_header(name) == x]
+        or [x for x in columns if name == split_unit(x)[0]]
+        for name in sigma
+    }
+    given = {column: sigma[name] for name, found in matches.items() for column in found}
+    count = sum(len(x) for x in matches.values())
+    if not all(matches.values()) or set(given) != set(columns) or count > len(columns):
+        raise BeamdaeError(
+            f"fit: sigma must name the columns {', '.join(columns)} of data, got "
+            f"{', '.join(sigma) or 'none'}."
+        )
+    return given
+
+
+def _read_sigma(column: str, value: Any, is_named: bool) -> float:
+    """Return a standard deviation in the unit of its column."""
+    label, unit = f"sigma of {column}" if is_named else "sigma", split_unit(column)[1]
+    text = as_text(value)
+    if text is not None and not unit:
+        raise BeamdaeError(
+            f"fit: {label} must be a number in the unit of the column, got {short_repr(value)}; "
+            "for values with units, write a header such as 'tip.y [mm]'."
+        )
+    return require_positive("fit", label, convert_text("fit", label, value, unit))

@@ -30,7 +30,7 @@ def fit(
     by: Sequence[str] | str,
     integrator: Integrator | None = None,
     *,
-    sigma: float | Mapping[str, float] | None = None,
+    sigma: float | str | Mapping[str, float | str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     experiments: Mapping[str, Mapping[str, Any]] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -66,7 +66,9 @@ def fit(
         names of observed columns, such as "tip.y [m]" or "tip.y"; missing values are NaN. A long
         table contains one value per row: the columns "observable" (name of an observed column),
         "t [s]", "value", and optionally "experiment" and "sigma". Columns in other units, such as
-        "t [ms]" or "tip.y [mm]", are converted; their results are in the units of the model.
+        "t [ms]" or "tip.y (mm)", are converted; their results are in the units of the model. CSV
+        files may be separated by commas, semicolons or tabs, the last two also with decimal commas;
+        lines that begin with "#", "%" or "//" are comments, and empty rows and columns are skipped.
     by
         Names of the parameters to estimate. They must be floats.
     integrator
@@ -74,8 +76,9 @@ def fit(
         more run with half the step or a tenth of `rtol` checks the accuracy at the estimates.
     sigma
         Standard deviation of the errors of the data, in the units of the columns: a number for
-        all columns, or a dict by the names used in `data`. Required if there are several columns,
-        unless a long table contains it. Defaults to an estimate from the residuals.
+        all columns, or a dict by the names used in `data`, with or without their units. Texts
+        such as "0.1 mm" are converted. Required if there are several columns, unless a long table
+        contains it. Defaults to an estimate from the residuals.
     parameters
         Values of parameters that differ from the defaults. For those in `by`, the search begins
         with these values.
@@ -94,9 +97,9 @@ def fit(
         The column "*" stands for all columns, which then have one unknown in common.
     shift
         Columns with an unknown delay of the recorded times: the value recorded at t belongs to
-        t - shift. Entries as in `scale`, or a dict of bounds (lower, upper) [s] by entry. Bounds
-        default to the first time of the data in both directions; data may not begin before the
-        upper bound, because the run starts at 0 s.
+        t - shift. Entries as in `scale`, or a dict of bounds (lower, upper) by entry, in s or as
+        texts such as "5 ms". Bounds default to the first time of the data in both directions; data
+        may not begin before the upper bound, because the run starts at 0 s.
     start
         Start of the runs, see `simulate`.
     max_evaluations

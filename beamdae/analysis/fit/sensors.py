@@ -18,6 +18,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
 )
+from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, remove_unit
 
@@ -118,6 +119,7 @@ def _read_shift_bounds(label: str, bounds: Any, first: float) -> tuple[float, fl
         low, high = -first, first
     else:
         pair = require_pair("fit", f"shift of {label}", bounds, "(lower, upper) in seconds")
+        pair = [convert_text("fit", f"shift of {label}", limit, "s") for limit in pair]
         low, high = (np.nan if (x := as_real(limit)) is None else x for limit in pair)
         if not (low < high and np.isfinite([low, high]).all()):
             raise BeamdaeError(
@@ -176,6 +178,9 @@ class _Selection:
             if column == self._series[numbers[0]].name_in_data:
                 # The unit of the estimate is that of the model, not that of the data.
                 named = self._headers[numbers[0]]
+            if argument != "offset":
+                # Scales and shifts do not have the unit of the column.
+                named = remove_unit(named)
             label = label_series(named, experiment or "")
             if taken & set(numbers) or label in result:
                 raise BeamdaeError(

@@ -66,11 +66,19 @@ class Campbell(HasTable, HasPage):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the modes at each speed."""
-        return tuple(
-            f"at {speed:g} rad/s, {sentence}"
-            for speed, at_speed in zip(self.speeds, self.modes, strict=True)
-            for sentence in at_speed.warnings
+        """Warnings about the model and about the modes at each speed."""
+        # Warnings of the model do not depend on the speed.
+        sets = [set(at_speed.warnings) for at_speed in self.modes]
+        common = set.intersection(*sets) if len(sets) > 1 else set()
+        first = [x for at_speed in self.modes[:1] for x in at_speed.warnings if x in common]
+        return (
+            *first,
+            *(
+                f"at {speed:g} rad/s, {sentence}"
+                for speed, at_speed in zip(self.speeds, self.modes, strict=True)
+                for sentence in at_speed.warnings
+                if sentence not in common
+            ),
         )
 
     def plot(self) -> Plot:

@@ -131,7 +131,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
-    return replace(lin, warnings=(*lin.warnings, *outside)) if outside else lin
+    return replace(lin, warnings=(*lin.equations.build_warnings, *lin.warnings, *outside))
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:

@@ -70,8 +70,8 @@ class Buckling(HasTable, HasPage):
     mechanism
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
-        Warnings that displacements before buckling are not negligible, that there are fewer
-        factors than requested, or that the loads have no potential.
+        Warnings of the model, and warnings that displacements before buckling are not negligible,
+        that there are fewer factors than requested, or that the loads have no potential.
     """
 
     factors: Array
@@ -240,7 +240,7 @@ def buckling(
         loading.stages[0],
         begin.x[: e.n],
         model if isinstance(model, Mechanism) else None,
-        tuple(warnings),
+        (*e.build_warnings, *warnings),
     )
 
 

@@ -164,7 +164,8 @@ def equilibrium(
         )
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
-    messages = list(result.warnings)
+    # The others were issued when the model was built.
+    messages = [x for x in result.warnings if x not in equations.build_warnings]
     if not result.status.success:
         messages.insert(0, f"{information.get('name', _NAME)}: {result.status.sentence}.")
     for message in messages:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdae.cli.options import ModelName, ModelPath, Settings, load_configured_model
-from beamdae.cli.output import create_console, record_results
+from beamdae.cli.output import create_console, record_results, record_warning
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ def check_command(
             facts[f"{name}, {fact}"] = text_tables.format_number(value)
     types = {name: type(part).__name__ for name, part in parts.items()}
     record_results(lambda: {**_json_results(result), "parts": types})
+    for sentence in result.warnings:
+        record_warning(sentence)
     console = create_console()
     console.print(model.name, style="bold")
     if parts:
@@ -55,5 +57,5 @@ def check_command(
 
 def _json_results(check: Check) -> dict[str, Any]:
     results = asdict(check)
-    del results["name"]
+    del results["name"], results["warnings"]
     return {"ok": check.ok, "mobility": check.mobility, **results}

@@ -22,7 +22,7 @@ from beamdae.cli.options import (
     TimeLimit,
     parse_assignments,
 )
-from beamdae.cli.output import create_console, print_error, record_results
+from beamdae.cli.output import create_console, print_error, print_warnings, record_results
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
@@ -144,6 +144,7 @@ def _print_results(results: StudyResults) -> None:
     ]
     for sentence in () if results.interrupted else failures[:MAX_SCREEN_ROWS]:
         print_error(f"failed: {sentence}")
+    print_warnings(console, results.describe_warnings())
     print_failures(results)
 
 

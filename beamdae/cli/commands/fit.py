@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,7 +33,7 @@ from beamdae.cli.output import (
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -70,8 +69,8 @@ def fit_command(
         list[str] | None,
         typer.Option(
             metavar="[COLUMN=]VALUE",
-            help="Standard deviation of the errors of the data; repeatable. Defaults to the column "
-            "sigma, or to an estimate.",
+            help="Standard deviation of the errors of the data, in the unit of the column or with "
+            "a unit; repeatable. Defaults to the column sigma, or to an estimate.",
         ),
     ] = None,
     experiment: Annotated[
@@ -158,9 +157,7 @@ def fit_command(
     from beamdae.analysis.fit.fit import fit
     from beamdae.results.storage.files import escape_table, write_text
 
-    with warnings.catch_warnings(), ExitStack() as stack:
-        # The warnings are printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
+    with ExitStack() as stack:
         if starts > 1:
             options |= {"folder": out / f"{stem}_starts", "jobs": jobs}
             options["progress"] = stack.enter_context(show_study_progress())
@@ -194,11 +191,12 @@ def _assign(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
     return list(parse_assignments(texts, option).items())
 
 
-def _parse_number(option: str, name: str, text: str) -> float:
+def _parse_sigma_value(text: str) -> float | str:
+    """Return a number, or a text such as "0.1 mm", which `fit` converts."""
     try:
         return float(text)
     except ValueError:
-        raise BeamdaeError(f"{option} {name}={text}: the value must be a number.") from None
+        return text
 
 
 def _parse_shift(name: str, text: str) -> tuple[float, float]:
@@ -211,16 +209,13 @@ def _parse_shift(name: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-def _parse_sigma(texts: list[str] | None) -> float | dict[str, float] | None:
-    """Return the number of --sigma VALUE, or the numbers by column of --sigma COLUMN=VALUE."""
+def _parse_sigma(texts: list[str] | None) -> float | str | dict[str, float | str] | None:
+    """Return the value of --sigma VALUE, or the values by column of --sigma COLUMN=VALUE."""
     if not texts:
         return None
     if len(texts) == 1 and "=" not in texts[0]:
-        try:
-            return float(texts[0])
-        except ValueError:
-            raise BeamdaeError(f"--sigma {texts[0]}: the value must be a number.") from None
-    return {name: _parse_number("--sigma", name, x) for name, x in _assign("--sigma", texts)}
+        return _parse_sigma_value(texts[0])
+    return {name: _parse_sigma_value(x) for name, x in _assign("--sigma", texts)}
 
 
 def _parse_experiments(texts: list[str] | None) -> dict[str, dict[str, str]]:
@@ -252,8 +247,8 @@ def _print_results(result: Fit, name: str) -> None:
     console = print_facts(name, describe_fit(result), lambda: _json_results(result))
     console.print(text_tables.estimates_table(result.table(), result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
-    for run in result.solutions.values():
-        print_warnings(console, run.warnings)
+    # Warnings of the model are the same in all experiments.
+    print_warnings(console, dict.fromkeys(x for y in result.solutions.values() for x in y.warnings))
 
 
 def _json_results(result: Fit) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +20,7 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.output_paths import require_writable
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:
@@ -90,21 +89,18 @@ def optimize_command(
     )
     limits = [_parse_limit("--at-most", x) for x in at_most or []]
     limits += [_parse_limit("--at-least", x) for x in at_least or []]
-    with warnings.catch_warnings():
-        # The warnings are printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        result = optimize(
-            model,
-            objective,
-            [name.strip() for name in by.split(",") if name.strip()],
-            limits,
-            parse_bounds(model, bounds),
-            None if step is None else GeneralizedAlpha(step=step),
-            start=parse_start(start),
-            method=method,  # type: ignore[arg-type]
-            max_evaluations=max_evaluations,
-            partial="return",
-        )
+    result = optimize(
+        model,
+        objective,
+        [name.strip() for name in by.split(",") if name.strip()],
+        limits,
+        parse_bounds(model, bounds),
+        None if step is None else GeneralizedAlpha(step=step),
+        start=parse_start(start),
+        method=method,  # type: ignore[arg-type]
+        max_evaluations=max_evaluations,
+        partial="return",
+    )
     table = escape_table(result.table()).to_csv(index_label="parameter")
     files = WrittenFiles([write_text(table_path, table), result.to_csv(history_path)])
     _print_results(result, model.name)

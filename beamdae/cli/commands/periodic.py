@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,9 +27,10 @@ from beamdae.cli.options import (
 from beamdae.cli.output import (
     WrittenFiles,
     print_facts,
+    print_warnings,
 )
 from beamdae.cli.output_paths import plan_outputs
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
     from beamdae.results.periodic_motion import PeriodicMotion
@@ -95,17 +95,14 @@ def periodic_command(
     from beamdae.report.pictures.time_plots import save_run_figure
     from beamdae.results.storage.files import escape_table, write_text
 
-    with warnings.catch_warnings():
-        # The status is printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        motion = periodic(
-            model,
-            period,
-            method,
-            parse_start(start) if speed is None else rotation(speed),
-            settle=settle,
-            period_guess=period_guess,
-        )
+    motion = periodic(
+        model,
+        period,
+        method,
+        parse_start(start) if speed is None else rotation(speed),
+        settle=settle,
+        period_guess=period_guess,
+    )
     table = escape_table(motion.solution.table())
     files = WrittenFiles(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
@@ -129,6 +126,7 @@ def _print_results(motion: PeriodicMotion, name: str) -> None:
     console = print_facts(name, periodic_facts(motion), lambda: _json_results(motion))
     if motion.solution.columns:
         console.print(text_tables.amplitudes_table(motion.amplitudes()))
+    print_warnings(console, motion.solution.warnings)
 
 
 def _json_results(motion: PeriodicMotion) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,7 +29,7 @@ from beamdae.cli.output import (
     print_warnings,
 )
 from beamdae.cli.output_paths import plan_outputs
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_positive
+from beamdae.errors import BeamdaeError, require_positive
 
 if TYPE_CHECKING:
     from beamdae.results.frequency_response import FrequencyResponse
@@ -92,21 +91,18 @@ def response_command(
     from beamdae.report.pictures.path_plots import create_response_figure
     from beamdae.results.storage.files import escape_table, write_text
 
-    with warnings.catch_warnings():
-        # The status is printed with the results.
-        warnings.simplefilter("ignore", BeamdaeWarning)
-        result = frequency_response(
-            model,
-            parameter,
-            ends,
-            _period_function(angular, period),
-            method,
-            step,
-            longest_step,
-            settle,
-            most_points=most_points,
-            partial="return",
-        )
+    result = frequency_response(
+        model,
+        parameter,
+        ends,
+        _period_function(angular, period),
+        method,
+        step,
+        longest_step,
+        settle,
+        most_points=most_points,
+        partial="return",
+    )
     table = escape_table(result.table())
     files = WrittenFiles(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)

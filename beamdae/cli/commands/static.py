@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -32,7 +31,7 @@ from beamdae.cli.output import (
     print_warnings,
 )
 from beamdae.cli.output_paths import require_writable
-from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -99,21 +98,18 @@ def static_command(
 
     # After the first interrupt, the path so far is written before a further one is raised.
     with signals.defer_interrupts(immediate=1):
-        with warnings.catch_warnings():
-            # These warnings are printed with the results.
-            warnings.simplefilter("ignore", BeamdaeWarning)
-            result = equilibrium(
-                model,
-                load,
-                _parse_targets(to),
-                control,
-                step,
-                switch or 0,
-                most_points,
-                t,
-                parse_start(start),
-                partial="return",
-            )
+        result = equilibrium(
+            model,
+            load,
+            _parse_targets(to),
+            control,
+            step,
+            switch or 0,
+            most_points,
+            t,
+            parse_start(start),
+            partial="return",
+        )
         tables = [result.to_csv(table), table.with_suffix(".json")]
         files = WrittenFiles(tables, (page_path, picture_path))
     _print_results(result, model.name)

@@ -29,7 +29,7 @@ from beamdae.cli.options import (
     create_integrator,
     parse_assignments,
 )
-from beamdae.cli.output import create_console, record_results
+from beamdae.cli.output import create_console, print_warnings, record_results
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
@@ -322,7 +322,5 @@ def _print_results(swept: SweepResults) -> None:
                 table, swept.parameters, swept.response_columns, swept.sweep.units
             )
         )
-    n_warnings = int((table["warnings"] != "").sum())
-    if n_warnings:
-        console.print(f"warnings in {n_warnings} of {len(table)} cases; see sweep.csv")
+    print_warnings(console, swept.results.describe_warnings())
     print_failures(swept.results)

@@ -29,7 +29,7 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.equations.singular_laws import collect_unbounded_laws
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, record_messages, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.control.controller import select_controllers
@@ -90,7 +90,10 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     snapshot = mechanism.snapshot()
     parts = list(mechanism.parts.values())
     start = mechanism.start if start is None else require_start("start", start)
-    _prepare_parts(mechanism, start)
+    with record_messages() as messages:
+        _prepare_parts(mechanism, start)
+    # Parts are prepared once, but the mechanism may be assembled again.
+    mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
     snapshot.observables = ReadOnlyDict(
         {name: quantity.current for name, quantity in mechanism.observables.items()}
     )
@@ -164,6 +167,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "redundant constraints."
             )
         equations = replace(equations, redundant=True)
+    if mechanism.build_warnings:
+        equations = replace(equations, build_warnings=mechanism.build_warnings)
     return apply_initial_conditions(equations, start)
 
 

@@ -11,7 +11,13 @@ from typing import Any
 
 import pandas as pd
 
-from beamdae.errors import BeamdaeError, KernelWarning, ProgressError, warn_user
+from beamdae.errors import (
+    BeamdaeError,
+    KernelWarning,
+    ProgressError,
+    kind_of_message,
+    warn_user,
+)
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
@@ -35,6 +41,7 @@ from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
+_MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 _MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
 
@@ -170,6 +177,32 @@ class StudyResults:
         """True if no case succeeded, or if a group lacks its reference."""
         any_success = (self.table["status"] == "ok").any()
         return not any_success or any(r.table is None for r in self.references.values())
+
+    def describe_warnings(self) -> list[str]:
+        """Return a sentence on each of the first five kinds of warnings of cases.
+
+        Warnings of one kind differ only in numbers.
+        """
+        table = self.table
+        kinds: dict[str, list[tuple[int, str, str]]] = {}
+        if "warnings" not in table:
+            return []
+        for k, (text, group) in enumerate(zip(table["warnings"], table["group"], strict=True)):
+            if isinstance(text, str) and text:
+                kinds.setdefault(kind_of_message(f": {text}"), []).append((k, group, text))
+        sentences = []
+        for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
+            row, group, text = cases[0]
+            tag = self.study.tag(self.study.cases[row])
+            label = f"{group}, {tag}" if group in self.references else tag
+            sentences.append(
+                f"{self.study.name}: warnings in {len(cases)} of {len(table)} cases, for example "
+                f"{label}: {text}"
+            )
+        if len(kinds) > _MAX_WARNING_KINDS:
+            n_more = len(kinds) - _MAX_WARNING_KINDS
+            sentences.append(f"{self.study.name}: {n_more} more kinds of warnings; see cases.csv.")
+        return sentences
 
     def to_parquet(self) -> list[Path]:
         """Write the trajectories as Parquet files next to their CSV files and return the paths.

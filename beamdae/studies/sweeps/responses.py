@@ -174,7 +174,7 @@ def _create_panel(column: str) -> Panel:
 
 
 def _parse_unit(header: str) -> str:
-    return Header.of(header).unit if header.endswith("]") else ""
+    return Header.of(header).unit
 
 
 def is_numeric_parameter(table: pd.DataFrame, name: str) -> bool:

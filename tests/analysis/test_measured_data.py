@@ -1,0 +1,122 @@
+"""Files of measured data as spreadsheets and data loggers write them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.analysis.fit.data import read_data, read_series
+from beamdae.model_parameters import split_unit, standardize_header
+from beamdae.results.columns import Header, remove_unit
+
+ACCEPTED = {
+    "plain": "t [s],tip.y [mm]\n0,1.5\n0.1,2.5\n",
+    "parentheses": "t (s),tip.y (mm)\n0,1.5\n0.1,2.5\n",
+    "no space": "t[s],tip.y[mm]\n0,1.5\n0.1,2.5\n",
+    "another unit of time": "Time (ms),tip.y [mm]\n0,1.5\n100,2.5\n",
+    "semicolons": "t [s];tip.y [mm]\n0;1.5\n0.1;2.5\n",
+    "decimal commas": "t [s];tip.y [mm]\n0;1,5\n0,1;2,5\n",
+    "tabs and decimal commas": "t [s]\ttip.y [mm]\n0\t1,5\n0,1\t2,5\n",
+    "separator line": "sep=;\nt [s];tip.y [mm]\n0;1,5\n0,1;2,5\n",
+    "Windows line ends": "t [s],tip.y [mm]\r\n0,1.5\r\n0.1,2.5\r\n",
+    "byte-order mark": "\ufefft [s],tip.y [mm]\n0,1.5\n0.1,2.5\n",
+    "comments": "# rig 3\n% 4 kHz\n// raw\nt [s],tip.y [mm]\n0,1.5\n# stop\n0.1,2.5\n",
+    "empty column": "t [s],tip.y [mm],\n0,1.5,\n0.1,2.5,\n",
+    "separators at line ends": "t [s],tip.y [mm]\n0,1.5,\n0.1,2.5,\n",
+    "empty rows": "t [s],tip.y [mm]\n0,1.5\n,\n\nNaN,nan\n0.1,2.5\n,\n",
+    "quotes": '"t [s]","tip.y [mm]"\n"0","1.5"\n"0.1","2.5"\n',
+    "long table": "observable;t (ms);value;sigma\ntip.y (mm);0;1,5;1\ntip.y (mm);100;2,5;1\n",
+}
+REJECTED = {
+    "before the trigger": ("t [s],y [m]\n-0.1,1\n0,2\n", "got -0.1 s in row 1; remove the rows"),
+    "missing time": ("t [s],y [m]\n0,1\n,3\n0.1,2\n", "but row 2 has no time"),
+    "unsorted": ("t [s],y [m]\n0.1,1\n,\n0,2\n", r"got 0 s after 0\.1 s in row 3; sort the rows"),
+    "row of units": ("t [s],y\ns,m\n0,2\n", "must contain numbers, got 's' in row 1"),
+    "spaces": ("t y\n0 1\n", "no separators of columns in its header 't y'"),
+    "decimal and column commas": ("t [s],y [m]\n0,0,1,5\n", "more cells than the header"),
+    "points and commas": ("t [s];y [m]\n0.5;1,5\n", "the numbers 1,5 and 0.5"),
+    "thousands": ("t [s];y [m]\n0;1.234,5\n", "must contain numbers, got '1.234,5' in row 1"),
+    "no header": ("t [s],y [m],\n0,1,2\n", "column 3 has values but no header"),
+    "repeated header": ("t [s],y (m),y [m]\n0,1,2\n", r"the column 'y \[m\]' twice"),
+    "empty": ("# nothing\n\n", "is empty"),
+    "bytes": ("\0\1,\2\n", "not a text file"),
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, encoding="utf-8"):
+        path = tmp_path / "data.csv"
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("text", ACCEPTED.values(), ids=ACCEPTED)
+def test_regression_usual_files_are_read(write, text):
+    """Other separators, units in parentheses, empty rows and columns were rejected."""
+    (series,) = read_data(write(text)).series
+    assert series.column == "tip.y [mm]"
+    assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
+    assert_allclose(series.values, [1.5, 2.5])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_other_encodings_are_read(write, encoding):
+    (series,) = read_data(write("t [s]\ttip.y [µm]\n0\t1\n1\t2\n", encoding)).series
+    assert series.column == "tip.y [µm]"
+
+
+@pytest.mark.parametrize(("text", "message"), REJECTED.values(), ids=REJECTED)
+def test_regression_other_files_are_rejected_with_the_reason(write, text, message):
+    with pytest.raises(bd.BeamdaeError, match=f"^fit: .*{message}"):
+        read_data(write(text))
+
+
+def test_tables_in_memory_may_have_units_in_parentheses():
+    table = {"t (ms)": [0.0, np.nan, 100.0], "tip.y (mm)": [1.5, np.nan, 2.5]}
+    for data in (table, pd.DataFrame(table)):
+        (series,) = read_data(data).series
+        assert series.column == "tip.y [mm]"
+        assert_allclose(series.times, [0.0, 0.1], rtol=1e-12)
+    (series,) = read_data({"run (m)": table}).series
+    assert series.experiment == "run (m)"
+
+
+def test_one_law_splits_headers():
+    for header, name, unit in [
+        ("tip.y [mm]", "tip.y", "mm"),
+        ("a [b] [N/(m s)]", "a [b]", "N/(m s)"),
+        ("tip.y", "tip.y", ""),
+        ("tip [left", "tip [left", ""),
+        ("[m]", "[m]", ""),
+    ]:
+        assert split_unit(header) == (name, unit)
+        assert (remove_unit(header), Header.of(header).unit) == (name, unit)
+        assert standardize_header(header) == header
+    assert standardize_header(" gauge (left)") == "gauge (left)"
+    assert standardize_header("gauge (left) (N/m)") == "gauge (left) [N/m]"
+    assert standardize_header("d(tip.y)/d(E)") == "d(tip.y)/d(E)"
+
+
+@pytest.mark.parametrize("name", ["tip.y", "tip.y [mm]", "tip.y (mm)"])
+def test_regression_sigma_may_omit_the_unit_of_the_column(name):
+    """The keys had to be the headers of the data, and the values numbers."""
+    data = {"t [s]": [0.0, 1.0], "tip.y (mm)": [1.0, 2.0], "tip.x [m]": [1.0, 2.0]}
+    y, x = read_data(data, {name: "20 µm", "tip.x": 0.5}).series
+    assert_allclose((y.sigma, x.sigma), ([0.02, 0.02], [0.5, 0.5]), rtol=1e-12)
+    with pytest.raises(bd.BeamdaeError, match=r"^fit: sigma must name the columns tip\.y \[mm\]"):
+        read_data(data, {name: 1.0})
+    with pytest.raises(bd.BeamdaeError, match=r"sigma of tip\.y .*measures another quantity"):
+        read_data(data, {name: "2 s", "tip.x": 0.5})
+    plain = {"t [s]": [0.0, 1.0], "tip.y": [1.0, 2.0]}
+    with pytest.raises(bd.BeamdaeError, match=r"^fit: sigma must be a number in the unit of the c"):
+        read_data(plain, "2 mm")
+
+
+def test_plots_read_the_same_files(write):
+    data = write("t (ms);tip.y (mm);remark\n0;1,5;start\n100;2,5;\n")
+    series = read_series("plot", data, ["tip.y [m]"])
+    assert [len(x.values) for x in series] == [2, 0]

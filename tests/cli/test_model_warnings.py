@@ -1,0 +1,83 @@
+"""Every command prints the warnings of the model function, once, also as JSON."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.02)
+def spring(stiffness=100.0, frequency=1.0):
+    steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002, damping=1e-3)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (-float(steps(1.5)), bd.sine(0.1, frequency))))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.4, 0.1), beam.end, stiffness, 1.0))
+    mech.observe("tip", beam.end)
+    return mech
+"""
+SENTENCE = "stop: the spline reaches "
+COMMANDS = {
+    "check": (),
+    "run": (),
+    "run --plot": ("--plot", "tip.y"),
+    "run --accuracy": ("--accuracy", "5%"),
+    "static": (),
+    "static --plot": ("--plot", "tip.y"),
+    "modes": (),
+    "buckling": ("--load", "push"),
+    "periodic": ("--period", "1", "--settle", "1"),
+    "response": ("--over", "frequency=100:110", "--most-points", "2", "--settle", "1"),
+    "optimize": ("--by", "stiffness", "--minimize", "mass"),
+    "fit": ("data.csv", "--by", "stiffness", "--max-evaluations", "1"),
+    "draw": (),
+    "sweep": ("--over", "stiffness=100,200", "--jobs", "1"),
+    "compare": ("--jobs", "1"),
+}
+FAST = ("run", "static", "modes", "buckling", "draw")
+SLOW = pytest.mark.slow(reason="several runs or a picture")
+WITHOUT_PICTURES = ("check", "draw", "optimize")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("spring.py").write_text(MODEL, encoding="utf-8")
+    times = np.linspace(0.0, 0.02, 21)
+    pd.DataFrame({"t [s]": times, "tip.y [m]": -1e-4 * times}).to_csv("data.csv", index=False)
+    return tmp_path
+
+
+def run(name, *more):
+    command, *_ = name.split()
+    pictures = () if command in WITHOUT_PICTURES else ("--no-picture",)
+    pictures = () if "--plot" in name else pictures
+    arguments = [command, "spring.py", *COMMANDS[name], *pictures, *more]
+    return CliRunner().invoke(app, arguments)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [x if x in FAST else pytest.param(x, marks=SLOW) for x in COMMANDS],
+)
+def test_regression_commands_print_the_warnings_of_model_functions(folder, name):
+    """They were ignored with the warnings of the analysis, which are printed with its result."""
+    result = run(name)
+    assert result.exit_code in (0, 1), result.output
+    # Studies describe each combination of warnings of a case.
+    counts = (1, 2) if name == "compare" else (1,)
+    assert result.output.count(SENTENCE) in counts, result.output
+    document = json.loads(run(name, "--json").stdout)
+    assert sum(SENTENCE in x for x in document["warnings"]) in counts
+    for page in folder.glob("results/**/*.html"):
+        assert SENTENCE in page.read_text(encoding="utf-8"), page
