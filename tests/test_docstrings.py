@@ -17,12 +17,12 @@ class Finder(doctest.DocTestFinder):
         return super()._from_module(module, inspect.unwrap(object))
 
 
-MODULES = [m.name for m in pkgutil.walk_packages(beamdae.__path__, "beamdae.")]
+MODULES = pkgutil.walk_packages(beamdae.__path__, "beamdae.")
+# Modules without a prompt are not searched, because the search inspects each of their names.
 WITH_EXAMPLES = [
-    name
-    for name in MODULES
-    if name != "beamdae.__main__"
-    and any(t.examples for t in Finder().find(importlib.import_module(name)))
+    module.name
+    for module in MODULES
+    if ">>>" in inspect.getsource(importlib.import_module(module.name))
 ]
 
 
