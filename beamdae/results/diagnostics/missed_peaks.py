@@ -1,4 +1,4 @@
-"""Peaks of contact forces between output rows, found at the steps of the integrator."""
+"""Peaks of forces between output rows, found at the steps of the integrator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# Units of columns that a contact changes within a few steps.
+# Units of columns that contacts and other abrupt forces change within a few steps.
 _IMPULSIVE_UNITS = ("N", "N m", "m/s^2", "rad/s^2", "Pa")
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 4096
@@ -58,12 +58,18 @@ def measure_step_extremes(
 ) -> dict[str, StepExtremes]:
     """Return the extremes of the observed columns at the steps from `begin` to `end` [s].
 
-    They are empty for mechanisms without contacts, whose columns hardly change between rows, and
-    do not contain columns that are not finite at a step.
+    With contacts, all columns are evaluated; with other forces that may change abruptly (formulas,
+    tables, friction in joints), only forces, moments, accelerations and stresses. Otherwise the
+    result is empty because the columns hardly change between rows. Columns that are not finite at a
+    step are omitted.
     """
-    mechanism = equations.mechanism
     headers = [header for o in equations.observables for header in o.headers]
-    if mechanism is None or not headers or not any(x.gaps for x in mechanism.parts.values()):
+    mechanism = equations.mechanism
+    parts = () if mechanism is None else mechanism.parts.values()
+    is_selected = [any(x.gaps for x in parts)] * len(headers)
+    if headers and not is_selected[0] and has_abrupt_forces(equations):
+        is_selected = [Header.of(header).unit in _IMPULSIVE_UNITS for header in headers]
+    if not any(is_selected):
         return {}
     evaluate = ObservedRows(equations)
     extremes: tuple[Array, Array] | None = None
@@ -84,11 +90,17 @@ def measure_step_extremes(
     times, values = extremes
     return {
         header: StepExtremes(low, low_time, high, high_time)
-        for header, (low, high), (low_time, high_time) in zip(
-            headers, values.T.tolist(), times.T.tolist(), strict=True
+        for header, selected, (low, high), (low_time, high_time) in zip(
+            headers, is_selected, values.T.tolist(), times.T.tolist(), strict=True
         )
-        if np.isfinite([low, high]).all()
+        if selected and np.isfinite([low, high]).all()
     }
+
+
+def has_abrupt_forces(equations: EquationsOfMotion) -> bool:
+    """Return True if forces are formulas written by the user or depend on reactions (friction)."""
+    kernels = (term.kernel for term in equations.forces)
+    return any(not kernel.reused or kernel.local.n_multipliers for kernel in kernels)
 
 
 def _find_extremes(times: Array, columns: Array) -> tuple[Array, Array]:
