@@ -64,7 +64,6 @@ class FunctionAddresses(NamedTuple):
     IDAGetNumResEvals: int
     IDAGetNumJacEvals: int
     IDAGetEstLocalErrors: int
-    IDAGetErrWeights: int
 
 
 # (result, *arguments) -> functions.
@@ -96,7 +95,7 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
         *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetCurrentOrder", "IDAGetLastStep"),
         *("IDAGetCurrentStep", "IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails"),
         *("IDAGetNumNonlinSolvIters", "IDAGetNumStepSolveFails", "IDAGetNumLinSolvSetups"),
-        *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors", "IDAGetErrWeights"),
+        *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors"),
     ),
 }
 # Calls through these prototypes release the interpreter lock.

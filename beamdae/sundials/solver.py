@@ -148,7 +148,7 @@ class IdaSolver:
         Time [s] and state, set by `start` and by each step; IDA writes the state into the arrays y
         and yp.
     errors
-        Array into which IDA writes local errors or error weights, whichever are requested.
+        Array into which compiled code lets IDA write the local errors of a step.
     pointers
         Addresses for compiled code that calls IDA directly.
 
@@ -267,16 +267,6 @@ class IdaSolver:
             self._call_ida(name, ctypes.byref(value))
             values.append(value.value)
         return IdaStatistics(*values)
-
-    def local_errors(self) -> Array:
-        """Return the estimated local errors of the last step, one per unknown."""
-        self._call_ida("IDAGetEstLocalErrors", self.pointers.errors)
-        return self.errors.copy()
-
-    def error_weights(self) -> Array:
-        """Return the weights of errors, 1 / (rtol |y| + atol)."""
-        self._call_ida("IDAGetErrWeights", self.pointers.errors)
-        return self.errors.copy()
 
     def _call_ida(self, name: str, *arguments: Any) -> None:
         """Call a function whose first argument is IDA's memory, and check its status."""

@@ -53,17 +53,6 @@ class LocalRotation:
             matrix[row, column] = data[k]
         return matrix
 
-    def operator(self, selection: sp.csr_array, data: Array) -> sp.csr_array:
-        """Return blockdiag(T_e) @ `selection`, given one column of data per copy."""
-        copy, (rows, columns) = np.arange(data.shape[1]), self.shape
-        i, j = np.array([*self.ones, *self.others]).T[:, :, None] + copy * np.array(
-            [[[rows]], [[columns]]]
-        )
-        values = np.concatenate([np.ones((len(self.ones), len(copy))), data])
-        shape = (rows * len(copy), columns * len(copy))
-        rotation = sp.csr_array((values.ravel(), (i.ravel(), j.ravel())), shape=shape)
-        return sp.csr_array(rotation @ selection)
-
 
 class RotatedOperator(NamedTuple):
     """An operator of several copies, factored into a selection and a rotation.

@@ -131,20 +131,6 @@ def test_failures_are_counted():
     assert statistics.last_step < 10.0
 
 
-def test_local_errors_and_error_weights():
-    problem = Robertson()
-    direct = problem.create(DirectIda)
-    direct.init_step(0.0, problem.y0, problem.yp0)
-    for _ in range(30):
-        before = direct.solver.y.copy()
-        direct.step(40.0, "onestep", 40.0)
-    errors, weights = direct.solver.local_errors(), direct.solver.error_weights()
-    # Weights belong to the state at the beginning of the step.
-    assert weights == pytest.approx(1.0 / (1e-6 * np.abs(before) + problem.atol), rel=1e-12)
-    # The error test was passed.
-    assert 0.0 < np.sqrt(np.mean((errors * weights) ** 2)) <= 6.0
-
-
 class Failing(Robertson):
     """Returns NaN from the 50th call on."""
 

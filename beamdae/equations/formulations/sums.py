@@ -45,20 +45,8 @@ class InputLayout:
 
 def term_data(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
     """Return the numbers of the kernel of a term, (n_data, count), one column per copy."""
-    return _term_numbers(equations, term)[: term.kernel.local.n_data]
-
-
-def _term_numbers(equations: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> Array:
-    return equations.p[term.data].reshape((-1, term.count), order="F")
-
-
-def build_local_operator(equations: EquationsOfMotion, term: ForceTerm) -> sp.csr_array:
-    """Return the operator from the global coordinates to the local coordinates of all copies."""
-    if term.rotation is None:
-        return term.operator
-    return term.rotation.operator(
-        term.operator, _term_numbers(equations, term)[term.kernel.local.n_data :]
-    )
+    numbers = equations.p[term.data].reshape((-1, term.count), order="F")
+    return numbers[: term.kernel.local.n_data]
 
 
 def _local_inputs(operator: sp.csr_array, *offsets: int) -> list[LocalInput]:
