@@ -301,6 +301,7 @@ class StepHistory:
 
     def _join_columns(self, parts: list[Array]) -> list[Array]:
         """Return the columns t, q, v, a and lam of all parts; the parts are freed one by one."""
+        release_freed_memory()
         count = sum(map(len, parts))
         spans = list(pairwise([0, *self._column_ends]))
         columns = [np.empty((count, last - first)) for first, last in spans]

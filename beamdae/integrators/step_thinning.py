@@ -31,6 +31,9 @@ _OUTPUT = -1
 # Steps are dropped if an output row is closer than this fraction of the distance between the kept
 # steps: polynomials through rows at very small distances amplify vibrations between the steps.
 _MIN_DISTANCE = 0.5
+# Blocks of rows, of up to 10 MB, after which the memory of thinned rows is returned to the system:
+# rows that are kept lie between freed ones, which the C library would retain.
+_BLOCKS_PER_RELEASE = 2
 
 _keeps_all: ContextVar[bool] = ContextVar("keeps_all_steps", default=False)
 
@@ -108,18 +111,22 @@ class ThinnedRows:
         t = interval.nodes[max(begin - 1, 0) :: rows_per_step][[0, -1]]
         inside = (output_times > t[0]) & (output_times <= t[1])
         outputs = output_times[inside]
-        output_rows = np.column_stack([outputs, *interval.at(outputs)])
         values = measure(to_interval(rows[begin : last - self.first + 1]))
         steps = np.arange(self.done + 1, last + 1)
         is_end = steps % rows_per_step == 0
-        ends = rows[begin : last - self.first + 1][is_end]
-        merged = np.concatenate([output_rows, ends])
+        ends = begin + np.flatnonzero(is_end)
+        times = np.concatenate([outputs, rows[ends, 0]])
         indices = np.concatenate([np.full(len(outputs), _OUTPUT), steps[is_end] // rows_per_step])
-        order = np.argsort(merged[:, 0], kind="stable")
-        kept = order[_is_kept(merged[order, 0], indices[order], stride)]
+        order = np.argsort(times, kind="stable")
+        kept = order[_is_kept(times[order], indices[order], stride)]
+        # Only the rows that are kept are copied: they take most of the memory of a long run.
+        is_output, kept_rows = kept < len(outputs), np.empty((len(kept), rows.shape[1]))
+        output_rows = np.column_stack([outputs, *interval.at(outputs)])
+        kept_rows[is_output] = output_rows[kept[is_output]]
+        kept_rows[~is_output] = rows[ends[kept[~is_output] - len(outputs)]]
         first = max((last - tail_rows) // rows_per_step * rows_per_step, self.first)
         return ThinnedRows(
-            (*self.rows, merged[kept]),
+            (*self.rows, kept_rows),
             (*self.steps, indices[kept]),
             (*self.nodes, rows[begin : last - self.first + 1, 0].copy()),
             (*self.values, values),
@@ -229,6 +236,7 @@ class StepThinning:
     _finished: int = 0
     _finished_bytes: int = 0
     _checked: tuple[int, int] = (0, 0)
+    _released_blocks: int = 0
 
     def enforce(self, segments: Sequence[_Segment]) -> None:
         """Thin the segments of a run if their rows exceed the limit; the last one may grow."""
@@ -250,8 +258,10 @@ class StepThinning:
             for segment in segments:
                 segment.thin(self.stride, self.output_times, segment is not current)
             self._finished_bytes = sum(segment.stored_bytes for segment in segments[:-1])
-        if self.stride > stride:
-            # Rows that are kept lie between freed ones, which the C library would retain.
+        block_count = sum(segment.block_count for segment in segments)
+        is_due = block_count >= self._released_blocks + _BLOCKS_PER_RELEASE
+        if self.stride > stride or (self.stride and is_due):
+            self._released_blocks = block_count
             release_freed_memory()
 
     def _exceeds_limit(self, segments: Sequence[_Segment]) -> bool:

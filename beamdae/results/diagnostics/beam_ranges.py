@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, log
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,6 +99,25 @@ class BeamRange:
         )
 
 
+class _Deformations(NamedTuple):
+    """Largest deformations of a beam, and positions at which its strains are compared.
+
+    Attributes
+    ----------
+    largest
+        Largest deflection / length [-], rotation [rad] and strain [-], (3,).
+    error_factor
+        Error of deflections over the relative change of the deformation by exact strains.
+    samples
+        Coordinates (k, n) at which exact strains are evaluated; None if the strain measure does not
+        limit the rotation.
+    """
+
+    largest: Array
+    error_factor: float = 0.0
+    samples: Array | None = None
+
+
 def measure_beam_ranges_of_run(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[BeamRange, ...]:
@@ -105,15 +125,24 @@ def measure_beam_ranges_of_run(
     if not equations.ranges:
         return ()
     q = sample_positions(trajectory)
-    ranges = tuple(_beam_range(term, q, _estimate_error_of_run) for term in equations.ranges)
-    if q.nbytes > _MAX_RETAINED_BYTES:
+    deformations = [_find_deformations(x, q, _error_factor_of_run) for x in equations.ranges]
+    is_large = q.nbytes > _MAX_RETAINED_BYTES
+    # Exact strains are evaluated at few of the positions, and take as much memory as all of them.
+    del q
+    if is_large:
+        release_freed_memory()
+    ranges = tuple(map(_beam_range, equations.ranges, deformations))
+    if is_large:
         release_freed_memory()
     return ranges
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
     """Return the largest deformation of each floating-frame beam over the equilibria q (k, n)."""
-    return tuple(_beam_range(term, q, _estimate_error_of_equilibria) for term in equations.ranges)
+    deformations = [
+        _find_deformations(x, q, lambda _: _ERROR_OF_EQUILIBRIUM) for x in equations.ranges
+    ]
+    return tuple(map(_beam_range, equations.ranges, deformations))
 
 
 def sample_positions(trajectory: Trajectory) -> Array:
@@ -157,43 +186,54 @@ def strain_warnings(
             )
 
 
-def _beam_range(
-    term: RangeTerm, q: Array, estimate_error: Callable[[RangeTerm, Array, Array], float]
-) -> BeamRange:
-    statement, error = term.statement, None
-    if statement.defect is None:
-        values = term.largest_deformation(q)
-    else:
-        values, rotations = term.largest_and_rotations(q)
-        error = estimate_error(term, q, rotations)
-    deflection, rotation, strain = map(float, values)
+def _find_deformations(
+    term: RangeTerm, q: Array, error_factor: Callable[[Array], float]
+) -> _Deformations:
+    """Return the deformations at q (k, n); `error_factor` is a function of the rotations."""
+    if term.statement.defect is None:
+        return _Deformations(term.largest_deformation(q))
+    largest, rotations = term.largest_and_rotations(q)
+    samples = q[_select_samples(rotations)]
+    return _Deformations(largest, error_factor(rotations), samples)
+
+
+def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
+    statement, samples, error = term.statement, deformations.samples, None
+    if samples is not None:
+        error = deformations.error_factor * _relative_change(term, samples)
+    deflection, rotation, strain = map(float, deformations.largest)
     return BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
 
 
-def _estimate_error_of_run(term: RangeTerm, q: Array, rotations: Array) -> float:
-    factor = _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
-    return factor * relative_change_by_exact_strains(term, q, rotations)
+def _error_factor_of_run(rotations: Array) -> float:
+    return _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
 
 
-def _estimate_error_of_equilibria(term: RangeTerm, q: Array, rotations: Array) -> float:
-    return _ERROR_OF_EQUILIBRIUM * relative_change_by_exact_strains(term, q, rotations)
-
-
-def relative_change_by_exact_strains(
-    term: RangeTerm, q: Array, rotations: Array | None = None
-) -> float:
+def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
     """Return the change of the deformation with exact strains / the largest deformation [-].
 
     The beam is considered alone, under unchanged loads; see `RangeTerm.deformation_changes`. The
     result is the larger of the ratios for displacements and for rotations, because under bending
-    moments only the displacements change. `rotations` defaults to `term.rotations(q)`.
+    moments only the displacements change.
     """
-    rotations = term.rotations(q) if rotations is None else rotations
-    largest = np.max(np.abs(rotations), axis=1)
+    return _relative_change(term, q[_select_samples(term.rotations(q))])
+
+
+def _select_samples(rotations: Array) -> Array:
+    """Return the indices of the largest rotations in different sections of the run."""
+    largest = _largest_of_rows(rotations)
     # Peaks of sections of the run: adjacent times of one peak have almost the same deformation.
-    peaks = _find_peaks(largest, min(len(q), _MIN_SAMPLE_COUNT))
-    samples = peaks[np.argsort(largest[peaks])[-_DEFECT_SAMPLE_COUNT:]]
-    deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(q[samples]))
+    peaks = _find_peaks(largest, min(len(largest), _MIN_SAMPLE_COUNT))
+    return peaks[np.argsort(largest[peaks])[-_DEFECT_SAMPLE_COUNT:]]
+
+
+def _largest_of_rows(values: Array) -> Array:
+    """Return the largest absolute value of each row, without an array of all absolute values."""
+    return np.maximum(values.max(axis=1), -values.min(axis=1))
+
+
+def _relative_change(term: RangeTerm, samples: Array) -> float:
+    deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(samples))
     deformed = deformations > 0.0
     return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))
 
@@ -235,7 +275,7 @@ def count_oscillations(rotations: Array) -> float:
     changes = np.diff(np.sign(motion), prepend=np.sign(motion[0])) != 0.0
     half_cycle = np.cumsum(changes)
     peaks = np.zeros(half_cycle[-1] + 1)
-    np.maximum.at(peaks, half_cycle, np.max(np.abs(rotations), axis=1))
+    np.maximum.at(peaks, half_cycle, _largest_of_rows(rotations))
     peaks[:-1] = np.maximum(peaks[:-1], peaks[1:])
     phase = np.cumsum(0.5 * changes * (peaks[half_cycle] / np.max(peaks)) ** 2)
     return float(np.max(phase * amplitude) / amplitude[0])
