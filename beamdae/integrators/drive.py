@@ -32,6 +32,7 @@ from beamdae.integrators.method import (
     STEP_TOO_SMALL,
     LoopMethod,
     Method,
+    ResumableMethod,
     StepError,
     StepMethod,
 )
@@ -365,8 +366,9 @@ class _RunInProgress:
         if self._history.count == 1:
             # An event at the time of the sample has begun this segment: the method has not.
             return None
-        resume = getattr(self.method, "resume", None)
-        return None if resume is None else resume(start, self._interval_ends[0], state.q)
+        if not isinstance(self.method, ResumableMethod):
+            return None
+        return self.method.resume(start, self._interval_ends[0], state.q)
 
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -60,8 +60,9 @@ class Method(Protocol):
         """
 
 
-class ResumableMethod(Method, Protocol):
-    """Method that continues beyond the samples of controllers without a restart."""
+@runtime_checkable
+class ResumableMethod(Protocol):
+    """Method that also continues beyond the samples of controllers without a restart."""
 
     def resume(self, start: float, end: float, q: Array) -> State | None:
         """Continue an interval from its end `start` to `end` [s] after held inputs have jumped.
