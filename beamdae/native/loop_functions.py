@@ -30,6 +30,23 @@ def combine(out: Array, factors: tuple[complex, ...], vectors: tuple[Array, ...]
     out[:] = sum(factor * vector for factor, vector in zip(factors, vectors, strict=True))
 
 
+def multiply(out: Array, one: Array, other: Array) -> None:
+    """Set `out` to the entrywise product of two vectors."""
+    np.multiply(one, other, out=out)
+
+
+def rotate(x: Array, y: Array, angles: Array) -> None:
+    """Rotate the vectors with the components `x` and `y` by `angles` [rad], in place."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    x[:], y[:] = cosine * x - sine * y, sine * x + cosine * y
+
+
+def accumulate(out: Array, targets: Array, sources: Array, steps: Array) -> None:
+    """Set out[targets] = out[sources] + steps, entry by entry, so that targets may be sources."""
+    for target, source, step in zip(*(x.tolist() for x in (targets, sources, steps)), strict=True):
+        out[target] = out[source] + step
+
+
 def fill(out: Array, value: float) -> None:
     """Set all entries of `out` to `value`."""
     out[:] = value
@@ -54,6 +71,11 @@ def euclidean_norm(vector: Array, weights: Array) -> float:
     """Return the Euclidean norm of vector * weights."""
     weighted = vector * weights
     return math.sqrt(weighted @ weighted)
+
+
+def inner_product(one: Array, other: Array) -> float:
+    """Return the inner product of two vectors."""
+    return float(one @ other)
 
 
 def locate_largest(vector: Array, weights: Array) -> int:

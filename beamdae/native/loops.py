@@ -221,9 +221,19 @@ class _TableLayout:
         known = self._known_addresses.get(key) or self.addresses.get(key)
         if known is None:
             assert array.flags.c_contiguous, name
-            known = array, array.ctypes.data
+            known = array, _address_of(array)
         self.addresses[key] = known
         return known[1]
+
+
+def _address_of(array: Array) -> int:
+    """Return the address of an array; 0 if it is empty."""
+    if not array.size:
+        return 0
+    if array.flags.writeable:
+        # `array.ctypes` takes ten times as long.
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
+    return int(array.ctypes.data)
 
 
 # The arrays are kept, because the id of a deleted array may be used again.

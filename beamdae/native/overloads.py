@@ -46,6 +46,34 @@ def _combine(out, factors, vectors):
     return (one, two, three, four)[len(factors) - 1]
 
 
+@overload(loop_functions.multiply)
+def _multiply_entries(out, one, other):
+    def loop(out, one, other):
+        for i in range(out.size):
+            out[i] = one[i] * other[i]
+
+    return loop
+
+
+@overload(loop_functions.rotate)
+def _rotate(x, y, angles):
+    def loop(x, y, angles):
+        for i in range(x.size):
+            cosine, sine = math.cos(angles[i]), math.sin(angles[i])
+            x[i], y[i] = cosine * x[i] - sine * y[i], sine * x[i] + cosine * y[i]
+
+    return loop
+
+
+@overload(loop_functions.accumulate)
+def _accumulate(out, targets, sources, steps):
+    def loop(out, targets, sources, steps):
+        for k in range(np.uint64(targets.size)):
+            out[targets[k]] = out[sources[k]] + steps[k]
+
+    return loop
+
+
 @overload(loop_functions.fill)
 def _fill(out, value):
     def loop(out, value):
@@ -103,6 +131,13 @@ def _norm(vector, weights):
     if not _are_dense_reals(vector, weights):
         raise errors.TypingError("euclidean_norm: both arrays must be contiguous and real.")
     return lambda vector, weights: math.sqrt(_sum_of_squares_ir((vector, weights)))
+
+
+@overload(loop_functions.inner_product)
+def _inner_product(one, other):
+    if not _are_dense_reals(one, other):
+        raise errors.TypingError("inner_product: both arrays must be contiguous and real.")
+    return lambda one, other: _sum_of_products_ir((one, other))
 
 
 @overload(loop_functions.locate_largest)
@@ -361,6 +396,7 @@ def _join_largest(builder, total, terms):
     return builder.select(is_new, terms, total)
 
 
+_sum_of_products_ir = _weighted_reduction(lambda builder, values: values, _add_terms)
 _sum_of_squares_ir = _weighted_reduction(_square, _add_terms)
 _max_norm_ir = _weighted_reduction(_magnitude, _join_largest)
 

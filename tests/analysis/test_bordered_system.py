@@ -1,5 +1,7 @@
 """Static equations of a load stage: machine code, load factor, bordered solution."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,7 +10,14 @@ from numpy.testing import assert_allclose
 import beamdae as bd
 from beamdae.analysis.statics import bordered_system
 from beamdae.analysis.statics.bordered_system import BorderedSystem
+from beamdae.analysis.statics.corrector import Corrector
 from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.path_controls import (
+    DisplacementControl,
+    LoadControl,
+    PathDirection,
+    StepNorm,
+)
 from beamdae.linear.factorizations import SingularMatrixError
 
 
@@ -31,6 +40,12 @@ def random_unknowns(e):
     random = np.random.default_rng(3)
     x = np.append(e.q0, np.zeros(e.m)) + 1e-3 * random.standard_normal(e.n + e.m)
     return x, (random.standard_normal(e.n + e.m), 0.7)
+
+
+def newton_change(bordered, x, mu, gradient, deviation):
+    """Return the change of Newton's method for a control with this gradient and deviation."""
+    forces, by_factor = bordered.residual(x, mu)
+    return bordered.solve(x, mu, gradient, by_factor, -np.append(forces, deviation))
 
 
 def compile_now(monkeypatch):
@@ -78,13 +93,14 @@ def test_machine_code_agrees_with_the_virtual_machine(formulation, monkeypatch):
     x, gradient = random_unknowns(e)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
     interpreted = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
-    expected = interpreted.newton_change(x, 0.3, gradient, 0.02)
+    expected = newton_change(interpreted, x, 0.3, gradient, 0.02)
     assert not interpreted.is_native
     matrix = interpreted.tangent(x, 0.3)
     compile_now(monkeypatch)
     native = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
-    change = native.newton_change(x, 0.3, gradient, 0.02)
+    native.correct(LoadControl(), 0.3, x, 0.3)
     assert native.is_native
+    change = newton_change(native, x, 0.3, gradient, 0.02)
     assert np.array_equal(native.tangent(x, 0.3), matrix)
     # The condition number of the bordered matrix is 1e12.
     assert_allclose(change, expected, rtol=1e-5, atol=1e-9 * np.max(np.abs(expected)))
@@ -94,6 +110,50 @@ def test_machine_code_agrees_with_the_virtual_machine(formulation, monkeypatch):
     terms = abs(tangent) @ np.abs(change[:-1]) + np.abs(by_factor * change[-1]) + np.abs(forces)
     assert np.all(np.abs(residual) <= 1e-10 * terms)
     assert gradient[0] @ change[:-1] + gradient[1] * change[-1] == pytest.approx(-0.02)
+
+
+def controls(system, begin):
+    """Return a control of each kind, with a target near `begin` and a step towards it."""
+    e = system.equations
+    n, random = e.n, np.random.default_rng(5)
+    step = PathDirection(np.append(1e-3 * random.standard_normal(n), np.zeros(e.m)), 0.01)
+    arc = StepNorm(e.position_scales, 1.0).arc_length_control(begin.x, begin.mu, step)
+    tip = DisplacementControl.from_name(e, "tip.y", np.zeros(2))
+    near_tip = tip.value(begin.x, begin.mu) - 1e-3
+    return {
+        "load": (LoadControl(), begin.mu + 0.01, step),
+        "arc length": (arc, 1.0, step),
+        "displacement": (tip, near_tip, step),
+    }
+
+
+@pytest.mark.parametrize("control", ["load", "arc length", "displacement"])
+@pytest.mark.parametrize("kind", [{"formulation": "exact"}, {"strain": "exact"}, {}])
+def test_compiled_corrections_agree_with_interpreted_ones(kind, control, monkeypatch):
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    beam = mech.add(bd.Beam("strip", bd.Arc(0.5, 0.4), strip, 2, **kind))
+    mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    mech.add(bd.Force("force", beam.end, (3.0, -20.0)))
+    mech.observe("tip", beam.end)
+    (system,) = build_loading(mech, bd.equations_of_motion(mech), None, 0.0).systems
+    e = system.equations
+    compile_now(monkeypatch)
+    results, directions = [], []
+    for native in ("on", "off"):
+        monkeypatch.setenv("BEAMDAE_NATIVE", native)
+        corrector = Corrector(replace(system))
+        x = np.append(e.q0, np.zeros(e.m))
+        begin = corrector.correct(LoadControl(), 0.3, x, 0.3)
+        prescribed, target, step = controls(system, begin)[control]
+        point, details = corrector.follow(prescribed, target, begin, step)
+        assert prescribed.value(point.x, point.mu) == pytest.approx(target, abs=1e-10)
+        results.append(np.array([*point.x[: e.n], point.mu, details.motion, details.correction]))
+        direction = details.direction or corrector.path_tangent(point, prescribed)
+        directions.append(np.append(direction.x[: e.n], direction.mu))
+        assert point.system.bordered.is_native == (native == "on")
+    assert_allclose(*results, rtol=1e-8, atol=1e-9)
+    assert_allclose(*directions, rtol=1e-6, atol=1e-8 * np.max(np.abs(directions)))
 
 
 def cubic_spring(stiffness=1.0):
@@ -107,22 +167,22 @@ def cubic_spring(stiffness=1.0):
 
 def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_path):
     compile_now(monkeypatch)
-    control = (np.zeros(1), 1.0)
     other = cubic_spring().equations
     # The loop is loaded before the cache is replaced, because compiling it takes seconds.
-    BorderedSystem(other, other, np.zeros(2)).newton_change(np.zeros(1), 0.0, control, 0.0)
+    BorderedSystem(other, other, np.zeros(2)).correct(LoadControl(), 0.0, np.zeros(1), 0.0)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(bordered_system, "_OTHER_COORDINATES", 9)
     monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", 1e-3)
     monkeypatch.setattr(bordered_system, "_INSTRUCTION_SECONDS", 0.0)
     monkeypatch.setattr(bordered_system, "_KERNEL_SECONDS", 0.0525)
     e = cubic_spring(stiffness=0.123456789).equations
-    for k in range(1, 16):
+    iterations = 0
+    while iterations < 20:
         # A new system each time, as in repeated calls of `equilibrium`.
         bordered = BorderedSystem(e, e, np.zeros(2))
-        bordered.newton_change(np.array([0.01 * k]), 0.0, control, 0.0)
+        iterations += bordered.correct(LoadControl(), 0.0, np.array([0.6]), 0.0).iterations
         # An iteration counts as 0.01 s, and both kernels as 0.105 s.
-        assert bordered.is_native == (k > 10)
+        assert bordered.is_native == (iterations > 10)
 
 
 def test_equilibria_do_not_depend_on_machine_code(monkeypatch):
@@ -142,6 +202,6 @@ def test_singular_systems_are_reported_and_later_systems_solved(native, monkeypa
     e = cubic_spring().equations
     bordered, x = BorderedSystem(e, e, np.zeros(2)), np.array([0.5])
     with pytest.raises(SingularMatrixError):
-        bordered.newton_change(x, 0.0, (np.zeros(1), 0.0), 0.0)
-    change = bordered.newton_change(x, 0.0, (np.zeros(1), 1.0), 0.0)
+        newton_change(bordered, x, 0.0, (np.zeros(1), 0.0), 0.0)
+    change = newton_change(bordered, x, 0.0, (np.zeros(1), 1.0), 0.0)
     assert_allclose(change, [(1.0 - 0.5 - 0.125) / (1.0 + 3.0 * 0.25), 0.0], rtol=1e-14)

@@ -71,7 +71,7 @@ def test_displacements_in_a_floating_frame_add_the_linear_increments_of_strains(
     mech.add(bd.Beam("arc", arc, section, 3, strain="exact", frame=frame))
     e = bd.equations_of_motion(mech)
     increments = StrainIncrements.of(e)
-    (axis,) = increments.groups
+    (axis,) = increments.frame_axes
 
     def strains(q):
         w, phi = axis._nodal(q)

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from beamdae.linear.lane_operations import substitute_backward, substitute_forward
 from beamdae.native import loop_functions
 from beamdae.native.loop_functions import (
+    accumulate,
     add,
     add_tiles,
     add_weighted,
@@ -20,11 +21,14 @@ from beamdae.native.loop_functions import (
     euclidean_norm,
     fill,
     gather,
+    inner_product,
     locate_largest,
     max_norm,
     minimum,
+    multiply,
     pick,
     pick_tiles,
+    rotate,
     scatter,
     split_complex,
 )
@@ -89,6 +93,17 @@ def compute_max_norm(o):
 
 def compute_euclidean_norm(o):
     o.answer = euclidean_norm(o.x, o.y)
+    return 0
+
+
+def multiply_entries(o):
+    multiply(o.out, o.x, o.y)
+    multiply(o.x, o.x, o.x)
+    return 0
+
+
+def accumulate_some(o):
+    accumulate(o.out, o.of, o.at, o.weights)
     return 0
 
 
@@ -157,6 +172,8 @@ def operands(size, count, specials, seed):
         fill_all,
         compute_max_norm,
         compute_euclidean_norm,
+        multiply_entries,
+        accumulate_some,
         locate_largest_entry,
         compute_minimum,
         pick_some,
@@ -241,6 +258,25 @@ def test_regression_norms_of_complex_vectors(size):
     operands = ComplexOperands(vector, np.full(size, 2.0))
     compile_without_warnings(compute_complex_norm, operands)()
     assert operands.answer == pytest.approx(10.0, rel=1e-15)
+
+
+def rotate_and_multiply(o):
+    rotate(o.x, o.y, o.z)
+    o.answer = inner_product(o.x, o.w)
+    return 0
+
+
+@pytest.mark.parametrize("size", [0, 1, 9, 20])
+def test_compiled_rotations_and_inner_products_agree(size):
+    plain = operands(size, 0, 0.0, 0)
+    for vector in (plain.x, plain.y, plain.z, plain.w):
+        vector[:] = np.random.default_rng(1).normal(size=size)
+    compiled = copy.deepcopy(plain)
+    compile_without_warnings(rotate_and_multiply, compiled)()
+    rotate_and_multiply(plain)
+    # The C library rounds sines otherwise, and BLAS adds in another order.
+    for name in ("x", "y", "answer"):
+        assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-13, atol=1e-13)
 
 
 @dataclass(slots=True)

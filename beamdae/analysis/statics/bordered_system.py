@@ -1,11 +1,4 @@
-"""Static equations of a load stage with one control equation: evaluation and linear solution.
-
-    [[F_x, F_mu], [c_x, c_mu]] (dx, dmu) = right
-
-with F(x; mu) = C + U + mu (L - U): C are the forces and joints that the load factor does not
-change, U and L those that are particular to the unloaded and to the loaded mechanism. The loop is
-plain Python over arrays; `native.loops` compiles it if possible.
-"""
+"""Static equations of a load stage with one control equation: plans, loop and its results."""
 
 from __future__ import annotations
 
@@ -19,18 +12,34 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.analysis.statics.krylov_eigenvalues import largest_eigenvalues
+from beamdae.analysis.statics.krylov_eigenvalues import KrylovSpace, largest_eigenvalues
+from beamdae.analysis.statics.newton_loop import (
+    CONVERGED,
+    CORRECT,
+    COUNT_SIGNS,
+    DISPLACE,
+    DIVERGED,
+    EVALUATE_FORCES,
+    EVALUATE_TANGENT,
+    EXTEND_SPACE,
+    ITERATE,
+    LINEARIZE,
+    PREDICT,
+    SOLVE,
+    BorderedWorkspace,
+    LoadPart,
+    perform_task,
+)
+from beamdae.analysis.statics.path_controls import Control, LinearControl, PathDirection
 from beamdae.analysis.statics.saddle_elimination import (
     NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
-    count_signs,
     count_signs_by_scipy,
-    factorize_saddle_point,
-    serve_solutions,
-    solve_saddle_point,
 )
+from beamdae.analysis.statics.strain_increments import StrainIncrements
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.static_equations import StaticSums, plan_static_sums
+from beamdae.equations.starts.rigid_motions import DisplacementMeasure
 from beamdae.equations.structure import (
     ConstraintTerm,
     ForceTerm,
@@ -41,27 +50,9 @@ from beamdae.equations.structure import (
 )
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
-from beamdae.linear.fixed_order import substitute
-from beamdae.native.loop_functions import (
-    add,
-    add_weighted,
-    combine,
-    euclidean_norm,
-    factorize,
-    fill,
-    pick,
-    solve,
-)
 from beamdae.native.object_code import is_native_enabled
-from beamdae.native.return_codes import DONE, NEW_PIVOTS
-from beamdae.symbolic.kernel_sums import (
-    Kernel,
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.native.return_codes import DONE, NOT_CONVERGED
+from beamdae.symbolic.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
@@ -75,24 +66,6 @@ _KERNEL_SECONDS = 0.01
 _INSTRUCTION_SECONDS = 6e-5
 _LOOP_SECONDS = 3.0
 
-# New pivots are chosen if the refinement of a solution exceeds this fraction of it. With good
-# pivots, it reaches 5e-3 for thin beams (L/h = 1e5), whose matrix has the condition number 1e13.
-_MAX_REFINEMENT = 2e-2
-# Above this fraction, symmetric elimination is replaced by elimination with pivots chosen by size.
-_MAX_ELIMINATION_REFINEMENT = 1e-3
-# Refinement ends if the last one is below this fraction of the solution; maximum number.
-_FINAL_REFINEMENT = 1e-5
-_MAX_REFINEMENTS = 3
-# Prevents division by zero if a solution is zero.
-_TINY = 1e-300
-
-# Tasks of `solve_bordered`.
-_EVALUATE_FORCES = 0
-_EVALUATE_TANGENT = 1
-_COUNT_SIGNS = 2
-_SOLVE = 3
-_SOLVE_NEWTON = 4
-_SOLVE_SHIFTED = 5
 # Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
 # small because a follower load is small compared with the axial stiffness of a thin beam.
 ASYMMETRY_TOLERANCE = 1e-13
@@ -108,219 +81,38 @@ _SOFT_MOTION_COUNT = 6
 _SOFT_SHIFT = 1e-13
 
 
-@dataclass(slots=True)
-class LoadPart:
-    """One of the parts C, U and L of the static equations.
+SINGULAR = "the tangent stiffness is singular at the next point"
+_FAILURES = {
+    DIVERGED: "Newton's method diverges",
+    NOT_CONVERGED: "Newton's method did not converge in 15 iterations",
+}
+
+
+class Correction(NamedTuple):
+    """Result of Newton's method.
 
     Attributes
     ----------
-    residual, tangent
-        Sums of kernels; `tangent` evaluates non-zeros of the bordered matrix.
-    forces, nonzeros
-        Their last values.
+    x, mu
+        Point (q, lam), (n + m,), and load factor at the end.
+    iterations
+        Number of iterations.
+    failure
+        Reason why the point is no equilibrium, without final period; None if it is one.
+    motion, correction
+        Largest displacements of the equilibrium, in natural sizes, from the given point and from
+        that after the step.
+    direction
+        Derivative of (x, mu) with respect to the control; None if it has not been computed.
     """
 
-    residual: Sum
-    tangent: Sum
-    forces: Array
-    nonzeros: Array
-
-
-@dataclass(slots=True)
-class BorderedWorkspace:
-    """Work arrays of `solve_bordered`.
-
-    Attributes
-    ----------
-    common, unloaded, loaded
-        Parts C, U and L.
-    linear
-        Linear solver of the bordered matrix.
-    saddle
-        Symmetric elimination of the tangent.
-    nonzeros
-        Non-zeros of the bordered matrix.
-    inputs
-        (q, 0, lam), with the zeros of velocities and accelerations.
-    forces, by_factor
-        F and F_mu, (n + m,).
-    row, row_targets, row_sources
-        Gradient (c_x, c_mu) of the control: nonzeros[row_targets] = row[row_sources].
-    column, column_start
-        Last column, (n + m,), and its start in `nonzeros`.
-    right
-        Right-hand side, (n + m + 1,).
-    solution, negative, residual, change
-        Solution, its negative, its residual, and its last change by refinement.
-    response, denominator
-        Solution of the tangent for `column`, (n + m,), and the pivot of the control equation.
-    zeros, total
-        Indices and result of inner products.
-    held_targets, held
-        Springs in the tangent: nonzeros[held_targets] += held.
-    rows, columns
-        Rows and columns of `nonzeros`.
-    weights
-        Weights of the entries of the solution in the norm of its changes.
-    mu
-        Load factor.
-    deviation
-        Value of the control equation, for Newton's method.
-    task
-        0 to evaluate forces, 1 to evaluate also the tangent, 2 to count also the negative pivots of
-        `saddle`, 3 to solve with the given `column` and `right`, 4 to solve for the change of
-        Newton's method, 5 to solve with the last factors of `saddle` and its `work` array.
-    has_forces, has_tangent
-        1 if forces or tangent have been evaluated at `inputs`, else 0.
-    has_factors
-        1 if the factors of `saddle` are those at `inputs` and `mu`, up to a shift of the size of
-        rounding errors, else 0.
-    may_eliminate, by_blocks
-        1 if symmetric elimination may be used, and 1 if it is used, else 0.
-    may_renew
-        1 if new pivots may be requested for the accuracy of the solution, else 0.
-    """
-
-    common: LoadPart
-    unloaded: LoadPart
-    loaded: LoadPart
-    linear: Any
-    saddle: SaddlePoint
-    nonzeros: Array
-    inputs: Array
-    forces: Array
-    by_factor: Array
-    row: Array
-    row_targets: Array
-    row_sources: Array
-    column: Array
-    right: Array
-    solution: Array
-    negative: Array
-    residual: Array
-    change: Array
-    response: Array
-    zeros: Array
-    held_targets: Array
-    held: Array
-    total: Array
-    rows: Array
-    columns: Array
-    weights: Array
-    column_start: int
-    mu: float = 0.0
-    deviation: float = 0.0
-    denominator: float = 1.0
-    task: int = _EVALUATE_FORCES
-    has_forces: int = 0
-    has_tangent: int = 0
-    has_factors: int = 0
-    may_eliminate: int = 0
-    by_blocks: int = 0
-    may_renew: int = 0
-
-
-def solve_bordered(run: BorderedWorkspace) -> int:
-    """Evaluate the equations and perform the task; return DONE or the code of the linear solver."""
-    if run.task == _SOLVE_SHIFTED:
-        substitute(run.saddle.factors, run.saddle.work)
-        return DONE
-    common, unloaded, loaded, mu = run.common, run.unloaded, run.loaded, run.mu
-    if run.has_forces == 0:
-        evaluate_sum(common.residual, run.inputs, common.forces)
-        evaluate_sum(unloaded.residual, run.inputs, unloaded.forces)
-        evaluate_sum(loaded.residual, run.inputs, loaded.forces)
-        run.has_forces = 1
-    # Increments, so that entries without loads are independent of mu to the last digit.
-    combine(run.by_factor, (1.0, -1.0), (loaded.forces, unloaded.forces))
-    combine(run.forces, (1.0, 1.0, mu), (common.forces, unloaded.forces, run.by_factor))
-    if run.task == _EVALUATE_FORCES:
-        return DONE
-    if run.has_tangent == 0:
-        evaluate_sum(common.tangent, run.inputs, common.nonzeros)
-        evaluate_sum(unloaded.tangent, run.inputs, unloaded.nonzeros)
-        evaluate_sum(loaded.tangent, run.inputs, loaded.nonzeros)
-        run.has_tangent = 1
-    parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
-    combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
-    add(run.nonzeros, run.held_targets, run.held, run.row_sources, 0, run.held.size)
-    if run.task == _EVALUATE_TANGENT:
-        return DONE
-    if run.task == _COUNT_SIGNS:
-        count_signs(run.saddle, run.nonzeros)
-        # With an eigenvalue between the shifts, the shift would determine the solution.
-        run.has_factors = 0
-        if run.saddle.below == run.saddle.above and run.saddle.below >= 0:
-            run.has_factors = serve_solutions(run.saddle)
-        return DONE
-    size, column_start = run.forces.size, run.column_start
-    if run.task == _SOLVE_NEWTON:
-        combine(run.column, (1.0,), (run.by_factor,))
-        combine(run.right[:size], (-1.0,), (run.forces,))
-        run.right[size] = -run.deviation
-    pick(run.nonzeros, run.row_targets, run.row, run.row_sources, 0, size + 1)
-    combine(run.nonzeros[column_start : column_start + size], (1.0,), (run.column,))
-    run.by_blocks = run.may_eliminate
-    if run.by_blocks == 1 and run.has_factors == 0:
-        run.by_blocks = factorize_saddle_point(run.saddle, run.nonzeros)
-    if run.by_blocks == 1:
-        solve_saddle_point(run.saddle, run.column, run.response)
-        run.denominator = run.row[size] - _dot(run, run.row, run.response)
-        if _refine(run) <= _MAX_ELIMINATION_REFINEMENT:
-            return DONE
-        # Elimination is inaccurate, for example near limit points.
-        run.by_blocks, run.may_eliminate = 0, 0
-    code = factorize(run.linear, run.nonzeros)
-    if code != DONE:
-        return code
-    # Pivots chosen for an earlier matrix lose accuracy, which iterative refinement restores unless
-    # nearly all digits are lost. New pivots require the right-hand side again. The comparison is
-    # False for NaN.
-    if not _refine(run) <= _MAX_REFINEMENT and run.may_renew == 1:
-        run.may_renew = 0
-        run.linear.needs_pivots = 1
-        return NEW_PIVOTS
-    return DONE
-
-
-def _refine(run: BorderedWorkspace) -> float:
-    """Compute `solution` by iterative refinement; return the last relative change."""
-    rows, columns, ratio = run.rows, run.columns, 1.0
-    fill(run.solution, 0.0)
-    combine(run.residual, (1.0,), (run.right,))
-    for k in range(_MAX_REFINEMENTS + 1):
-        _apply_inverse(run)
-        combine(run.solution, (1.0, 1.0), (run.solution, run.change))
-        size = euclidean_norm(run.solution, run.weights)
-        ratio = euclidean_norm(run.change, run.weights) / max(size, _TINY)
-        if k > 0 and ratio <= _FINAL_REFINEMENT:
-            break
-        combine(run.negative, (-1.0,), (run.solution,))
-        combine(run.residual, (1.0,), (run.right,))
-        add_weighted(run.residual, rows, run.nonzeros, run.negative, columns, 0, rows.size)
-    return ratio
-
-
-def _apply_inverse(run: BorderedWorkspace) -> None:
-    """Set `change` to the solution for `residual`, without refinement."""
-    size, change, residual = run.forces.size, run.change, run.residual
-    if run.by_blocks == 0:
-        combine(change, (1.0,), (residual,))
-        solve(run.linear, change)
-        return
-    change[size] = 0.0
-    solve_saddle_point(run.saddle, residual[:size], change[:size])
-    factor = (residual[size] - _dot(run, run.row, change)) / run.denominator
-    combine(change[:size], (1.0, -factor), (change[:size], run.response))
-    change[size] = factor
-
-
-def _dot(run: BorderedWorkspace, one: Array, other: Array) -> float:
-    """Return the inner product of the first n + m entries."""
-    fill(run.total, 0.0)
-    size = run.forces.size
-    add_weighted(run.total, run.zeros, one, other, run.row_sources, 0, size)
-    return run.total[0]
+    x: Array
+    mu: float
+    iterations: int
+    failure: str | None
+    motion: float
+    correction: float
+    direction: PathDirection | None
 
 
 class NearestModes(NamedTuple):
@@ -489,6 +281,10 @@ class BorderedSystem:
     ----------
     pattern
         CSC pattern of the tangent F_x, (n + m, n + m).
+    increments
+        Finite displacements.
+    measure
+        Measure of displacements, for the size of corrections.
     """
 
     def __init__(
@@ -518,13 +314,15 @@ class BorderedSystem:
         # Tests compare symmetric elimination with pivots chosen by size.
         self._eliminates = True
         self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
+        self.increments = StrainIncrements.of(loaded)
+        self.measure = DisplacementMeasure.of(loaded)
         self._set_loop(compiles=False)
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
     def _set_loop(self, compiles: bool) -> None:
         self._loop = self._make_loop(compiles)
         self._evaluated_x[:] = np.nan
-        reference = self._run(self._initial_x, 0.0, _EVALUATE_TANGENT)
+        reference = self._run(self._initial_x, 0.0, EVALUATE_TANGENT)
         reference.saddle.scale_by_reference(reference.nonzeros)
         reference.held[:] = (reference.saddle.size or 1.0) / self._scales[self._held] ** 2
 
@@ -551,6 +349,7 @@ class BorderedSystem:
                 loaded=loaded,
                 linear=matrix.make_solver(native, "auto"),
                 saddle=SaddlePoint.of(self.pattern, self._tangent_targets, self._scales),
+                space=KrylovSpace.allocate(self._n),
                 nonzeros=matrix.nonzeros,
                 inputs=np.zeros(self._n + size),
                 forces=np.zeros(size),
@@ -565,18 +364,26 @@ class BorderedSystem:
                 residual=np.zeros(size + 1),
                 change=np.zeros(size + 1),
                 response=np.zeros(size),
-                zeros=np.zeros(size, np.uint32),
                 held_targets=self._held_targets,
                 held=np.zeros(len(self._held)),
-                total=np.zeros(1),
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),
                 weights=np.append(1.0 / self._scales, np.zeros(size + 1 - self._n)),
+                origin=np.zeros(size),
+                axes=self.increments.axes,
+                displaced=np.zeros(self._n),
+                predicted=np.zeros(self._n),
+                begin=np.zeros(self._n),
+                squares=np.zeros(self._n),
+                distances=np.zeros(self._n),
+                points=self.measure.point.astype(np.uint32),
+                distance_weights=self.measure.scale**-2.0,
                 column_start=int(self._bordered.indptr[size]),
+                has_frames=int(len(self.increments.frame_axes) > 0),
             )
 
         native = all(plan.load_native(compiles) for plans in self._plans for plan in plans)
-        return StepLoop(solve_bordered, make, lambda run: [(run.linear, matrix)], native, compiles)
+        return StepLoop(perform_task, make, lambda run: [(run.linear, matrix)], native, compiles)
 
     @property
     def is_native(self) -> bool:
@@ -587,12 +394,12 @@ class BorderedSystem:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
         run = self._loop.work
         if not (run.has_forces and mu == run.mu and np.array_equal(x, self._evaluated_x)):
-            run = self._run(x, mu, _EVALUATE_FORCES)
+            run = self._run(x, mu, EVALUATE_FORCES)
         return run.forces.copy(), run.by_factor.copy()
 
     def tangent(self, x: Array, mu: float) -> Array:
         """Return the non-zeros of F_x on `pattern`."""
-        return self._run(x, mu, _EVALUATE_TANGENT).nonzeros[self._tangent_targets]
+        return self._run(x, mu, EVALUATE_TANGENT).nonzeros[self._tangent_targets]
 
     def count_negative_eigenvalues(self, x: Array, mu: float) -> int | None:
         """Return the number of negative eigenvalues of the stiffness in the possible motions.
@@ -602,10 +409,12 @@ class BorderedSystem:
         """
         if self.has_follower_loads(x, mu):
             return None
+        run = self._loop.work
         if self.is_native:
-            signs = self._run(x, mu, _COUNT_SIGNS).saddle
+            self._set_point(x, mu)
+            signs = (run if run.has_signs else self._run(x, mu, COUNT_SIGNS)).saddle
         else:
-            run = self._run(x, mu, _EVALUATE_TANGENT)
+            run = self._run(x, mu, EVALUATE_TANGENT)
             signs = run.saddle
             count_signs_by_scipy(signs, run.nonzeros)
         is_symmetric = signs.asymmetry <= ASYMMETRY_TOLERANCE * signs.size
@@ -625,7 +434,12 @@ class BorderedSystem:
         """
         if not self._has_load_stiffness:
             return False
-        run, n = self._run(x, mu, _EVALUATE_TANGENT), self._n
+        run, n = self._loop.work, self._n
+        self._set_point(x, mu)
+        if not run.has_tangent:
+            self._run(x, mu, EVALUATE_TANGENT)
+        if run.load_stiffness == 0.0:
+            return False
         saddle = run.saddle
         loads = mu * run.loaded.nonzeros + (1.0 - mu) * run.unloaded.nonzeros
         terms = saddle.weights * loads[saddle.entries]
@@ -700,7 +514,7 @@ class BorderedSystem:
             If the shifted stiffness is singular.
         """
         n, size = self._n, len(x)
-        run = self._run(x, mu, _EVALUATE_TANGENT)
+        run = self._run(x, mu, EVALUATE_TANGENT)
         values, pattern = run.nonzeros[self._tangent_targets], self.pattern
         tangent = sp.csc_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
         scales = np.append(self._scales, np.ones(size - n))
@@ -736,37 +550,81 @@ class BorderedSystem:
         run, n, m = self._loop.work, self._n, len(x) - self._n
         saddle = run.saddle
 
-        def apply_inverse(vector: Array) -> Array:
-            saddle.work[:n], saddle.work[n:] = vector, 0.0
-            run.task = _SOLVE_SHIFTED
+        def extend(blocks: int) -> None:
+            run.task, run.space.blocks_to_add = EXTEND_SPACE, blocks
             self._loop()
-            return saddle.work[:n].copy()
 
         try:
-            inverse, vectors = largest_eigenvalues(apply_inverse, n, min(count, n - m), tolerance)
+            inverse, vectors = largest_eigenvalues(run.space, extend, min(count, n - m), tolerance)
         except ArithmeticError:
             return None
         eigenvalues = 1.0 / inverse - saddle.shift_size
         order = np.argsort(eigenvalues)
         return NearestModes(eigenvalues[order], vectors[:, order], negative_count, saddle.size)
 
-    def newton_change(
-        self, x: Array, mu: float, gradient: tuple[Array, float], deviation: float
-    ) -> Array:
-        """Return the change (dx, dmu) of Newton's method, (n + m + 1,).
+    def correct(
+        self,
+        control: Control,
+        target: float,
+        x: Array,
+        mu: float,
+        step: PathDirection | None = None,
+    ) -> Correction:
+        """Find the equilibrium at which the control equals `target`, by Newton's method.
 
-        `gradient` and `deviation` are the gradient and the value of the control equation. The
-        result is not finite if the forces are not.
-
-        Raises
-        ------
-        SingularMatrixError
-            If the bordered matrix is singular or not finite.
+        Parameters
+        ----------
+        control, target
+            Control and its value.
+        x, mu
+            Start of the iteration, or start of `step`.
+        step
+            Displacement with which the iteration begins. If it is given, signs of pivots and the
+            direction of the path are also computed if the machine code can.
         """
-        self._compile_if_used()
-        self._loop.work.deviation = deviation
-        self._set_row(gradient)
-        return self._run(x, mu, _SOLVE_NEWTON).solution.copy()
+        self._compile_if_used(1)
+        run, n = self._loop.work, self._n
+        self._set_point(x, mu)
+        run.begin[:] = run.predicted[:] = x[:n]
+        run.task, run.phase, run.iterations, run.last_size = CORRECT, ITERATE, 0, np.inf
+        run.is_nonlinear = int(not control.is_linear)
+        can_continue = self.is_native and control.is_linear and step is not None
+        run.continues, run.has_direction = int(can_continue), 0
+        if step is not None:
+            run.solution[:-1], run.solution[-1] = step.x, step.mu
+            run.phase = PREDICT
+        self._set_control(control.linearize(x, mu), target)
+        # The point changes within the loop.
+        self._evaluated_x[:] = np.nan
+        while (code := self._call()) in (DISPLACE, LINEARIZE):
+            if code == DISPLACE:
+                self.increments.displace_frames(run.inputs, run.solution, run.displaced)
+            else:
+                self._set_control(control.linearize(self._point(), run.mu), target)
+        self._evaluated_x[:] = end = self._point()
+        self._compile_if_used(run.iterations - 1)
+        failure = None
+        if run.phase != CONVERGED:
+            run.linear.singular = 0
+            failure = _FAILURES.get(code, SINGULAR)
+            if code != DIVERGED and not np.isfinite(np.append(run.forces, run.deviation)).all():
+                failure = "the forces are not finite at the next point"
+        direction = None
+        if run.has_direction and np.isfinite(run.solution).all():
+            direction = PathDirection(run.solution[:-1].copy(), float(run.solution[-1]))
+        sizes = float(run.motion), float(run.correction)
+        return Correction(end, float(run.mu), run.iterations, failure, *sizes, direction)
+
+    def _set_control(self, control: LinearControl, target: float) -> None:
+        run = self._loop.work
+        run.origin[:], run.origin_mu = control.x, control.mu
+        run.excess = control.at_origin - target
+        self._set_row((control.along, control.along_mu))
+
+    def _point(self) -> Array:
+        """Return x = (q, lam) of the last evaluation."""
+        inputs, n = self._loop.work.inputs, self._n
+        return np.concatenate([inputs[:n], inputs[2 * n :]])
 
     def solve(
         self, x: Array, mu: float, gradient: tuple[Array, float], column: Array, right: Array
@@ -781,14 +639,14 @@ class BorderedSystem:
         run = self._loop.work
         self._set_row(gradient)
         run.column[:], run.right[:] = column, right
-        return self._run(x, mu, _SOLVE).solution.copy()
+        return self._run(x, mu, SOLVE).solution.copy()
 
-    def _compile_if_used(self) -> None:
-        """Count an iteration; compile kernels, then the loop, when this takes less time."""
+    def _compile_if_used(self, iterations: int) -> None:
+        """Count iterations; compile kernels, then the loop, when this takes less time."""
         if self.is_native:
             return
         usage = self._usage
-        usage.seconds += _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
+        usage.seconds += iterations * _COORDINATE_SECONDS * (_OTHER_COORDINATES + self._n)
         while not self.is_native and usage.seconds > self._compilation_seconds:
             usage.seconds -= self._compilation_seconds
             missing = self._missing_kernels()
@@ -824,22 +682,30 @@ class BorderedSystem:
         row[:-1], row[-1] = gradient
 
     def _run(self, x: Array, mu: float, task: int) -> BorderedWorkspace:
+        run = self._loop.work
+        self._set_point(x, mu)
+        run.task = task
+        if self._call() != DONE:
+            run.linear.singular = 0
+            raise SingularMatrixError("the matrix is singular")
+        return run
+
+    def _set_point(self, x: Array, mu: float) -> None:
         run, n = self._loop.work, self._n
         if not np.array_equal(x, self._evaluated_x):
             self._evaluated_x[:] = x
             run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
-            run.has_forces = run.has_tangent = run.has_factors = 0
+            run.has_forces = run.has_tangent = run.has_signs = run.has_factors = 0
         if mu != run.mu:
-            run.has_factors = 0
-        run.mu, run.task = mu, task
-        run.may_renew = int(self.is_native)
-        run.may_eliminate = int(self.is_native and self._eliminates)
+            run.has_signs = run.has_factors = 0
+        run.mu = mu
+
+    def _call(self) -> int:
+        """Run the loop; return its code."""
+        run = self._loop.work
+        run.renews = run.may_renew = int(self.is_native)
+        run.eliminates = run.may_eliminate = int(self.is_native and self._eliminates)
         if self.is_native:
-            code = self._loop()
-        else:
-            with np.errstate(over="ignore", invalid="ignore"):
-                code = self._loop()
-        if code != DONE:
-            run.linear.singular = 0
-            raise SingularMatrixError("the matrix is singular")
-        return run
+            return self._loop()
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._loop()

@@ -242,8 +242,8 @@ def _take_step(
         value = target if is_last else first_value + sign * size
         try:
             step = direction.scale(sign * size)
-            end, correction = _correct_prediction(corrector, control, value, begin, step, norm)
-            after = corrector.try_path_tangent(end, control)
+            end, correction, after = _correct_prediction(corrector, control, value, begin, step)
+            after = after or corrector.try_path_tangent(end, control)
             cosine = norm.cosine(direction, after or direction) if settings.by_arc_length else 1.0
             if cosine < _MIN_COSINE and size > _CORNER_STEP_RATIO * settings.max_step:
                 raise CorrectorError("the path turns too sharply for the step")
@@ -317,20 +317,18 @@ def _correct_prediction(
     value: float,
     begin: EquilibriumPoint,
     step: PathDirection,
-    norm: StepNorm,
-) -> tuple[EquilibriumPoint, float]:
+) -> tuple[EquilibriumPoint, float, PathDirection | None]:
     """Return the equilibrium near begin + step at which the control equals `value`.
 
-    The second result is the motion from begin + step, relative to that from begin.
+    The second result is the motion from begin + step, relative to that from begin, and the third
+    one the direction of the path, or None if it has not been computed.
     """
-    x, mu = corrector.displace(begin.x, step.x), begin.mu + step.mu
-    point = corrector.correct(control, value, x, mu)
-    correction, displacement = norm.max_norm(point.x - x), norm.max_norm(point.x - begin.x)
+    point, result = corrector.follow(control, value, begin, step)
+    correction, displacement = result.correction, result.motion
     if correction > MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
         raise CorrectorError("the path turns too sharply for the step")
-    return point, max(correction - _CORRECTION_ROUNDING, 0.0) / (
-        displacement + _CORRECTION_ROUNDING
-    )
+    ratio = max(correction - _CORRECTION_ROUNDING, 0.0) / (displacement + _CORRECTION_ROUNDING)
+    return point, ratio, result.direction
 
 
 def _arc_direction(

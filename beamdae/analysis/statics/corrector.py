@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from beamdae.analysis.statics.bordered_system import SINGULAR, Correction
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import stiffness_rounding
 from beamdae.analysis.statics.path_controls import Control, PathDirection
@@ -19,23 +20,8 @@ from beamdae.linear.factorizations import SingularMatrixError
 
 Array = np.ndarray
 
-_MAX_ITERATIONS = 15
-# Newton corrections are relative to the size of the mechanism, angles in rad.
-_DIVERGENCE_LIMIT = 0.5
-_CONVERGENCE_TOLERANCE = 1e-10
-# The next correction is predicted by quadratic convergence if the last but one is below the first
-# bound; a point is accepted if the prediction is below the second bound. A correction of this size
-# changes the axial force of a thin beam (L/h = 1e5) by 1e-4 of its Euler load.
-_QUADRATIC_LIMIT = 1e-3
-_PREDICTED_TOLERANCE = 1e-15
-# A correction below this size is also accepted if it exceeds this fraction of the previous one,
-# because rounding errors of stiff beams may prevent smaller corrections.
-_STAGNATION_TOLERANCE = 1e-6
-_STAGNATION_RATIO = 0.1
 # Relative tolerance of the ratio of two eigenvalues.
 _RATIO_TOLERANCE = 1e-3
-
-_SINGULAR = "the tangent stiffness is singular at the next point"
 
 
 class CorrectorError(ArithmeticError):
@@ -148,14 +134,14 @@ class Corrector:
     system: LoadedEquations
     iterations: int = 0
 
-    @cached_property
+    @property
     def displacement_measure(self) -> DisplacementMeasure:
         """Measure of the displacements of the bodies, for the size of corrections."""
-        return DisplacementMeasure.of(self.system.equations)
+        return self.system.bordered.measure
 
-    @cached_property
+    @property
     def _increments(self) -> StrainIncrements:
-        return StrainIncrements.of(self.system.equations)
+        return self.system.bordered.increments
 
     def displace(self, x: Array, change: Array) -> Array:
         """Return x = (q, lam) displaced by a finite change, see `strain_increments`."""
@@ -180,39 +166,29 @@ class Corrector:
             If Newton's method diverges, meets a singular matrix or forces that are not finite, or
             takes more than 15 iterations.
         """
-        last_size = np.inf
-        for k in range(_MAX_ITERATIONS):
-            deviation = control.value(x, mu) - target
-            change = self._newton_change(x, mu, control.gradient(x, mu), deviation)
-            size = self.displacement_measure.farthest(change[: self.system.equations.n])
-            if not size <= _DIVERGENCE_LIMIT:
-                raise CorrectorError("Newton's method diverges")
-            x, mu = self.displace(x, change[:-1]), mu + float(change[-1])
-            self.iterations += 1
-            stagnates = size <= _STAGNATION_TOLERANCE and size > _STAGNATION_RATIO * last_size
-            is_exact = size <= _CONVERGENCE_TOLERANCE
-            if last_size <= _QUADRATIC_LIMIT:
-                is_exact |= size**3 <= _PREDICTED_TOLERANCE * last_size**2
-            if is_exact or stagnates:
-                return EquilibriumPoint(self.system, x, mu, k + 1)
-            last_size = size
-        raise CorrectorError(f"Newton's method did not converge in {_MAX_ITERATIONS} iterations")
+        return self._accept(self.system.bordered.correct(control, target, x, mu))
 
-    def _newton_change(
-        self, x: Array, mu: float, gradient: tuple[Array, float], deviation: float
-    ) -> Array:
-        bordered = self.system.bordered
-        try:
-            change = bordered.newton_change(x, mu, gradient, deviation)
-            is_finite = bool(np.isfinite(change).all())
-        except SingularMatrixError:
-            is_finite = False
-        if not is_finite:
-            forces, _ = bordered.residual(x, mu)
-            if not np.all(np.isfinite(np.append(forces, deviation))):
-                raise CorrectorError("the forces are not finite at the next point")
-            raise CorrectorError(_SINGULAR)
-        return change
+    def follow(
+        self, control: Control, target: float, begin: EquilibriumPoint, step: PathDirection
+    ) -> tuple[EquilibriumPoint, Correction]:
+        """Return the result of `correct` for the prediction begin + step, and details of it.
+
+        Raises
+        ------
+        CorrectorError
+            See `correct`.
+        """
+        correction = self.system.bordered.correct(control, target, begin.x, begin.mu, step)
+        point = self._accept(correction)
+        if correction.direction is not None:
+            point.count_by_pivots()
+        return point, correction
+
+    def _accept(self, correction: Correction) -> EquilibriumPoint:
+        self.iterations += correction.iterations
+        if correction.failure is not None:
+            raise CorrectorError(correction.failure)
+        return EquilibriumPoint(self.system, correction.x, correction.mu, correction.iterations)
 
     def path_tangent(self, point: EquilibriumPoint, control: Control) -> PathDirection:
         """Return the derivative of (x, mu) with respect to the control along the path.
@@ -260,7 +236,7 @@ class Corrector:
         try:
             solution = self.system.bordered.solve(point.x, point.mu, gradient, column, right)
         except SingularMatrixError:
-            raise CorrectorError(_SINGULAR) from None
+            raise CorrectorError(SINGULAR) from None
         if not np.all(np.isfinite(solution)):
-            raise CorrectorError(_SINGULAR)
+            raise CorrectorError(SINGULAR)
         return solution

@@ -2,27 +2,104 @@
 
 Blocks of two vectors find double eigenvalues, such as those of rings. All vectors are kept and
 orthogonalized twice, so that Rayleigh-Ritz values need no recurrence. For the inverse of a
-stiffness, whose eigenvalues decay with the fourth power of their number, ten blocks suffice.
+stiffness, whose eigenvalues decay with the fourth power of their number, ten blocks suffice. The
+subspace is extended by plain loops over arrays that numba can compile.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg as la
+
+from beamdae.native.loop_functions import combine, inner_product
 
 Array = np.ndarray
 
 _BLOCK_SIZE = 2
 _MAX_BLOCKS = 60
 _CONFIRMATIONS = 2
+# Number of blocks with which a search begins: most searches need five.
+_FIRST_BLOCKS = 5
 # Vectors that orthogonalization shortens below this fraction depend on the previous ones.
 _DEPENDENCE = 1e-10
 
 
+@dataclass(slots=True)
+class KrylovSpace:
+    """Orthonormal basis of a Krylov subspace.
+
+    Attributes
+    ----------
+    basis, images
+        Orthonormal vectors and their images, one per row.
+    candidates
+        Vectors of the next block, (2, n).
+    ends
+        Number of vectors after each block.
+    vectors, blocks
+        Numbers of vectors and of blocks.
+    first, width
+        Index of the first vector of the last block, and number of candidates of the next block.
+    blocks_to_add
+        Number of blocks to be added.
+    """
+
+    basis: Array
+    images: Array
+    candidates: Array
+    ends: Array
+    vectors: int = 0
+    blocks: int = 0
+    first: int = 0
+    width: int = _BLOCK_SIZE
+    blocks_to_add: int = 0
+
+    @classmethod
+    def allocate(cls, n: int) -> KrylovSpace:
+        """Return an empty space for vectors of the size `n`."""
+        size = min(n, _BLOCK_SIZE * _MAX_BLOCKS)
+        basis, images = np.zeros((size, n)), np.zeros((size, n))
+        return cls(basis, images, np.zeros((_BLOCK_SIZE, n)), np.zeros(_MAX_BLOCKS, np.int64))
+
+    def restart(self) -> None:
+        """Remove all vectors; choose the first candidates."""
+        phases = np.arange(self.candidates.shape[1]) ** 2.0
+        # Deterministic vectors that are unlikely to be orthogonal to a mode.
+        for k in range(_BLOCK_SIZE):
+            self.candidates[k] = np.cos(phases + k)
+        self.vectors = self.blocks = self.first = 0
+        self.width = _BLOCK_SIZE
+
+
+def begin_block(space: KrylovSpace) -> None:
+    """Append the orthonormal parts of the candidates to the basis."""
+    space.first = space.vectors
+    for k in range(space.width):
+        vector = space.candidates[k]
+        size = inner_product(vector, vector)
+        for _ in range(2):
+            for j in range(space.vectors):
+                known = space.basis[j]
+                combine(vector, (1.0, -inner_product(known, vector)), (vector, known))
+        rest = inner_product(vector, vector)
+        if rest > _DEPENDENCE**2 * size and space.vectors < space.basis.shape[0]:
+            combine(space.basis[space.vectors], (1.0 / np.sqrt(rest),), (vector,))
+            space.vectors += 1
+
+
+def end_block(space: KrylovSpace) -> None:
+    """Choose the images of the last block as candidates of the next one."""
+    space.width = space.vectors - space.first
+    for k in range(space.width):
+        combine(space.candidates[k], (1.0,), (space.images[space.first + k],))
+    space.ends[space.blocks] = space.vectors
+    space.blocks += 1
+
+
 def largest_eigenvalues(
-    apply: Callable[[Array], Array], n: int, count: int, tolerance: float
+    space: KrylovSpace, extend: Callable[[int], None], count: int, tolerance: float
 ) -> tuple[Array, Array]:
     """Return the eigenvalues of largest magnitude and their orthonormal vectors, (n, k).
 
@@ -30,10 +107,12 @@ def largest_eigenvalues(
 
     Parameters
     ----------
-    apply
-        The operator, a function of a vector (n,).
-    n, count
-        Size of the operator, and number of eigenvalues.
+    space
+        Space of vectors, which is restarted.
+    extend
+        Function that adds a number of blocks: `begin_block`, images, and `end_block`.
+    count
+        Number of eigenvalues.
     tolerance
         Largest permitted relative change of the eigenvalues by each of the last two blocks.
         (Residuals are not used: rounding errors of a nearly singular operator exceed its small
@@ -44,33 +123,22 @@ def largest_eigenvalues(
     ArithmeticError
         If the eigenvalues do not converge.
     """
-    phases = np.arange(n) ** 2.0
-    # Deterministic vectors that are unlikely to be orthogonal to a mode.
-    block = [apply(np.cos(phases + k)) for k in range(_BLOCK_SIZE)]
-    basis, images = np.zeros((0, n)), np.zeros((0, n))
-    last, confirmations = np.zeros(0), 0
-    for _ in range(_MAX_BLOCKS):
-        new: list[Array] = []
-        for vector in block:
-            size = la.norm(vector)
-            known = np.vstack([basis, *new]) if new else basis
-            for _ in range(2):
-                vector = vector - known.T @ (known @ vector)
-            rest = la.norm(vector)
-            if rest > _DEPENDENCE * size:
-                new.append((vector / rest)[None])
-        if new:
-            block = [apply(vector[0]) for vector in new]
-            basis, images = np.vstack([basis, *new]), np.vstack([images, *block])
-        projected = basis @ images.T
-        values, shares = la.eigh(0.5 * (projected + projected.T))
+    space.restart()
+    last, confirmations, previous = np.zeros(0), 0, 0
+    for block in range(_MAX_BLOCKS):
+        if block == space.blocks:
+            extend(1 if block else _FIRST_BLOCKS)
+        size = int(space.ends[block])
+        basis = space.basis[:size]
+        projected = basis @ space.images[:size].T
+        values, shares = np.linalg.eigh(0.5 * (projected + projected.T))
         order = np.argsort(-np.abs(values))[:count]
         values, shares = values[order], shares[:, order]
         is_unchanged = len(last) == count and np.all(
             np.abs(values - last) <= tolerance * np.abs(values)
         )
         confirmations = confirmations + 1 if is_unchanged else 0
-        if not new or confirmations == _CONFIRMATIONS:
+        if size == previous or confirmations == _CONFIRMATIONS:
             return values, basis.T @ shares
-        last = values
+        last, previous = values, size
     raise ArithmeticError("the eigenvalues do not converge")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -16,7 +16,17 @@ Array = np.ndarray
 
 
 class Control(Protocol):
-    """Function of x = (q, lam) and the load factor mu whose value is prescribed in each step."""
+    """Function of x = (q, lam) and the load factor mu whose value is prescribed in each step.
+
+    Attributes
+    ----------
+    is_linear
+        True if `linearize` does not depend on its arguments.
+    """
+
+    @property
+    def is_linear(self) -> bool:
+        """See above."""
 
     def value(self, x: Array, mu: float) -> float:
         """Return the value of the control at (x, mu)."""
@@ -24,10 +34,15 @@ class Control(Protocol):
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
         """Return the derivatives with respect to x, (n + m,), and mu."""
 
+    def linearize(self, x: Array, mu: float) -> LinearControl:
+        """Return the linear control with the same value and gradient at (x, mu)."""
+
 
 @dataclass(frozen=True)
 class LoadControl:
     """Load control: prescribes the load factor."""
+
+    is_linear: ClassVar[bool] = True
 
     def value(self, x: Array, mu: float) -> float:
         """Return the load factor mu."""
@@ -36,6 +51,10 @@ class LoadControl:
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
         """Return the derivatives with respect to x and mu: (0, 1)."""
         return np.zeros_like(x), 1.0
+
+    def linearize(self, x: Array, mu: float) -> LinearControl:
+        """Return the load factor as a linear control."""
+        return LinearControl(x, 0.0, np.zeros_like(x), 1.0)
 
 
 @dataclass(frozen=True)
@@ -56,6 +75,7 @@ class DisplacementControl:
     observable: Observable
     column: int
     time: Array
+    is_linear: ClassVar[bool] = False
 
     @classmethod
     def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> DisplacementControl:
@@ -108,31 +128,45 @@ class DisplacementControl:
         by_x[: self.equations.n] = self.observable.operator.T @ by_local
         return by_x, 0.0
 
+    def linearize(self, x: Array, mu: float) -> LinearControl:
+        """Return the tangent of the column at (x, mu)."""
+        return LinearControl(x, mu, *self.gradient(x, mu), self.value(x, mu))
+
 
 @dataclass(frozen=True)
-class ArcLengthControl:
-    """Pseudo-arc-length control: prescribes the distance along a direction (Keller 1977).
+class LinearControl:
+    """Linear control, such as the pseudo-arc length: distance along a direction (Keller 1977).
 
     Attributes
     ----------
     x, mu
-        Point from which the distance is measured.
+        Point from which distances are measured.
     along, along_mu
-        Weights of x and mu, scaled so that a step equal to the direction has length one.
+        Weights of x and mu. Those of the arc length are scaled so that a step equal to the
+        direction has length one.
+    at_origin
+        Value at the point.
     """
 
     x: Array
     mu: float
     along: Array
     along_mu: float
+    at_origin: float = 0.0
+    is_linear: ClassVar[bool] = True
 
     def value(self, x: Array, mu: float) -> float:
-        """Return the distance along the direction from the point (`self.x`, `self.mu`)."""
-        return float(self.along @ (x - self.x) + self.along_mu * (mu - self.mu))
+        """Return the value at (x, mu)."""
+        change = self.along @ (x - self.x) + self.along_mu * (mu - self.mu)
+        return self.at_origin + float(change)
 
     def gradient(self, x: Array, mu: float) -> tuple[Array, float]:
         """Return the weights of x and mu."""
         return self.along, self.along_mu
+
+    def linearize(self, x: Array, mu: float) -> LinearControl:
+        """Return this control."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -193,8 +227,8 @@ class StepNorm:
         share = self.inner_product(other, direction) / self.inner_product(other, other)
         return direction.add(other.scale(-share))
 
-    def arc_length_control(self, x: Array, mu: float, direction: PathDirection) -> ArcLengthControl:
+    def arc_length_control(self, x: Array, mu: float, direction: PathDirection) -> LinearControl:
         """Return the control that measures the distance from (x, mu) along `direction`."""
         squared_length = self.inner_product(direction, direction)
         along, along_mu = self.dual(direction)
-        return ArcLengthControl(x, mu, along / squared_length, along_mu / squared_length)
+        return LinearControl(x, mu, along / squared_length, along_mu / squared_length)

@@ -18,19 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.beams.kinematics import LocalAxis
 from beamdae.beams.shape_functions import gauss_points, shape_functions
+from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.native.loop_functions import accumulate, combine, multiply, rotate, scatter
 
 Array = np.ndarray
-
 
 # Beams in a chord frame move linearly if their chord is shorter than this fraction of the
 # undeformed one.
 _MIN_CHORD_RATIO = 0.1
+# Memory of the cached maps [bytes]: about 5 kB per element of a beam.
+_MAX_CACHED_BYTES = 16 * 2**20
 
 
 def _smallest_turn(angle: float) -> float:
@@ -38,64 +42,145 @@ def _smallest_turn(angle: float) -> float:
     return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
-@dataclass(frozen=True)
-class AxisElements:
-    """Elements of equal degree whose nodes have absolute positions and section angles.
+class AxisPlan(NamedTuple):
+    """Constant maps of beams whose nodes have absolute positions and section angles.
+
+    Sparse maps are out[rows] += weights * vector[columns].
 
     Attributes
     ----------
-    x, y, psi
-        Indices of the coordinates of the nodes, (elements, nodes) each.
-    first
-        Index of the first element of the beam to which each element belongs, (elements,).
-    values, slopes
-        Shape functions and their derivatives at the Gauss points, (nodes - 1, nodes).
-    integrals
-        Integrals from the first node to each node of a polynomial with given values at the Gauss
-        points, (nodes, nodes - 1).
+    rows, weights, columns
+        Map of coordinates to section angles, x' and y' at all Gauss points, (3 points,).
+    step_rows, step_weights, step_columns
+        Map of x' and y' to the steps from each node to the next one, (2 points,).
+    targets, sources
+        Coordinates of the nodes at the end and at the beginning of each step, along the beams.
     """
 
-    x: Array
-    y: Array
-    psi: Array
-    first: Array
+    rows: Array
+    weights: Array
+    columns: Array
+    step_rows: Array
+    step_weights: Array
+    step_columns: Array
+    targets: Array
+    sources: Array
+
+
+@dataclass(slots=True)
+class AxisElements:
+    """Beams whose nodes have absolute positions and section angles.
+
+    Attributes
+    ----------
+    plan
+        Constant maps.
+    values, changes
+        Section angles, x' and y' at all Gauss points, and their changes.
+    slopes, product, steps
+        Changed x' and y', products with angles, and steps between nodes.
+    """
+
+    plan: AxisPlan
     values: Array
+    changes: Array
     slopes: Array
-    integrals: Array
+    product: Array
+    steps: Array
 
     @classmethod
     def of(cls, beams: Sequence[Array]) -> AxisElements:
         """Return the elements of beams with these coordinates, see `Part.axis_nodes`."""
-        x, y, psi = np.moveaxis(np.concatenate(beams), -1, 0)
-        counts = [len(beam) for beam in beams]
-        first = np.repeat(np.cumsum(counts) - counts, counts)
-        nodes = x.shape[1]
-        points = gauss_points(nodes - 1)[0]
-        values, slopes = (shape_functions(nodes, points, k) for k in (0, 1))
+        plan = _plan_axes(tuple((beam.shape, beam.astype(int).tobytes()) for beam in beams))
+        count = len(plan.targets) // 2
+        sizes = (3 * count, 3 * count, 2 * count, count, 2 * count)
+        return cls(plan, *map(np.zeros, sizes))
+
+
+@bounded_cache(_MAX_CACHED_BYTES, array_bytes)
+def _plan_axes(beams: tuple[tuple[tuple[int, ...], bytes], ...]) -> AxisPlan:
+    """Return the maps of beams with these coordinates: shapes and contents of arrays."""
+    nodes = [np.frombuffer(content, int).reshape(shape) for shape, content in beams]
+    # Elements have as many Gauss points as steps between nodes.
+    counts = [len(beam) * (beam.shape[1] - 1) for beam in nodes]
+    offsets, begin = sum(counts) * np.arange(3)[:, None, None, None], 0
+    maps: list[tuple[Array, ...]] = [(np.zeros(0),) * 3]
+    step_maps: list[tuple[Array, ...]] = [(np.zeros(0),) * 3]
+    ends = [np.zeros((2, 2, 0))]
+    for beam, count in zip(nodes, counts, strict=True):
+        degree = beam.shape[1] - 1
+        points = begin + np.arange(count).reshape(-1, degree)
+        values, slopes = (shape_functions(degree + 1, gauss_points(degree)[0], k) for k in (0, 1))
+        x, y, psi = np.moveaxis(beam, -1, 0)
+        at = offsets + points[:, :, None]
+        weights, columns = np.stack([values, slopes, slopes]), np.stack([psi, x, y])
+        maps.append(_broadcast(at, weights[:, None], columns[:, :, None]))
         # A position is determined by its derivative and its first node, which stays in place.
-        integrals = np.vstack([np.zeros(nodes - 1), np.linalg.inv(slopes[:, 1:])])
-        return cls(x, y, psi, first, values, slopes, integrals)
+        steps = np.diff(np.linalg.inv(slopes[:, 1:]), axis=0, prepend=0.0)
+        step_maps.append(_broadcast(at[:2], steps, (offsets + points[:, None])[:2]))
+        ends.append(np.stack([[z[:, 1:], z[:, :-1]] for z in (x, y)], axis=1).reshape(2, 2, -1))
+        begin += count
+    targets, sources = np.concatenate(ends, axis=2).reshape(2, -1).astype(np.uint32)
+    rows, weights, columns = map(np.concatenate, zip(*maps, strict=True))
+    step_rows, step_weights, step_columns = map(np.concatenate, zip(*step_maps, strict=True))
+    return AxisPlan(
+        rows.astype(np.uint32),
+        weights,
+        columns.astype(np.uint32),
+        step_rows.astype(np.uint32),
+        step_weights,
+        step_columns.astype(np.uint32),
+        targets,
+        sources,
+    )
 
-    def displace(self, q: Array, change: Array, result: Array) -> None:
-        """Replace the positions in `result` by those displaced from `q` by a finite `change`."""
-        turn = change[self.psi] @ self.values.T
-        slope, slope_change = ((z[self.x] + 1j * z[self.y]) @ self.slopes.T for z in (q, change))
-        self._integrate(np.exp(1j * turn) * (slope + slope_change - 1j * turn * slope), result)
 
-    def difference(self, q: Array, other: Array, result: Array) -> None:
-        """Replace the positions in `result` by the `change` with which `displace` gives `other`."""
-        turn = (other - q)[self.psi] @ self.values.T
-        slope, other_slope = ((z[self.x] + 1j * z[self.y]) @ self.slopes.T for z in (q, other))
-        self._integrate(np.exp(-1j * turn) * other_slope - slope + 1j * turn * slope, result)
+def _broadcast(*arrays: Array) -> tuple[Array, ...]:
+    """Return arrays with a common shape, flattened."""
+    return tuple(array.ravel() for array in np.broadcast_arrays(*arrays))
 
-    def _integrate(self, slopes: Array, result: Array) -> None:
-        """Set the positions of nodes, which continue those of the first node of each beam."""
-        along = slopes @ self.integrals.T
-        ends = np.cumsum(along[:, -1])
-        begins = ends - along[:, -1]
-        start = result[self.x[self.first, 0]] + 1j * result[self.y[self.first, 0]]
-        position = along + (start + begins - begins[self.first])[:, None]
-        result[self.x], result[self.y] = position.real, position.imag
+
+def displace_axes(axes: AxisElements, q: Array, change: Array, result: Array) -> None:
+    """Replace the positions in `result` by those displaced from `q` by a finite `change`."""
+    plan, values, changes, slopes = axes.plan, axes.values, axes.changes, axes.slopes
+    count, product = axes.product.size, axes.product
+    scatter(values, plan.rows, plan.weights, q, plan.columns)
+    scatter(changes, plan.rows, plan.weights, change, plan.columns)
+    turn, x, y = changes[:count], values[count : 2 * count], values[2 * count :]
+    multiply(product, turn, y)
+    combine(slopes[:count], (1.0, 1.0, 1.0), (x, changes[count : 2 * count], product))
+    multiply(product, turn, x)
+    combine(slopes[count:], (1.0, 1.0, -1.0), (y, changes[2 * count :], product))
+    rotate(slopes[:count], slopes[count:], turn)
+    _place_nodes(axes, result)
+
+
+def restore_axes(axes: AxisElements, q: Array, other: Array, result: Array) -> None:
+    """Replace the positions in `result` by the `change` with which `displace_axes` gives `other`.
+
+    `result` is other - q before.
+    """
+    plan, values, changes, slopes = axes.plan, axes.values, axes.changes, axes.slopes
+    count, product = axes.product.size, axes.product
+    scatter(changes, plan.rows, plan.weights, result, plan.columns)
+    turn = -changes[:count]
+    scatter(values, plan.rows, plan.weights, other, plan.columns)
+    combine(slopes, (1.0,), (values[count:],))
+    rotate(slopes[:count], slopes[count:], turn)
+    scatter(values, plan.rows, plan.weights, q, plan.columns)
+    x, y = values[count : 2 * count], values[2 * count :]
+    multiply(product, turn, y)
+    combine(slopes[:count], (1.0, -1.0, 1.0), (slopes[:count], x, product))
+    multiply(product, turn, x)
+    combine(slopes[count:], (1.0, -1.0, -1.0), (slopes[count:], y, product))
+    _place_nodes(axes, result)
+
+
+def _place_nodes(axes: AxisElements, result: Array) -> None:
+    """Set the positions of nodes, which continue those of the first node of each beam."""
+    plan = axes.plan
+    scatter(axes.steps, plan.step_rows, plan.step_weights, axes.slopes, plan.step_columns)
+    accumulate(result, plan.targets, plan.sources, axes.steps)
 
 
 @dataclass(frozen=True)
@@ -205,36 +290,48 @@ class FrameAxis:
 
 @dataclass(frozen=True)
 class StrainIncrements:
-    """Finite displacements of a mechanism; only beams with exact strains move nonlinearly."""
+    """Finite displacements of a mechanism; only beams with exact strains move nonlinearly.
 
-    groups: tuple[AxisElements | FrameAxis, ...]
+    Attributes
+    ----------
+    axes
+        Beams whose nodes have absolute positions.
+    frame_axes
+        Beams in a floating frame.
+    """
+
+    axes: AxisElements
+    frame_axes: tuple[FrameAxis, ...]
 
     @classmethod
     def of(cls, e: EquationsOfMotion) -> StrainIncrements:
         """Return the displacements of the mechanism of these equations."""
         rows = {part.name: part.rows for part in e.parts}
-        by_degree: dict[int, list[Array]] = {}
-        frame_axes = []
+        beams, frame_axes = [], []
         for statement in e.statements:
-            axis = statement.part.local_axis
+            axis, nodes = statement.part.local_axis, statement.part.axis_nodes
             if axis is not None:
                 frame_axes.append(FrameAxis.of(axis, rows[statement.part.name].start))
-            nodes = statement.part.axis_nodes
             if len(nodes):
-                first = rows[statement.part.name].start
-                by_degree.setdefault(nodes.shape[1], []).append(nodes + first)
-        return cls((*(AxisElements.of(beams) for beams in by_degree.values()), *frame_axes))
+                beams.append(nodes + rows[statement.part.name].start)
+        return cls(AxisElements.of(beams), tuple(frame_axes))
 
     def displace(self, x: Array, change: Array) -> Array:
         """Return x = (q, ...) displaced by a finite `change`; x + `change` to first order."""
         result = x + change
-        for group in self.groups:
-            group.displace(x, change, result)
+        displace_axes(self.axes, x, change, result)
+        self.displace_frames(x, change, result)
         return result
+
+    def displace_frames(self, x: Array, change: Array, result: Array) -> None:
+        """Replace the coordinates of beams in a floating frame in `result`, see `displace`."""
+        for axis in self.frame_axes:
+            axis.displace(x, change, result)
 
     def difference(self, x: Array, other: Array) -> Array:
         """Return the change with which `displace` moves `x` to `other`."""
         result = other - x
-        for group in self.groups:
-            group.difference(x, other, result)
+        restore_axes(self.axes, x, other, result)
+        for axis in self.frame_axes:
+            axis.difference(x, other, result)
         return result
