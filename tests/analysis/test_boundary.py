@@ -225,6 +225,6 @@ def test_curve_ends_where_no_model_exists():
     assert curve.status.kind == "failed"
     assert "rise must be at most 0.3" in curve.status.sentence
     assert curve.values[-1] == pytest.approx(0.3, abs=1e-3)
-    short = bd.boundary(truss, "limit point", by, (0.2, 0.4), step=0.05, most_points=3, to=to)
+    short = bd.boundary(truss, "limit point", by, (0.2, 0.4), step=0.05, max_points=3, to=to)
     assert short.status.kind == "limited"
     assert len(short.values) == 3

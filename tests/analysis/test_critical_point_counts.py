@@ -84,7 +84,7 @@ def trace_random_path(seed):
     rng = np.random.default_rng(seed)
     mech, settings = random_structure(rng), CONTROLS[rng.integers(len(CONTROLS))]
     target = 10.0 ** rng.uniform(1.0, 2.5)
-    return bd.equilibrium(mech, to=target, most_points=120, **settings)
+    return bd.equilibrium(mech, to=target, max_points=120, **settings)
 
 
 def check_law(seed):

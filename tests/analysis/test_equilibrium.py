@@ -218,7 +218,7 @@ def test_equilibrium_of_a_constrained_system():
         ({"control": "lode"}, "did you mean 'load'"),
         ({"switch": 0.5}, "switch must be a whole number"),
         ({"start": "anywhere"}, "or another equilibrium"),
-        ({"most_points": 1}, "most_points must be a whole number of at least 2"),
+        ({"max_points": 1}, "max_points must be a whole number of at least 2"),
     ],
 )
 def test_invalid_arguments_are_rejected(arguments, message):

@@ -52,7 +52,7 @@ def test_knock_down_of_roordas_frame(options):
     # branch is P / P1 = 1 - 0.3805 phi in the rotation phi of the corner. An imperfection with the
     # rotation e lowers the limit load to the root of (1 - p)^2 = 4 * 0.3805 e p.
     mech = roorda_frame(**options)
-    buckling = bd.buckling(mech, modes=1)
+    buckling = bd.buckling(mech, n=1)
     assert buckling.factors[0] == pytest.approx(13.886, rel=1e-4)
     for amplitude, tolerance in ((1e-3, 0.03), (1e-4, 0.01)):
         sign = -1.0 if corner_rotation(unloaded(mech, buckling, amplitude))[-1] < 0.0 else 1.0
@@ -79,7 +79,7 @@ def unloaded(mech, shape, amplitude):
 @FORMULATIONS
 def test_bow_of_a_column_grows_as_in_theory(options):
     mech = hinged_column(**options)
-    mode = bd.buckling(mech, modes=1)
+    mode = bd.buckling(mech, n=1)
     bow = bd.imperfect(mech, mode.shapes[0], amplitude=1e-4)
     path = bd.equilibrium(bow, to=0.9 * np.pi**2)
     middle = np.abs(path.columns["middle.y [m]"])
@@ -118,7 +118,7 @@ def hinged_arch():
 def test_imperfect_statically_indeterminate_arch_has_no_stress():
     # The supports do not move: the imperfection must be compatible with them.
     mech = hinged_arch()
-    mode = bd.buckling(mech, modes=1)
+    mode = bd.buckling(mech, n=1)
     amplitude = 1e-4
     arch = bd.imperfect(mech, mode, amplitude)
     path = bd.equilibrium(arch, to=1e-9)
@@ -136,7 +136,7 @@ def test_knock_down_curve_of_an_arch():
     # The branch of a symmetric arch is unstable and symmetric: the limit load of an imperfect arch
     # falls with the amplitude to the power 2/3 (Koiter 1945).
     mech = hinged_arch()
-    shape = bd.buckling(mech, modes=1)
+    shape = bd.buckling(mech, n=1)
     amplitudes = [1e-5, 1e-4, 1e-3]
     curve = bd.knock_down(mech, shape, amplitudes, to={"crown.y": -0.02})
     assert set(curve.kinds) == {"limit point"}

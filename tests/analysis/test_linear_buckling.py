@@ -42,7 +42,7 @@ def portal(span=1.0):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("height", [1e-2, 1e-3, 1e-4])
 def test_column_has_the_loads_of_euler(height, formulation):
-    result = bd.buckling(column(height, formulation=formulation), modes=3)
+    result = bd.buckling(column(height, formulation=formulation), n=3)
     # ((2 k - 1) pi / 2)^2; compression and shear lower the third load by up to 1e-3 at 10 mm, and
     # the mesh of floating frames raises it by 1e-6.
     assert_allclose(
@@ -53,7 +53,7 @@ def test_column_has_the_loads_of_euler(height, formulation):
 
 
 def test_shapes_are_those_of_euler():
-    result = bd.buckling(column(), modes=1)
+    result = bd.buckling(column(), n=1)
     positions = {f"column.x{k}": 1.0 - np.cos(0.5 * np.pi * k / 24) for k in range(25)}
     names = bd.equations_of_motion(column()).q_names
     shape = dict(zip(names, result.shapes[0], strict=True))
@@ -64,21 +64,21 @@ def test_shapes_are_those_of_euler():
 
 def test_portal_sways_at_the_load_of_theory():
     # Sway, feet clamped, corners rigid: k cot k = -6 for equal members.
-    result = bd.buckling(portal(), modes=2)
+    result = bd.buckling(portal(), n=2)
     k = np.sqrt(result.factors[0])
     assert k / np.tan(k) == pytest.approx(-6.0, rel=2e-3)
 
 
 def test_dense_and_sparse_matrices_agree(monkeypatch):
-    dense = bd.buckling(column(), modes=3)
+    dense = bd.buckling(column(), n=3)
     monkeypatch.setattr("beamdae.analysis.statics.linear_buckling._MAX_DENSE_UNKNOWNS", 0)
-    sparse = bd.buckling(column(), modes=3)
+    sparse = bd.buckling(column(), n=3)
     assert_allclose(sparse.factors, dense.factors, rtol=1e-7)
 
 
 def test_linear_buckling_agrees_with_the_path():
     mech = portal()
-    result = bd.buckling(mech, modes=1)
+    result = bd.buckling(mech, n=1)
     path = bd.equilibrium(mech, to=1.2 * result.factors[0])
     (point,) = path.critical
     assert point.kind == "branch point"
@@ -87,7 +87,7 @@ def test_linear_buckling_agrees_with_the_path():
 
 
 def test_tension_does_not_buckle():
-    result = bd.buckling(column(sign=1.0), modes=2)
+    result = bd.buckling(column(sign=1.0), n=2)
     assert len(result) == 0
     (warning,) = result.warnings
     assert warning.startswith("buckling: the structure has 0 of 2 buckling loads; under reversed")
@@ -98,19 +98,19 @@ def test_displacements_before_buckling_are_warned_of():
     # A transverse force bends the column before it buckles.
     mech = column()
     mech.add(bd.Force("wind", mech.parts["column"].end, (0.05, 0.0)))
-    result = bd.buckling(mech, modes=1)
+    result = bd.buckling(mech, n=1)
     assert any("displacements before buckling are not negligible" in x for x in result.warnings)
 
 
 def test_follower_loads_are_warned_of():
-    result = bd.buckling(column(axes="body"), modes=2)
+    result = bd.buckling(column(axes="body"), n=2)
     assert any("may flutter" in warning for warning in result.warnings)
 
 
 def test_loads_scale_by_name():
     mech = column()
     mech.add(bd.Force("more", mech.parts["column"].end, (0.0, -1.0)))
-    alone = bd.buckling(mech, modes=1, loads=["press"])
+    alone = bd.buckling(mech, n=1, loads=["press"])
     section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
     expected = 0.25 * np.pi**2 - 1.0 / section.EI
     assert alone.factors[0] == pytest.approx(expected, rel=1e-5)
@@ -120,7 +120,7 @@ def test_loads_scale_by_name():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"modes": 0}, "modes must be"),
+        ({"n": 0}, "n must be"),
         ({"loads": [["press"], ["gravity"]]}, "no gravity"),
         ({"loads": []}, "loads must be one list of names, got 0 stages"),
     ],
@@ -140,7 +140,7 @@ def test_a_mechanism_has_no_buckling_load():
 
 
 def test_result_is_a_table_and_a_picture(tmp_path):
-    result = bd.buckling(column(), modes=2)
+    result = bd.buckling(column(), n=2)
     table = result.table()
     assert list(table) == ["mode", "load factor [-]", "moves most"]
     assert "2.46" in repr(result)

@@ -83,8 +83,8 @@ def test_regression_analyses_of_the_end_of_a_failed_path_warn():
     row = failed.at(len(failed.q) - 2)
     assert row.status.success
     assert bd.modes(truss(), row).warnings == ()
-    limited = bd.equilibrium(truss(), to=1.0, most_points=2)
-    assert "most_points" in bd.modes(truss(), limited).warnings[0]
+    limited = bd.equilibrium(truss(), to=1.0, max_points=2)
+    assert "max_points" in bd.modes(truss(), limited).warnings[0]
     with pytest.warns(bd.BeamdaeWarning, match="the earlier run ended early"):
         bd.simulate(truss(), bd.Radau(), 0.01, start=failed)
 

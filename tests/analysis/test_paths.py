@@ -184,7 +184,7 @@ def test_path_exports_a_table_and_files(tmp_path):
     assert '"kind": "limit point"' in (tmp_path / "path.json").read_text()
     assert len(path.coordinates()) == len(table)
     with pytest.warns(bd.BeamdaeWarning, match="stopped at the maximum of 3 points"):
-        short = bd.equilibrium(truss(), to={"crown.y": -0.25}, most_points=3)
+        short = bd.equilibrium(truss(), to={"crown.y": -0.25}, max_points=3)
     assert short.status.kind == "limited"
     assert len(short.q) == 3
 

@@ -184,7 +184,7 @@ def sample_motion(point):
 @pytest.mark.slow(reason="a hundred periodic motions")
 def test_response_of_a_duffing_oscillator_passes_both_folds():
     response = bd.frequency_response(
-        duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, longest_step=0.2
+        duffing, "omega", (1.0, 1.9), lambda omega: 2.0 * np.pi / omega, max_step=0.2
     )
     assert response.status.success
     # The branch between the folds is unstable, the others are stable.

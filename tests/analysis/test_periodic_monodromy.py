@@ -172,7 +172,7 @@ def test_response_integrates_few_periods_per_point(monkeypatch):
         return pendulum(rate)
 
     response = bd.frequency_response(
-        swing, "rate", (0.8, 0.9), integrator=bd.Radau(1e-6), step=0.1, longest_step=0.3
+        swing, "rate", (0.8, 0.9), integrator=bd.Radau(1e-6), step=0.1, max_step=0.3
     )
     assert response.status.success
     count = len(response.points)

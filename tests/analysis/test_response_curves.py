@@ -108,7 +108,7 @@ SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
 )
 def test_regression_response_to_a_driver_is_that_of_the_linear_model(model, ends):
     response = bd.frequency_response(
-        model, "frequency", ends, integrator=RUNS, settle=0, step=0.1, longest_step=0.5
+        model, "frequency", ends, integrator=RUNS, settle=0, step=0.1, max_step=0.5
     )
     assert response.status.sentence == "reached the end of the range"
     assert response.folds == []
@@ -133,7 +133,7 @@ def test_regression_response_to_a_driver_is_that_of_the_linear_model(model, ends
 def test_regression_short_steps_do_not_run_backward():
     # The second step ran backward, beyond the start of the range.
     response = bd.frequency_response(
-        lightly_damped, "frequency", (37.0, 45.0), integrator=RUNS, longest_step=0.5
+        lightly_damped, "frequency", (37.0, 45.0), integrator=RUNS, max_step=0.5
     )
     assert response.status.sentence == "reached the end of the range"
     assert np.all(np.diff([point.parameter for point in response.points]) > 0.0)
@@ -150,7 +150,7 @@ def test_regression_response_over_the_amplitude_of_a_driver_is_proportional():
         (AMPLITUDE, 3.0 * AMPLITUDE),
         lambda amplitude: 1.0 / 40.0,
         RUNS,
-        longest_step=0.5,
+        max_step=0.5,
     )
     assert response.status.success
     assert response.peaks("tip.transverse") == response.folds == []

@@ -120,7 +120,7 @@ def test_regression_coarse_ring_has_no_additional_branch_points(height):
     with warnings.catch_warnings():
         # Rounding errors decide whether the points can be distinguished.
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
-        path = bd.equilibrium(mech, to=10.0, most_points=10)
+        path = bd.equilibrium(mech, to=10.0, max_points=10)
     kinds = [point.kind for point in path.critical if point.factor < 7.0]
     assert kinds == ["branch point", "branch point"]
     assert [point.factor for point in path.critical[:2]] == pytest.approx([3.0, 3.0], rel=6e-3)

@@ -37,7 +37,7 @@ COMMANDS = {
     "modes": (),
     "buckling": ("--load", "push"),
     "periodic": ("--period", "1", "--settle", "1"),
-    "response": ("--over", "frequency=100:110", "--most-points", "2", "--settle", "1"),
+    "response": ("--over", "frequency=100:110", "--max-points", "2", "--settle", "1"),
     "optimize": ("--by", "stiffness", "--minimize", "mass"),
     "fit": ("data.csv", "--by", "stiffness", "--max-evaluations", "1"),
     "draw": (),

@@ -59,7 +59,7 @@ def test_a_table_and_a_picture_are_written(response):
 @pytest.mark.slow(reason="a curve")
 def test_json_of_an_angular_frequency(response):
     options = ("--over", "frequency=1.9:2.1", "--angular", "--set", "angular=True", "--no-page")
-    result = response(*options, "--longest-step", "0.4", "--json")
+    result = response(*options, "--max-step", "0.4", "--json")
     document = json.loads(result.stdout)
     assert document["status"] == "ok"
     assert not Path("results/oscillator_response.html").exists()
@@ -71,14 +71,14 @@ def test_json_of_an_angular_frequency(response):
 
 @pytest.mark.slow(reason="a curve")
 def test_a_constant_period_belongs_to_another_parameter(response):
-    result = response("--over", "force=0.1:0.2", "--period", "5", "--longest-step", "1", "--json")
+    result = response("--over", "force=0.1:0.2", "--period", "5", "--max-step", "1", "--json")
     points = json.loads(result.stdout)["points"]
     expected = [amplitude(0.4 * np.pi, point["force"]) for point in points]
     assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
 
 
 def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
-    result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--most-points", "2")
+    result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--max-points", "2")
     assert result.exit_code == 1
     assert "failed: stopped at the maximum of 2 points" in result.stderr
     assert len(pd.read_csv("results/oscillator_response.csv")) == 2

@@ -303,7 +303,7 @@ def _solve_slider_crank() -> dict[str, float]:
         lambda speed: 2.0 * np.pi / speed,
         bd.Radau(1e-7),
         step=0.05,
-        longest_step=0.2,
+        max_step=0.2,
     )
     ((speed, amplitude),) = response.peaks("middle.v [m]")
     return {"speed of the peak": speed / FIRST_FREQUENCY, "deflection / crank": amplitude / CRANK}

@@ -83,10 +83,10 @@ def frequency_response(
     period: Callable[[float], float] | None = None,
     integrator: Integrator | None = None,
     step: float = 0.02,
-    longest_step: float = 0.1,
+    max_step: float = 0.1,
     settle: int = 20,
     tolerance: float | None = None,
-    most_points: int = 400,
+    max_points: int = 400,
     begin: float = 0.0,
     *,
     partial: PartialResult = "raise",
@@ -109,7 +109,7 @@ def frequency_response(
         the reciprocal of the parameter, for a frequency in Hz.
     integrator
         Integrator. Defaults to Radau(1e-8).
-    step, longest_step
+    step, max_step
         Length of the first step and largest permitted length of a step along the curve. Changes of
         the state are measured relative to the amplitudes, changes of the parameter relative to its
         range.
@@ -118,7 +118,7 @@ def frequency_response(
     tolerance
         Largest permitted difference between the states at the end and at the start of a period,
         relative to the amplitudes. Defaults as in `periodic`.
-    most_points
+    max_points
         Maximum number of points on the curve, at least 2.
     begin
         Time [s] at which periods begin.
@@ -168,9 +168,9 @@ def frequency_response(
         Tolerance.for_integrator(_NAME, tolerance, method),
     )
     first_step = require_positive(_NAME, "step", step)
-    max_step = require_positive(_NAME, "longest_step", longest_step)
+    max_step = require_positive(_NAME, "max_step", max_step)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
-    max_points = require_count(_NAME, "most_points", most_points, least=2)
+    max_points = require_count(_NAME, "max_points", max_points, least=2)
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
     points: list[ResponsePoint] = []
     try:
@@ -223,7 +223,7 @@ def _follow_curve(
             step *= _CUT_FACTOR
     sentence = (
         f"stopped at the maximum of {max_points} points at {curve.describe(point.value)}; "
-        "increase most_points"
+        "increase max_points"
     )
     return Status("limited", sentence)
 

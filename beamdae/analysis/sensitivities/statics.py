@@ -388,7 +388,7 @@ def equilibrium_sensitivities(
     control: str | None = None,
     step: float | None = None,
     switch: Any = 0,
-    most_points: int = 500,
+    max_points: int = 500,
     t: float = 0.0,
     start: Any = None,
     *,
@@ -421,7 +421,7 @@ def equilibrium_sensitivities(
     by
         Names of the parameters with respect to which the path is differentiated. They must be
         floats.
-    loads, to, control, step, switch, most_points, t, start
+    loads, to, control, step, switch, max_points, t, start
         Path, see `equilibrium`.
     parameters
         Values of the parameters of the model that differ from the defaults.
@@ -465,7 +465,7 @@ def equilibrium_sensitivities(
     names = require_parameters(_NAME, model, by)
     values = complete_parameters(_NAME, model, parameters)
     mechanism = model(**values)
-    path = equilibrium(mechanism, loads, to, control, step, switch, most_points, t, start)
+    path = equilibrium(mechanism, loads, to, control, step, switch, max_points, t, start)
     if not path.status.success:
         raise BeamdaeError(
             f"{_NAME}: the path of {model.name} did not reach its end ({path.status.sentence}); "

@@ -155,7 +155,7 @@ def boundary(
     values: Any,
     number: int = 1,
     step: float = _STEP,
-    most_points: int = 200,
+    max_points: int = 200,
     **settings: Any,
 ) -> Boundary:
     """Follow a critical point of an equilibrium path while a parameter of the model changes.
@@ -182,7 +182,7 @@ def boundary(
     step
         Largest step: the change of the parameter relative to its range, the motion relative to the
         motion from the drawing to the first point, or a fifth of the relative change of the load.
-    most_points
+    max_points
         Largest number of points.
     settings
         Arguments of `equilibrium` for the path of the first value: `loads` in one stage, `to`,
@@ -230,7 +230,7 @@ def boundary(
     limits = _parse_limits(values)
     number = require_count(_NAME, "number", number, 1)
     step = require_positive(_NAME, "step", step)
-    most_points = require_count(_NAME, "most_points", most_points, 2)
+    max_points = require_count(_NAME, "max_points", max_points, 2)
     path = equilibrium(model(**{name: limits[0]}), **settings)
     if len(path.loads) != 1:
         raise BeamdaeError(
@@ -253,7 +253,7 @@ def boundary(
     with single_threaded:
         follow = _follow_flutter if kind == FLUTTER else partial(_follow_curve, kind)
         first = _first_point(family, path, rows[number - 1], limits[0])
-        points, special, status = follow(family, first, limits, step, most_points)
+        points, special, status = follow(family, first, limits, step, max_points)
         coordinates = [family.at(one.p).reference + one.u for one in points]
     return Boundary(
         kind,
@@ -309,7 +309,7 @@ def _follow_curve(
     first: CurvePoint,
     limits: tuple[float, float],
     step: float,
-    most_points: int,
+    max_points: int,
 ) -> _Curve:
     """Follow a limit or branch point along its curve."""
     curve = CriticalCurve(family, kind, limits, first)
@@ -322,7 +322,7 @@ def _follow_curve(
         return points, special, Status("failed", str(error))
     low, high = sorted(limits)
     size = step
-    while len(points) < most_points:
+    while len(points) < max_points:
         begin = points[-1]
         rate = direction[-1] * (high - low)
         bound = high if rate > 0.0 else low
@@ -360,9 +360,7 @@ def _follow_curve(
 
 
 def _limited(points: list[CurvePoint]) -> Status:
-    return Status(
-        "limited", f"stopped at the maximum of {len(points)} points; increase most_points"
-    )
+    return Status("limited", f"stopped at the maximum of {len(points)} points; increase max_points")
 
 
 @dataclass(frozen=True)
@@ -467,13 +465,13 @@ def _follow_flutter(
     first: CurvePoint,
     limits: tuple[float, float],
     step: float,
-    most_points: int,
+    max_points: int,
 ) -> _Curve:
     """Locate flutter points for values of the parameter in equal steps."""
     count = int(np.ceil(1.0 / step)) + 1
     points: list[CurvePoint] = []
     for p in np.linspace(*limits, count).tolist():
-        if len(points) >= most_points:
+        if len(points) >= max_points:
             return points, [], _limited(points)
         # Linear extrapolation of displacements and load factor.
         guess = first

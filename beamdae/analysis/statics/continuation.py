@@ -178,7 +178,7 @@ def follow_path(
             if len(path.points) >= settings.max_points:
                 path.status = Status(
                     "limited",
-                    f"stopped at the maximum of {len(path.points)} points; increase most_points",
+                    f"stopped at the maximum of {len(path.points)} points; increase max_points",
                 )
                 return
             before = len(path.branch_points)

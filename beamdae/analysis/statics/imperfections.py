@@ -122,7 +122,7 @@ def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechani
     >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
     >>> press = mech.add(bd.Force("press", column.end, (0.0, -strip.EI)))
     >>> mech.observe("tip", column.end)
-    >>> bent = bd.imperfect(mech, bd.buckling(mech, modes=1), amplitude=1e-3)
+    >>> bent = bd.imperfect(mech, bd.buckling(mech, n=1), amplitude=1e-3)
     >>> path = bd.equilibrium(bent, to=1.0)
     >>> bool(abs(abs(path.columns["tip.x [m]"][-1]) - 1e-3 / (1 - 4 / 3.14159**2)) < 1e-5)
     True

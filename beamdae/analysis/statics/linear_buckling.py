@@ -143,7 +143,7 @@ class _LinearizedPath(NamedTuple):
 @single_threaded
 @interruptible
 def buckling(
-    model: Any, modes: int = 5, loads: Any = None, t: float = 0.0, start: Any = None
+    model: Any, n: int = 5, loads: Any = None, t: float = 0.0, start: Any = None
 ) -> Buckling:
     """Compute linear buckling loads: factors mu with det(K_0 + mu K_1) = 0.
 
@@ -156,7 +156,7 @@ def buckling(
     ----------
     model
         A model function (with its defaults) or a mechanism.
-    modes
+    n
         Number of positive factors to return, the smallest ones.
     loads
         Names of the loads that mu scales, as in `equilibrium`, in one stage. Loads that are not
@@ -187,10 +187,10 @@ def buckling(
     >>> column = mech.add(bd.Beam("column", bd.Line((0.0, 0.0), (0.0, 1.0)), strip))
     >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
     >>> press = mech.add(bd.Force("press", column.end, (0.0, -strip.EI)))
-    >>> [round(float(x), 2) for x in bd.buckling(mech, modes=2).factors]
+    >>> [round(float(x), 2) for x in bd.buckling(mech, n=2).factors]
     [2.47, 22.21]
     """
-    count = require_count(_NAME, "modes", modes)
+    count = require_count(_NAME, "n", n)
     if isinstance(model, Model):
         model = model()
     equations, q = initial_positions(_NAME, model, start)

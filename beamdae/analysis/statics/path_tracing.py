@@ -83,7 +83,7 @@ class PathSettings:
     column
         Name of the observed column to which `targets` refer; "" if they are load factors.
     targets, control, step, switch, max_points
-        See `to`, `control`, `step`, `switch` and `most_points` of `equilibrium`.
+        See `to`, `control`, `step`, `switch` and `max_points` of `equilibrium`.
     """
 
     column: str
@@ -135,7 +135,7 @@ class PathSettings:
                 f"and switch=; use control={alternative!r}."
             )
         size = None if step is None else require_positive(name, "step", step)
-        max_points = require_count(name, "most_points", max_points, 2)
+        max_points = require_count(name, "max_points", max_points, 2)
         return cls(column, targets, control, size, switch, max_points)
 
     @property

@@ -40,7 +40,7 @@ def equilibrium(
     control: str | None = None,
     step: float | None = None,
     switch: Any = 0,
-    most_points: int = 500,
+    max_points: int = 500,
     t: float = 0.0,
     start: Any = None,
     *,
@@ -89,7 +89,7 @@ def equilibrium(
         Number of the branch point, counted from 1, at which to switch to the crossing path, with
         control="arc length". Negative numbers select the opposite side. A list switches repeatedly;
         numbers are counted on the current path. 0 never switches.
-    most_points
+    max_points
         No further step is taken once a stage has this many points; at least 2.
     t
         Time [s] at which laws are evaluated.
@@ -138,7 +138,7 @@ def equilibrium(
         information = {"name": model.name, "parameters": model.parameters}
         model = model()
     t = require_finite(_NAME, "t", t)
-    settings = PathSettings.from_arguments(to, control, step, switch, most_points)
+    settings = PathSettings.from_arguments(to, control, step, switch, max_points)
     equations, q = initial_positions(_NAME, model, start)
     loading = build_loading(model, equations, loads, t)
     with single_threaded:

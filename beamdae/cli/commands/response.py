@@ -64,11 +64,11 @@ def response_command(
         float,
         typer.Option(help="First step along the curve, relative to the amplitudes and the range."),
     ] = 0.02,
-    longest_step: Annotated[float, typer.Option(help="Largest step along the curve.")] = 0.1,
+    max_step: Annotated[float, typer.Option(help="Largest step along the curve.")] = 0.1,
     settle: Annotated[
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
-    most_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
+    max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     page: Page = True,
     picture: Picture = True,
     out: Out = Path("results"),
@@ -98,9 +98,9 @@ def response_command(
         _period_function(angular, period),
         method,
         step,
-        longest_step,
+        max_step,
         settle,
-        most_points=most_points,
+        max_points=max_points,
         partial="return",
     )
     table = escape_table(result.table())

@@ -164,10 +164,10 @@ PERIODIC_CALLS: dict[str, WorkingCall] = {
             "period": lambda frequency: 1.0 / frequency,
             "integrator": replace(box.integrator, time_limit=1.0),
             "step": 0.5,
-            "longest_step": 1.0,
+            "max_step": 1.0,
             "settle": 1,
             "tolerance": 1e-3,
-            "most_points": 4,
+            "max_points": 4,
             "begin": 0.0,
             "partial": "raise",
         },
@@ -233,7 +233,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "control": "load",
             "step": 0.5,
             "switch": 0,
-            "most_points": 20,
+            "max_points": 20,
             "t": 0.0,
             "start": {"bar.angle": -1.0},
             "partial": "raise",
@@ -241,13 +241,13 @@ STATIC_CALLS: dict[str, WorkingCall] = {
         lambda box, result: result.table(),
     ),
     "buckling": WorkingCall(
-        lambda box: {"model": _column(), "modes": 1, "loads": ["press"], "t": 0.0, "start": None},
+        lambda box: {"model": _column(), "n": 1, "loads": ["press"], "t": 0.0, "start": None},
         lambda box, result: result.table(),
     ),
     "imperfect": WorkingCall(
         lambda box: {
             "model": _column(),
-            "shape": bd.buckling(_column(), modes=1).shapes[0],
+            "shape": bd.buckling(_column(), n=1).shapes[0],
             "amplitude": 1e-3,
         },
         lambda box, result: bd.equations_of_motion(result),
@@ -260,7 +260,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
     "knock_down": WorkingCall(
         lambda box: {
             "model": _column(),
-            "shape": bd.buckling(_column(), modes=1),
+            "shape": bd.buckling(_column(), n=1),
             "amplitudes": [1e-3],
         },
         lambda box, result: result.table(),
@@ -274,7 +274,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
             "values": (0.2, 0.3),
             "number": 1,
             "step": 0.5,
-            "most_points": 4,
+            "max_points": 4,
         },
         lambda box, result: result.table(),
         lambda box, **arguments: bd.boundary(to={"crown.y": 0.0}, **arguments),
@@ -288,7 +288,7 @@ STATIC_CALLS: dict[str, WorkingCall] = {
         lambda box: {"row": 0}, return_result, lambda box, row: bd.equilibrium(box.mech).at(row)
     ),
     "equilibrium switched": WorkingCall(
-        lambda box: {"to": {"knee.x": 0.1}, "switch": [1, -1], "most_points": 20},
+        lambda box: {"to": {"knee.x": 0.1}, "switch": [1, -1], "max_points": 20},
         lambda box, result: result.table(),
         lambda box, **arguments: bd.equilibrium(_bar_on_torsion_spring(box), **arguments),
     ),
@@ -511,7 +511,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "control": "load",
             "step": 0.5,
             "switch": 0,
-            "most_points": 10,
+            "max_points": 10,
             "t": 0.0,
             "start": {"bob.angle": -1.5},
             "parameters": {"spin": 1},

@@ -315,7 +315,7 @@ COMMANDS: tuple[str, ...] = (
     "static FILE --switch 1 --control load",
     "static FILE --switch x",
     "static FILE --switch 1 --switch 0",
-    "static FILE --most-points 0",
+    "static FILE --max-points 0",
     "new",
     "new FILE",
     "new a.txt",
