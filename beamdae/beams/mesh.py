@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, cached_property, lru_cache
@@ -30,6 +31,8 @@ _MAX_CACHED_MESHES = 32
 _MAX_CACHED_NODES = 1000
 _OUTLINE_POINTS = 33
 _LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
+# Distance from an element end, relative to the element, within which a point is at this end.
+_LOCATION_ROUNDING = 1e-11
 
 
 class AxisPoints(NamedTuple):
@@ -257,16 +260,23 @@ class Mesh:
         return self.arc_lengths(element, np.tile(xi, self.elements))
 
     def locate(self, s: float) -> tuple[int, float]:
-        """Return the index of the element and the local coordinate xi at arc length s [m]."""
+        """Return the index of the element and the local coordinate xi at arc length s [m].
+
+        Points between two elements, up to rounding, belong to the second one. Otherwise, rounding
+        would choose between their angles and between patterns of operators, which must not differ
+        among the neighboring models of derivatives.
+        """
         if self.bounds is None:
             elements_passed = s / self.curve.length * self.elements
-            element = min(int(elements_passed), self.elements - 1)
+            element = min(int(elements_passed + _LOCATION_ROUNDING), self.elements - 1)
             xi = 2.0 * (elements_passed - element) - 1.0
         else:
-            inner_bounds = self.element_bounds[1:-1]
+            inner_bounds = self.element_bounds[1:-1] - _LOCATION_ROUNDING * self.element_lengths[1:]
             element = int(np.searchsorted(inner_bounds, s, side="right"))
             xi = 2.0 * (s - self.element_bounds[element]) / self.element_lengths[element] - 1.0
-        return element, float(np.clip(xi, -1.0, 1.0))
+        if abs(xi) > 1.0 - 2.0 * _LOCATION_ROUNDING:
+            xi = math.copysign(1.0, xi)
+        return element, float(xi)
 
     @cached_property
     def length_error(self) -> float:

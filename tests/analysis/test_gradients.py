@@ -4,6 +4,7 @@ import importlib
 
 import numpy as np
 import pytest
+from quick_return import quick_return
 
 import beamdae as bd
 from beamdae.analysis.gradients import number_derivatives
@@ -446,3 +447,14 @@ def test_regression_start_at_first_touch_of_a_contact(height):
     forward = bd.sensitivities(resting_ball, ["height"], method, parameters=values)
     assert result.derivatives["height"] == pytest.approx(expected, rel=2e-3)
     assert forward.sensitivity("ball.y", "height").iloc[-1] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.slow(reason="kernels of a mechanism with friction")
+def test_regression_weights_that_decay_to_underflow():
+    """Before the only sample, friction damps the weights of later steps to denormal numbers."""
+    objective = bd.SquaredErrors("motor.M", [0.1], [0.0], 1.0)
+    whole, short = (
+        bd.gradient(quick_return, objective, "crank_radius", bd.Radau(rtol=1e-8), t_end).array
+        for t_end in (0.3, 0.12)
+    )
+    np.testing.assert_allclose(whole, short, rtol=1e-5)

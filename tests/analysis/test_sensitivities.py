@@ -10,6 +10,7 @@ import pytest
 from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
+from inverted_pendulum import inverted_pendulum
 from leaf_spring_vehicle import leaf_spring_vehicle
 from pendulum import pendulum
 from quick_return import quick_return
@@ -20,6 +21,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
+from beamdae.analysis.sensitivities.model_differences import difference_model
 
 MASS, SPEED = 2.0, 0.3
 
@@ -579,6 +581,20 @@ def test_regression_errors_of_fixed_steps_are_reported(step):
     if sentences:
         estimate = sentences[0].partition(" estimated at ")[2].partition(" %")[0]
         assert float(estimate) == pytest.approx(100.0 * error, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value"),
+    [(inverted_pendulum, "tilt", 0.093), (sliding_mass, "radius", 0.9754277491409066)],
+)
+def test_regression_rounding_does_not_change_neighboring_models(model, name, value):
+    """Rounding chose the entries of an operator, or the element of a point between two elements."""
+    values = {**model.parameters, "formulation": "floating frame", name: value}
+    base = bd.equations_of_motion(model(**values))
+    difference = difference_model(
+        model, name, values, base, bd.equations_of_motion, moves_operators=True
+    )
+    assert len(difference.equations) == 4
 
 
 @bd.model(t_end=0.02)

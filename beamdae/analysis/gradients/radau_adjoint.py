@@ -63,6 +63,8 @@ _TOLERANCE = 1e-12
 _ROUNDING = 1e-7
 _STAGNATION_RATE = 0.5
 _MAX_ITERATIONS = 60
+# Smaller weights have no relative accuracy; those of damped motions decay to it.
+_UNDERFLOW = float(np.finfo(float).tiny / np.finfo(float).eps)
 _PROBLEMS = {
     NOT_CONVERGED: "the transposed equations of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -248,7 +250,7 @@ def _solve_weights(adjoint: RadauAdjoint, h: float) -> int:
             change, size = adjoint.sizes[0, block], adjoint.sizes[1, block]
             if not math.isfinite(change):
                 return NOT_FINITE
-            if size > 0.0:
+            if size > _UNDERFLOW:
                 largest = max(largest, change / size)
                 smallest = min(smallest, change / size)
         rate = largest / previous

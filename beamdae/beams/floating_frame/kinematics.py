@@ -43,6 +43,9 @@ Array = np.ndarray
 STRAINS = ("nonlinear", "green", "linear", "exact")
 # Number of samples of the tangent angle for its range along a curve.
 _TURN_SAMPLES = 65
+# Entries of the operator up to this size are rounding errors of the angles of straight beams.
+# Derivatives need neighboring models with the same entries.
+_OPERATOR_ROUNDING = 1e-14
 
 
 @read_only_data
@@ -166,6 +169,7 @@ class FloatingFrame(FormulationKinematics):
         columns = np.concatenate([frame_rows % element_type.size, *(coordinate[j] for j in nodal)])
         rotations = [value * factor[j] for j, (_, _, value) in zip(nodal, entries, strict=True)]
         values = np.concatenate([np.ones(len(frame_rows)), *rotations])
+        values[np.abs(values) < _OPERATOR_ROUNDING] = 0.0
         shape = (size, len(self.coordinates))
         operator = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
         operator.eliminate_zeros()
