@@ -24,6 +24,7 @@ _MAX_REPR_LENGTH = 80  # characters of a value in a message
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
 _MAX_PATH_LENGTH = 4096  # characters of a path, on any system
 _MAX_NAME_LENGTH = 100  # characters of the name of a part
+_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*(?:[^\W\d_]|[°%])")
 
 
 class BeamdaeError(ValueError):
@@ -324,6 +325,12 @@ def require_finite(part: str, name: str, value: Any) -> float:
         return value
     number = as_real(value)
     if number is None:
+        text = as_text(unbox_scalar(value))
+        if text is not None and _NUMBER_WITH_UNIT.match(text):
+            raise BeamdaeError(
+                f"{part}: {name} must be a number in SI units, got {short_repr(text)}; convert the "
+                "value, and omit the unit."
+            )
         raise BeamdaeError(
             f"{part}: {name} must be a number, got {short_repr(unbox_scalar(value))}."
         )

@@ -361,13 +361,34 @@ def parse_number(part: str, name: str, text: str, unit: str) -> float | None:
 
 
 def convert_text(part: str, name: str, value: Any, unit: str) -> Any:
-    """Return a text such as "850 mm" as a number in the unit of the parameter `name`.
+    """Return a text such as "850 mm" or "850" as a number in the unit of the parameter `name`.
 
     Other values are returned unchanged. See `parse_value` for errors.
     """
     text = as_text(value)
-    number = None if text is None else parse_value(part, name, text, unit)
+    number = None if text is None else parse_number(part, name, text, unit)
     return value if number is None else number
+
+
+def parse_quantity(text: str) -> tuple[float, str] | None:
+    """Return a text such as "100 MPa" as a number in SI units, and its unit; None if it is not one.
+
+    The unit of a number without a unit is "".
+    """
+    try:
+        return float(text), ""
+    except ValueError:
+        match = _VALUE.fullmatch(text.strip())
+    unit = "" if match is None else match[2].strip()
+    parsed = parse_unit(unit)
+    if match is None or parsed is None:
+        return None
+    factor = parsed[0]
+    exact = Fraction(match[1]) * factor if isinstance(factor, Fraction) else None
+    try:
+        return float(match[1]) * float(factor) if exact is None else float(exact), unit
+    except OverflowError:
+        return None
 
 
 def format_with_unit(value: Any, unit: str) -> str:

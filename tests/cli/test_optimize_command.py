@@ -63,7 +63,7 @@ def test_files_and_json(here):
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1:2 m"], "the unit m measures"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mas=1g:2g"], "has no parameter mas"),
-        (["--by", "mass", "--minimize", "mass", "--at-most", "mass=2kg"], "a number in SI units"),
+        (["--by", "mass", "--minimize", "mass", "--at-most", "mass=2m"], "limit of mass is in m"),
         (["--by", "mas", "--minimize", "mass"], "did you mean 'mass'"),
     ],
 )

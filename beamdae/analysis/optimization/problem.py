@@ -25,6 +25,7 @@ from beamdae.analysis.optimization.quantities import (
     Limit,
     Quantity,
     as_quantity,
+    find_unit,
 )
 from beamdae.errors import (
     BeamdaeError,
@@ -36,7 +37,8 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.integrators.integrator import refine
-from beamdae.model_parameters import convert_text
+from beamdae.model_parameters import convert_text, parse_unit, split_unit
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -126,6 +128,7 @@ class DesignProblem:
         self.lower, self.upper = self._read_bounds(bounds)
         self.sizes = self._choose_sizes()
         self._designs: dict[bytes, Design] = {}
+        self._require_units()
         quantities = (self.objective, *(limit.quantity for limit in self.limits))
         self._quantities: Sequence[Quantity] = quantities
 
@@ -133,6 +136,25 @@ class DesignProblem:
     def names(self) -> list[str]:
         """Names of the numbers, such as "E" and "thickness[3]"."""
         return list(self.flat.entries)
+
+    def _require_units(self) -> None:
+        """Reject limits in a unit of another quantity."""
+        limits = [limit for limit in self.limits if limit.unit]
+        if not limits:
+            return
+        equations = as_equations(_NAME, self.flat.model(**self.flat.parameters))
+        headers = [x for observable in equations.observables for x in observable.headers]
+        units = {variable.name: variable.unit for variable in equations.coordinates}
+        units |= {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
+        for limit in limits:
+            unit = find_unit(limit.quantity, units)
+            given, known = parse_unit(limit.unit), parse_unit(unit or "")
+            if given is None or known is None or given[1] != known[1]:
+                problem = f"is in {unit}" if unit else "has no known unit"
+                raise BeamdaeError(
+                    f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
+                    f"quantity {problem}; give the limit as a number in SI units."
+                )
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""

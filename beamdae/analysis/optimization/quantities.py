@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.gradients.objectives import Objective, Summand, format_sum
+from beamdae.analysis.gradients.objectives import (
+    EndValue,
+    Objective,
+    SmoothMaximum,
+    Summand,
+    format_sum,
+)
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -21,6 +27,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
@@ -431,7 +438,8 @@ class Frequency(AnalysisQuantity):
     number
         Number of the mode from 1 on, in ascending order, without free motions.
     about
-        "reference" or "equilibrium", see `modes`.
+        "reference" or "equilibrium", see `modes`. With weight or other loads, the frequencies about
+        the reference are not those of the loaded structure.
 
     Examples
     --------
@@ -466,11 +474,14 @@ class Limit:
         1 for an upper limit, -1 for a lower limit.
     bound
         The limit.
+    unit
+        Unit in which the limit was written; "" for numbers.
     """
 
     quantity: Quantity
     sign: int
     bound: float
+    unit: str = ""
 
     @property
     def label(self) -> str:
@@ -482,7 +493,34 @@ class Limit:
         return self.sign * (self.bound - value)
 
 
-def at_most(quantity: Any, limit: float) -> Limit:
+def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
+    """Return the unit of a quantity, or None if it is unknown, as for sums.
+
+    Parameters
+    ----------
+    quantity
+        The quantity.
+    columns
+        Units of columns by name and by header.
+    """
+    match quantity:
+        case Mass():
+            return "kg"
+        case Frequency():
+            return "Hz"
+        case EquilibriumValue():
+            return columns.get(quantity.column)
+        case RunQuantity():
+            (factor, value), *others = quantity.objective.terms
+            if factor == 1.0 and not others and isinstance(value, (EndValue, SmoothMaximum)):
+                return columns.get(value.column)
+        case LargestOf():
+            units = {find_unit(x, columns) for x in quantity.quantities}
+            return units.pop() if len(units) == 1 else None
+    return None
+
+
+def at_most(quantity: Any, limit: float | str) -> Limit:
     """Return the constraint that a quantity does not exceed a limit.
 
     Parameters
@@ -490,8 +528,8 @@ def at_most(quantity: Any, limit: float) -> Limit:
     quantity
         A `Quantity`, or an `Objective` of a run.
     limit
-        Upper limit of the value with its sign, in the unit of the quantity. `LargestOf([quantity])`
-        limits the magnitude, such as tension and compression.
+        Upper limit of the value with its sign, in the unit of the quantity, or a text such as
+        "150 MPa". `LargestOf([quantity])` limits the magnitude, such as tension and compression.
 
     Raises
     ------
@@ -507,7 +545,7 @@ def at_most(quantity: Any, limit: float) -> Limit:
     return _create_limit("at_most", quantity, 1, limit)
 
 
-def at_least(quantity: Any, limit: float) -> Limit:
+def at_least(quantity: Any, limit: float | str) -> Limit:
     """Return the constraint that a quantity is not less than a limit.
 
     Parameters
@@ -515,7 +553,7 @@ def at_least(quantity: Any, limit: float) -> Limit:
     quantity
         A `Quantity`, or an `Objective` of a run.
     limit
-        Lower limit, in the unit of the quantity.
+        Lower limit, in the unit of the quantity, or a text such as "50 Hz".
 
     Raises
     ------
@@ -532,8 +570,11 @@ def at_least(quantity: Any, limit: float) -> Limit:
 
 
 def _create_limit(caller: str, quantity: Any, sign: int, limit: Any) -> Limit:
-    bound = require_finite(caller, "limit", limit)
-    return Limit(as_quantity(f"{caller}: quantity", quantity), sign, bound)
+    text = as_text(limit)
+    parsed = None if text is None else parse_quantity(text)
+    number, unit = (limit, "") if parsed is None else parsed
+    bound = require_finite(caller, "limit", number)
+    return Limit(as_quantity(f"{caller}: quantity", quantity), sign, bound, unit)
 
 
 def as_quantity(part: str, value: Any) -> Quantity:

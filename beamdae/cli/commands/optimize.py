@@ -136,19 +136,16 @@ def _parse_quantity(option: str, text: Any) -> Quantity:
 def _parse_limit(option: str, text: str) -> Limit:
     """Return the constraint QUANTITY=LIMIT."""
     from beamdae.analysis.optimization.quantities import at_least, at_most
+    from beamdae.model_parameters import parse_quantity
 
     quantity, _, limit = text.rpartition("=")
-    try:
-        number = float(limit)
-    except ValueError:
-        number = None
-    if number is None or not quantity:
+    if not quantity or parse_quantity(limit) is None:
         raise BeamdaeError(
             f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a "
-            "number in SI units as limit."
+            "number in SI units, or with a unit, as limit."
         )
     create = at_most if option == "--at-most" else at_least
-    return create(_parse_quantity(option, quantity), number)
+    return create(_parse_quantity(option, quantity), limit)
 
 
 def _print_results(result: Optimization, name: str) -> None:

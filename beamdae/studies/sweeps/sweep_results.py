@@ -14,6 +14,7 @@ import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, short_repr, suggest, unbox_scalar
+from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
 from beamdae.report.page.page_file import write_page
 from beamdae.report.terminal.text_tables import format_headers
@@ -158,7 +159,8 @@ class SweepResults:
         ----------
         **parameters
             Values by parameter name; for a value with a name, this name. Numbers may deviate from
-            the values of the run by a relative difference of 1e-9.
+            the values of the run by a relative difference of 1e-9; texts such as "8 mm" are
+            converted.
 
         Raises
         ------
@@ -185,6 +187,10 @@ class SweepResults:
                     f"{', '.join(swept)}."
                 )
         request = ", ".join(f"{x}={short_repr(value)}" for x, value in parameters.items())
+        for x, value in parameters.items():
+            if any(as_real(setting[x]) is not None for setting in settings):
+                number = convert_text(name, x, value, self.sweep.units.get(x, ""))
+                parameters = {**parameters, x: number}
         rows = [row for row, setting in enumerate(settings) if _matches(setting, parameters)]
         if not rows:
             raise BeamdaeError(f"{name}: no case has {request}; see `table` for all cases.")
