@@ -122,11 +122,12 @@ def test_loads_scale_by_name():
     [
         ({"n": 0}, "n must be"),
         ({"loads": [["press"], ["gravity"]]}, "no gravity"),
+        ({"loads": ["pres"]}, "loads contain 'pres', but no part has this name"),
         ({"loads": []}, "loads must be one list of names, got 0 stages"),
     ],
 )
 def test_arguments_are_checked(arguments, message):
-    with pytest.raises(bd.BeamdaeError, match=message):
+    with pytest.raises(bd.BeamdaeError, match=f"^buckling: .*{message}"):
         bd.buckling(column(), **arguments)
 
 

@@ -194,7 +194,7 @@ def buckling(
     if isinstance(model, Model):
         model = model()
     equations, q = initial_positions(_NAME, model, start)
-    loading = build_loading(model, equations, loads, require_finite(_NAME, "t", t))
+    loading = build_loading(model, equations, loads, require_finite(_NAME, "t", t), _NAME)
     if len(loading.stages) != 1:
         raise BeamdaeError(
             f"{_NAME}: loads must be one list of names, got {len(loading.stages)} stages; name the "

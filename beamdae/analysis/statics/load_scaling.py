@@ -35,7 +35,7 @@ _AMPLITUDE = 1e-4
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
-def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
+def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilibrium") -> Stages:
     """Return the names of the loads in each stage; see `equilibrium` for `loads`.
 
     Raises
@@ -51,24 +51,22 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any) -> Stages:
         if _has_gravity(mechanism):
             default = (*default, GRAVITY)
         return (default,) if default else ()
-    items = require_sequence("equilibrium", "loads", loads, _LOADS_DESCRIPTION)
+    items = require_sequence(caller, "loads", loads, _LOADS_DESCRIPTION)
     if all(isinstance(name, str) for name in items):
         items = [items] if items else []
     stages = tuple(
-        tuple(require_sequence("equilibrium", "loads", stage, _LOADS_DESCRIPTION))
-        for stage in items
+        tuple(require_sequence(caller, "loads", stage, _LOADS_DESCRIPTION)) for stage in items
     )
     names = [name for stage in stages for name in stage]
     for name in names:
-        _require_load(mechanism, name)
+        _require_load(mechanism, name, caller)
         if names.count(name) > 1:
             raise BeamdaeError(
-                f"equilibrium: loads contain {short_repr(name)} more than once; name each "
-                "load once."
+                f"{caller}: loads contain {short_repr(name)} more than once; name each load once."
             )
     if not all(stages):
         raise BeamdaeError(
-            "equilibrium: loads must not contain an empty stage; name at least one load "
+            f"{caller}: loads must not contain an empty stage; name at least one load "
             "in each stage."
         )
     return stages
@@ -78,28 +76,26 @@ def _has_gravity(mechanism: Mechanism) -> bool:
     return mechanism.gravity_laws is not None or bool(np.any(mechanism.gravity))
 
 
-def _require_load(mechanism: Mechanism, name: Any) -> None:
+def _require_load(mechanism: Mechanism, name: Any, caller: str) -> None:
     if not isinstance(name, str):
-        raise BeamdaeError(
-            f"equilibrium: loads must be {_LOADS_DESCRIPTION}, got {short_repr(name)}."
-        )
+        raise BeamdaeError(f"{caller}: loads must be {_LOADS_DESCRIPTION}, got {short_repr(name)}.")
     if name == GRAVITY and _has_gravity(mechanism):
         return
     if name == GRAVITY and name not in mechanism.parts:
         raise BeamdaeError(
-            "equilibrium: loads contain 'gravity', but the mechanism has no gravity; "
+            f"{caller}: loads contain 'gravity', but the mechanism has no gravity; "
             "set gravity= of the Mechanism."
         )
     if name not in mechanism.parts:
         candidates = (*mechanism.parts, GRAVITY)
         raise BeamdaeError(
-            f"equilibrium: loads contain {short_repr(name)}, but no part has this "
+            f"{caller}: loads contain {short_repr(name)}, but no part has this "
             f"name{suggest(name, candidates)}; use the name of a load."
         )
     part = mechanism.parts[name]
     if len(part.coordinates) or part.constraints():
         raise BeamdaeError(
-            f"equilibrium: loads must name parts that only apply forces, but {name} is "
+            f"{caller}: loads must name parts that only apply forces, but {name} is "
             f"a {type(part).__name__}; omit this name."
         )
 
@@ -291,7 +287,13 @@ class Loading:
         return multipliers
 
 
-def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: float) -> Loading:
+def build_loading(
+    model: Any,
+    full_equations: EquationsOfMotion,
+    loads: Any,
+    t: float,
+    caller: str = "equilibrium",
+) -> Loading:
     """Return the static equations of all load stages of a model.
 
     Parameters
@@ -304,6 +306,8 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
         See `equilibrium`.
     t
         Time [s] at which laws are evaluated.
+    caller
+        Function that errors name.
 
     Raises
     ------
@@ -314,13 +318,13 @@ def build_loading(model: Any, full_equations: EquationsOfMotion, loads: Any, t: 
     if not isinstance(model, Mechanism):
         if loads is not None:
             raise BeamdaeError(
-                "equilibrium: loads= requires a Mechanism; omit loads= for constrained "
+                f"{caller}: loads= requires a Mechanism; omit loads= for constrained "
                 "systems and equations, which are solved under all loads."
             )
         stages: Stages = ()
         models = [full_equations]
     else:
-        stages = resolve_load_stages(model, loads)
+        stages = resolve_load_stages(model, loads, caller)
         remaining = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
         models = [equations_of_motion(_remove_loads(model, names)) for names in remaining[:-1]]
         # Parts that are inactive at the start are removed. Otherwise, the equations with all loads
