@@ -21,6 +21,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.regularized_friction import RegularizedFriction, default_friction_speed
 from beamdae.parts.forces.smooth import positive_part, require_stribeck, smooth_sign
 from beamdae.parts.forces.surfaces import CircleSurface, LineSurface, perpendicular
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE, Law, as_law
@@ -180,13 +181,15 @@ class Contact(ObservableLoad):
     friction_speed
         Regularization velocity [m/s] of Coulomb friction, at which friction reaches 76 % of its
         full value. At lower velocities, friction is nearly viscous, so a sticking contact creeps.
-    longest_step
+        Defaults to 1e-3, or to a twentieth of `stribeck` if this is less.
+    max_step
         Largest step of adaptive integrators [s]. Defaults to no limit: a step that passes over a
         contact is repeated from the onset of the contact.
     static, stribeck
         Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
         static to the kinetic coefficient `friction`. If both are omitted, the coefficient does not
-        depend on the velocity. `friction_speed` should be much less than `stribeck`.
+        depend on the velocity. With a `friction_speed` above a tenth of `stribeck`, the static
+        friction is not reached, and runs warn.
 
     Raises
     ------
@@ -215,8 +218,8 @@ class Contact(ObservableLoad):
     restitution: float = 1.0
     impact_speed: float | None = None
     friction: float = 0.0
-    friction_speed: float = 1e-3
-    longest_step: float | None = None
+    friction_speed: float | None = None
+    max_step: float | None = None
     static: float | None = None
     stribeck: float | None = None
 
@@ -239,12 +242,15 @@ class Contact(ObservableLoad):
             exponent=require_finite(self.name, "exponent", self.exponent),
             restitution=require_finite(self.name, "restitution", self.restitution),
             friction=require_non_negative(self.name, "friction", self.friction),
-            friction_speed=require_positive(self.name, "friction_speed", self.friction_speed),
         )
         static, stribeck = require_stribeck(
             self.name, "friction", self.friction, self.static, self.stribeck
         )
-        set_fields(self, static=static, stribeck=stribeck)
+        speed = self.friction_speed
+        if speed is None:
+            speed = default_friction_speed(stribeck)
+        speed = require_positive(self.name, "friction_speed", speed)
+        set_fields(self, static=static, stribeck=stribeck, friction_speed=speed)
         if self.friction:
             require_angle(self.name, self.surface.on)
         if not _MIN_EXPONENT <= self.exponent <= _MAX_EXPONENT:
@@ -257,10 +263,8 @@ class Contact(ObservableLoad):
                 f"{self.name}: restitution must lie in [{_MIN_RESTITUTION:g}, 1], got "
                 f"{self.restitution:g}."
             )
-        if self.longest_step is not None:
-            set_fields(
-                self, longest_step=require_positive(self.name, "longest_step", self.longest_step)
-            )
+        if self.max_step is not None:
+            set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))
         if self.impact_speed is not None:
             set_fields(
                 self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
@@ -278,10 +282,10 @@ class Contact(ObservableLoad):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Constant law that limits steps to `longest_step`, in a tuple; empty without a limit."""
-        if self.longest_step is None:
+        """Constant law that limits steps to `max_step`, in a tuple; empty without a limit."""
+        if self.max_step is None:
             return ()
-        time_scale = MIN_STEPS_PER_TIME_SCALE * self.longest_step
+        time_scale = MIN_STEPS_PER_TIME_SCALE * self.max_step
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
@@ -358,6 +362,24 @@ class Contact(ObservableLoad):
         values, data = FormulaExpression.of(kind, self._functions)
         columns = (Variable("N", "N"), Variable("v", "m/s"))
         return Quantity(columns, self._pieces, values, data)
+
+    @property
+    def regularized_friction(self) -> RegularizedFriction | None:
+        """Law of the friction; None without friction."""
+        if not self.friction:
+            return None
+        return RegularizedFriction(
+            self.sliding,
+            self.friction,
+            self.static,
+            self.stribeck,
+            float(self.friction_speed or 0.0),
+            "friction",
+            "friction_speed",
+            0.0,
+            is_contact=True,
+            radius=None,
+        )
 
     @property
     def gaps(self) -> tuple[SurfaceGap, ...]:
