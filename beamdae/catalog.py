@@ -352,7 +352,7 @@ GROUPS = (
                     "impact_speed": 1.0,
                     "friction": 0.1,
                     "friction_speed": 0.1,
-                    "longest_step": 0.01,
+                    "max_step": 0.01,
                     "static": 0.2,
                     "stribeck": 0.3,
                 },

@@ -1,4 +1,4 @@
-"""Warnings about parts that have no effect, start inside a surface or supply energy.
+"""Warnings about parts without effect, friction peaks, starts in a surface and supplied energy.
 
 `check` reports them before a run, `Solution.warnings` after a run.
 """
@@ -24,6 +24,9 @@ from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.events import select_impacts, select_switches
+from beamdae.parts.forces.contact import Contact
+from beamdae.parts.forces.friction import Friction
+from beamdae.parts.forces.regularized_friction import suggest_speed
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part, SurfaceGap
 from beamdae.symbolic.statements import ForceStatement, Local, Quantity, QuantityKernel
@@ -60,13 +63,17 @@ _VELOCITY_SAMPLES = 16
 # change the motion noticeably.
 _MAX_SUPPLIED_SHARE = 1e-3
 _POWER_ROUNDING = 1e-9  # rounding errors of the damping, relative to the work of the whole law
+# The largest friction may be less than the static friction by this fraction.
+_MAX_PEAK_REDUCTION = 0.05
 _SEED = 1
 
 
 def idle_part_warnings(
     equations: EquationsOfMotion, start: float = 0.0, end: float | None = None
 ) -> Iterator[str]:
-    """Yield warnings about parts that exert no force or never act, and actions without effect.
+    """Yield warnings about parts that exert no force or never act, actions without effect.
+
+    Friction whose peak is lost in its regularization is reported, too.
 
     Parameters
     ----------
@@ -91,6 +98,7 @@ def idle_part_warnings(
             )
         else:
             yield from _zero_force_warnings(part, mechanism, start, end)
+    yield from _friction_peak_warnings(mechanism)
     yield from _switch_warnings(mechanism)
 
 
@@ -121,6 +129,24 @@ def _zero_force_warnings(
             f"{part.name}: the part exerts no force from t = {start:g} to {end:g} s; change its "
             "start, speed or time law, or the end of the run."
         )
+
+
+def _friction_peak_warnings(mechanism: Mechanism) -> Iterator[str]:
+    """Yield a warning per part whose regularization reduces its static friction noticeably."""
+    for part in mechanism.parts.values():
+        if not isinstance(part, (Contact, Friction)):
+            continue
+        law = part.regularized_friction
+        if law is None or law.static is None or law.stribeck is None:
+            continue
+        largest = law.largest_coefficient
+        if largest < (1.0 - _MAX_PEAK_REDUCTION) * law.static:
+            yield (
+                f"{part.name}: friction reaches a coefficient of {largest:.3g} instead of static = "
+                f"{law.static:g}, because {law.speed_name} ({law.speed:g} m/s) is too large for "
+                f"stribeck ({law.stribeck:g} m/s); use {law.speed_name}="
+                f"{suggest_speed(law.stribeck):.3g} or less."
+            )
 
 
 def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:

@@ -129,11 +129,10 @@ class RunData:
     def step_extremes(self) -> dict[str, StepExtremes]:
         """Extremes of the observed columns at the steps between the first and the last row.
 
-        They include peaks between the rows. Empty for models without contacts.
+        They include peaks between the rows. Empty for models without abrupt forces, such as
+        contacts.
         """
-        return measure_step_extremes(
-            self.equations, self.trajectory, float(self.t[0]), float(self.t[-1])
-        )
+        return measure_step_extremes(self.equations, self.trajectory, self.t, lambda: self.columns)
 
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:

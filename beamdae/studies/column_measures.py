@@ -34,8 +34,8 @@ def measure_table(
 ) -> dict[str, list[float]]:
     """Return all `MEASURES` of each observed column of a trajectory, by column.
 
-    "max" and "min" include the extremes at the steps of the run, `steps`. The measures of a table
-    without rows are NaN.
+    "max", "min" and "RMS" include the values at the steps of the run, `steps`. The measures of a
+    table without rows are NaN.
     """
     headers = observed_columns([str(column) for column in table])
     values = np.full((len(headers), len(MEASURES)), np.nan)
@@ -46,9 +46,10 @@ def measure_table(
         times, curves = table.index.to_numpy(float), np.ascontiguousarray(curves.T)
         for k, measure in enumerate(MEASURES.values()):
             values[:, k] = measure(times, curves)
-        smallest, largest = (list(MEASURES).index(name) for name in ("min", "max"))
+        smallest, largest, rms = (list(MEASURES).index(name) for name in ("min", "max", "RMS"))
         for row, header in zip(values, headers, strict=True):
             if steps and header in steps:
                 row[smallest] = min(row[smallest], steps[header].min)
                 row[largest] = max(row[largest], steps[header].max)
+                row[rms] = steps[header].rms
     return dict(zip(headers, values.tolist(), strict=True))

@@ -114,11 +114,11 @@ def test_a_block_slides_to_rest_under_friction(integrator):
 @pytest.mark.parametrize(
     "integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)], ids=lambda x: str(x)[:5]
 )
-def test_longest_step_keeps_integrators_from_stepping_over_a_post(integrator):
+def test_max_step_keeps_integrators_from_stepping_over_a_post(integrator):
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(100.0, 0.0)))
     post = bd.CircleSurface(mech.ground.at(4.0, 0.0), 0.05)
-    mech.add(bd.Contact("post", ball.point, post, 1e9, longest_step=1e-4))
+    mech.add(bd.Contact("post", ball.point, post, 1e9, max_step=1e-4))
     solution = bd.simulate(mech, integrator, t_end=0.1)
     assert_allclose(solution.v[-1, 0], -100.0, rtol=3e-3)
     assert solution.statistics.steps >= 1000

@@ -14,6 +14,7 @@ from beamdae.live.session import summarize
 from beamdae.report.run_page import build_run_page
 from beamdae.report.terminal import text_tables
 from beamdae.results.diagnostics import missed_peaks
+from beamdae.studies.column_measures import MEASURES, measure_table
 
 MISSED = "the output rows miss its largest value"
 
@@ -47,6 +48,51 @@ def test_regression_a_contact_between_two_rows_is_reported(integrator):
     assert_allclose(float(table["rows"][0][2]), peak(1e10), rtol=0.02)
     live = summarize(run)["table"]["rows"]
     assert_allclose(float(live[0][2]), peak(1e10), rtol=0.02)
+
+
+def stop_of_formula(body):
+    """Return a stop with a force of 1e10 N/m^1.5 that is a formula."""
+    return bd.ForceLaw(
+        "stop", body.point, lambda p, t: (0.0, 1e10 * bd.positive_part(-p.position[1]) ** 1.5)
+    )
+
+
+def stop_of_table(body):
+    """Return a stop whose force is a table of the penetration."""
+    depths = np.linspace(0.0, 4e-4, 41)
+    table = bd.table(depths, 1e10 * depths**1.5)
+    return bd.ForceLaw("stop", body.point, lambda p, t: (0.0, table(-p.position[1])))
+
+
+@pytest.mark.parametrize("stop", [stop_of_formula, stop_of_table])
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=1e-6)])
+def test_regression_peaks_of_formulas_and_tables_between_rows_are_reported(stop, integrator):
+    """Only the forces of contacts were evaluated at the steps."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, -4.43)))
+    mech.observe("stop", mech.add(stop(body)).force)
+    mech.observe("ball", body.point)
+    with pytest.warns(bd.BeamdaeWarning, match=f"stop.Fy: {MISSED}"):
+        run = bd.simulate(mech, integrator, t_end=1e-3, output_step=5e-4)
+    extremes = run.step_extremes
+    assert list(extremes) == ["stop.Fx [N]", "stop.Fy [N]"]
+    assert_allclose(extremes["stop.Fy [N]"].max, peak(1e10), rtol=0.01)
+
+
+def test_root_mean_squares_integrate_over_steps_between_rows():
+    """An RMS of 0 N was that of the rows; its square is the integral of N^2 over the run."""
+    with pytest.warns(bd.BeamdaeWarning, match=MISSED):
+        run = bd.simulate(ball)
+    times = np.unique(np.concatenate([run.t, np.linspace(0.4512, 0.4522, 4001)]))
+    force = run.at_times(times)["stop.N"].to_numpy()
+    expected = np.sqrt(np.trapezoid(force**2, times) / 0.6)
+    assert_allclose(run.step_extremes["stop.N [N]"].rms, expected, rtol=0.01)
+    (values,) = (
+        x
+        for header, x in measure_table(run.table(), run.step_extremes).items()
+        if header == "stop.N [N]"
+    )
+    assert_allclose(values[list(MEASURES).index("RMS")], expected, rtol=0.01)
 
 
 def test_the_times_of_the_warning_contain_the_peak():
@@ -121,7 +167,10 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatc
     tracemalloc.start()
     try:
         extremes = missed_peaks.measure_step_extremes(
-            equations, SimpleNamespace(intervals=intervals), 0.0, 1.9
+            equations,
+            SimpleNamespace(intervals=intervals),
+            np.array([0.0, 1.9]),
+            lambda: dict.fromkeys(headers, np.zeros(2)),
         )
         _, most = tracemalloc.get_traced_memory()
     finally:

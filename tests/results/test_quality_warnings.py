@@ -103,6 +103,41 @@ def test_regression_an_energy_imbalance_is_reported(model, step, t_end):
     assert solution.quality.energy_imbalance > 0.1
 
 
+def dropped_ball(flywheel):
+    """Return a ball that falls by 1 m on a stop, beside a swinging wheel with an energy [J]."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("stop", ball.point, floor, 1e6))
+    if flywheel:
+        rate = (2.0 * flywheel) ** 0.5
+        wheel = mech.add(bd.RigidBody("wheel", 1.0, 1.0, (3.0, 0.0), angular_velocity=rate))
+        mech.add(bd.Revolute("bearing", mech.ground.at(3.0, 0.0), wheel.at(3.0, 0.0)))
+        load = bd.ForceLaw("spring", wheel.at(3.0, 0.0), lambda w, t: (0.0, 0.0, -0.04 * w.angle))
+        mech.add(load)
+    return mech
+
+
+@pytest.mark.parametrize("flywheel", [0.0, 300.0])
+@pytest.mark.parametrize(
+    ("step", "is_reported"), [(1e-3, True), (5e-4, True), (1e-4, False), (2e-5, False)]
+)
+def test_regression_impacts_of_few_steps_are_reported(flywheel, step, is_reported):
+    """With steps of 0.5 ms, the rebound is 3 % off without a warning; the impact takes 4 ms.
+
+    A wheel with thirty times the energy hid the imbalance of the impact.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        run = bd.simulate(dropped_ball(flywheel), bd.GeneralizedAlpha(step=step), t_end=0.6)
+    messages = [x for x in run.warnings if x.startswith("energy: ")]
+    assert len(messages) == is_reported
+    if flywheel and is_reported:
+        assert run.quality.energy_imbalance < 0.02
+        assert "of the energy exchanged there" in messages[0]
+        assert float(messages[0].split("t = ")[1].split()[0]) == pytest.approx(0.4515, abs=0.1)
+
+
 @pytest.mark.parametrize(("steps", "is_reported"), [(100, True), (2, False)])
 def test_a_large_residual_is_reported_unless_it_is_short(steps, is_reported):
     """Single steps exceed the limit after a sudden load and at singular positions."""

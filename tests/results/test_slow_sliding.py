@@ -55,6 +55,86 @@ def test_sliding_sticking_and_resting_contacts_carry_no_warning(settings):
     assert not any("friction_speed" in sentence for sentence in run.warnings)
 
 
+def slider(regularization, load, radius=None, **peak):
+    """Return a block in a guide, or in a bearing with `radius`, loaded by a constant force."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.RigidBody("body", 2.0, 0.1, (0.0, 0.0)))
+    ends = mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)
+    joint = bd.PointOnLine("joint", *ends) if radius is None else bd.Revolute("joint", *ends)
+    mech.add(joint)
+    mech.add(bd.Friction("rub", joint, 0.3, regularization, radius=radius, **peak))
+    on = body.at(0.0, 0.0)
+    mech.add(bd.Force("load", on, (load, 0.0)) if radius is None else bd.Moment("load", on, load))
+    mech.observe("body", on)
+    return mech
+
+
+def friction_warnings(mech, **settings):
+    run = simulate_quietly(mech, **settings)
+    return [x for x in run.warnings if x.startswith(("rub: ", "glass: "))]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=2e-3)])
+@pytest.mark.parametrize(
+    ("mech", "message"),
+    [
+        (
+            slider(0.02, 3.0),
+            "rub: the load is 51 % of coefficient N, so that friction should hold it, but it "
+            "creeps over 0.05",
+        ),
+        # The sliding speed is above the regularization.
+        (slider(0.5, 5.3), "rub: the load is 90 % of coefficient N, so that friction"),
+        (slider(2e-3, 0.05, radius=0.02), "but it creeps over 0.0863 rad"),
+        (
+            glass(0.5, speed=0.0, push=0.3),
+            "glass: the load is 51 % of friction N, so that friction should hold it, but it creeps",
+        ),
+    ],
+    ids=["guide", "near the limit", "bearing", "contact"],
+)
+def test_regression_loads_below_the_friction_that_creep_are_reported(mech, message, integrator):
+    """Joints crept without a warning; those of contacts named a reduced friction as the cause."""
+    (sentence,) = friction_warnings(mech, integrator=integrator, t_end=2.0)
+    assert message in sentence
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(
+    "mech",
+    [slider(1e-3, 3.0), slider(1e-3, 8.0), slider(1e-4, 0.05, radius=0.02), slider(0.5, 0.0)],
+    ids=["sticks", "slides", "bearing", "no load"],
+)
+def test_joints_that_stick_or_slide_have_no_warning(mech):
+    assert not friction_warnings(mech, t_end=1.0)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_reduced_friction_peaks_are_reported():
+    """With equal speeds, half of the static friction was missing without a warning."""
+    peak = {"static": 0.6, "stribeck": 0.02}
+    (sentence, *_) = friction_warnings(slider(0.02, 8.0, **peak), t_end=0.01)
+    assert "coefficient of 0.313 instead of static = 0.6" in sentence
+    assert "use regularization=0.001 or less" in sentence
+    assert not friction_warnings(slider(0.001, 8.0, **peak), t_end=0.01)
+    (check,) = [
+        x for x in bd.check(slider(0.02, 8.0, **peak), t_end=0.01).warnings if "static = 0.6" in x
+    ]
+    assert check == sentence
+
+
+def test_friction_speeds_of_contacts_resolve_the_peak():
+    body = bd.PointMass("ball", 1.0, at=(0.0, 0.0))
+    floor = bd.LineSurface(bd.Mechanism().ground.at(0.0, 0.0))
+    law = {"friction": 0.2, "static": 0.4}
+    speeds = [
+        bd.Contact("c", body.point, floor, 1e6, **law, stribeck=stribeck).friction_speed
+        for stribeck in (1e-3, 0.1)
+    ]
+    assert speeds == [pytest.approx(5e-5), 1e-3]
+
+
 def drag(speed):
     """Return a driver of a block, and no other load."""
     return lambda mech, block: bd.TranslationalDriver(

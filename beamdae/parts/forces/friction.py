@@ -19,6 +19,7 @@ from beamdae.errors import (
 )
 from beamdae.parts.attachments import require_angle, rotate
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.parts.forces.smooth import require_stribeck
 from beamdae.parts.joints.joint import Joint, Revolute
 from beamdae.symbolic.formula import (
@@ -142,8 +143,9 @@ class Friction(ObservableLoad):
     static, stribeck
         Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
         static to the kinetic coefficient. If both are omitted, the coefficient does not depend on
-        the velocity. `regularization` should be much less than `stribeck`: with a fifth of it, the
-        largest friction is up to 16 % below the static friction, with a tenth up to 7 %.
+        the velocity. `regularization` should be at most a twentieth of `stribeck`: with a fifth,
+        the largest friction is up to 16 % below the static friction, with a tenth up to 7 %, with a
+        twentieth up to 3 %. Runs warn above 5 %.
     radius
         Radius of the bearing, or half the length of a guide that carries a moment [m]; required for
         these joints, and not accepted for others.
@@ -261,6 +263,22 @@ class Friction(ObservableLoad):
         pieces = (self.joint.a.piece, self.joint.b.piece)
         return Quantity(
             (first, Variable("v", "m/s")), pieces, values, data, self.joint.name, self.joint
+        )
+
+    @property
+    def regularized_friction(self) -> RegularizedFriction:
+        """Law of the friction."""
+        return RegularizedFriction(
+            self.reaction,
+            self.coefficient,
+            self.static,
+            self.stribeck,
+            self.regularization,
+            "coefficient",
+            "regularization",
+            self.smoothing,
+            is_contact=False,
+            radius=self.radius if self._is_bearing else None,
         )
 
     @property

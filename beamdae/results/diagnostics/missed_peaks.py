@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,18 +17,22 @@ Array = np.ndarray
 # Units of columns that contacts and other abrupt forces change within a few steps.
 _IMPULSIVE_UNITS = ("N", "N m", "m/s^2", "rad/s^2", "Pa")
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
-_MAX_ROWS_AT_ONCE = 4096
+_MAX_ROWS_AT_ONCE = 2048
 _MAX_NAMES = 3  # of further columns in a warning
 
 
 @dataclass(frozen=True)
 class StepExtremes:
-    """Smallest and largest value of an observed column at the steps, and their times [s]."""
+    """Extremes of an observed column at the steps, their times [s], and its root mean square.
+
+    The root mean square integrates over steps and output rows.
+    """
 
     min: float
     min_time: float
     max: float
     max_time: float
+    rms: float
 
 
 @dataclass(frozen=True)
@@ -54,14 +58,26 @@ class MissedPeak:
 
 
 def measure_step_extremes(
-    equations: EquationsOfMotion, trajectory: Trajectory, begin: float, end: float
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    row_times: Array,
+    observed: Callable[[], Mapping[str, Array]],
 ) -> dict[str, StepExtremes]:
-    """Return the extremes of the observed columns at the steps from `begin` to `end` [s].
+    """Return the extremes of the observed columns at the steps between the output rows.
 
     With contacts, all columns are evaluated; with other forces that may change abruptly (formulas,
     tables, friction in joints), only forces, moments, accelerations and stresses. Otherwise the
     result is empty because the columns hardly change between rows. Columns that are not finite at a
     step are omitted.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of the run.
+    row_times
+        Times (k,) of the output rows [s].
+    observed
+        Function that returns the observed columns (k,) at these times, by header.
     """
     headers = [header for o in equations.observables for header in o.headers]
     mechanism = equations.mechanism
@@ -71,7 +87,9 @@ def measure_step_extremes(
         is_selected = [Header.of(header).unit in _IMPULSIVE_UNITS for header in headers]
     if not any(is_selected):
         return {}
-    evaluate = ObservedRows(equations)
+    evaluate, begin, end = ObservedRows(equations), row_times[0], row_times[-1]
+    rows_of_table = np.column_stack([row_times, *observed().values()])
+    squares = _SquareIntegral(rows_of_table)
     extremes: tuple[Array, Array] | None = None
     for interval in trajectory.intervals:
         rows = interval.times[:: interval.nodes_per_step]
@@ -80,6 +98,7 @@ def measure_step_extremes(
             block = steps[k : k + _MAX_ROWS_AT_ONCE]
             columns = evaluate(rows[block], *(x[block] for x in interval.state))
             # The columns of all steps may exceed the memory.
+            squares.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
             if extremes is not None:
                 pairs = zip(extremes, of_block, strict=True)
@@ -89,12 +108,49 @@ def measure_step_extremes(
         return {}
     times, values = extremes
     return {
-        header: StepExtremes(low, low_time, high, high_time)
-        for header, selected, (low, high), (low_time, high_time) in zip(
-            headers, is_selected, values.T.tolist(), times.T.tolist(), strict=True
+        header: StepExtremes(low, low_time, high, high_time, rms)
+        for header, selected, (low, high), (low_time, high_time), rms in zip(
+            headers,
+            is_selected,
+            values.T.tolist(),
+            times.T.tolist(),
+            squares.root_mean.tolist(),
+            strict=True,
         )
         if selected and np.isfinite([low, high]).all()
     }
+
+
+class _SquareIntegral:
+    """Integral of the squares of columns over steps and output rows by the trapezoidal rule."""
+
+    def __init__(self, rows: Array) -> None:
+        """Begin at the first of the output rows (t, columns), (k, 1 + n)."""
+        self._rows, self._next = rows, 1
+        self._last, self._sum = rows[:1], np.zeros(rows.shape[1] - 1)
+
+    def extend(self, times: Array, columns: Array) -> None:
+        """Add ascending steps with the columns (k, n), and the rows between them."""
+        following = int(np.searchsorted(self._rows[:, 0], times[-1], side="right"))
+        rows = self._rows[self._next : max(following, self._next)]
+        steps = np.column_stack([times, columns])
+        self._add(np.concatenate([rows, steps]))
+        self._next = max(following, self._next)
+
+    def _add(self, nodes: Array) -> None:
+        order = np.argsort(nodes[:, 0], kind="stable")
+        nodes = np.concatenate([self._last, nodes[order]])
+        squares = nodes[:, 1:] ** 2
+        self._sum += 0.5 * np.diff(nodes[:, 0]) @ (squares[1:] + squares[:-1])
+        self._last = nodes[-1:]
+
+    @property
+    def root_mean(self) -> Array:
+        """Root mean squares (n,) from the first to the last row."""
+        self._add(self._rows[self._next :])
+        self._next = len(self._rows)
+        duration = self._rows[-1, 0] - self._rows[0, 0]
+        return np.sqrt(self._sum / duration) if duration > 0.0 else np.abs(self._rows[0, 1:])
 
 
 def has_abrupt_forces(equations: EquationsOfMotion) -> bool:

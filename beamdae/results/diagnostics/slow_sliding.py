@@ -1,36 +1,44 @@
-"""Warnings about contacts that slide too slowly for the regularization of their friction."""
+"""Warnings about friction in contacts and joints that slide too slowly for its regularization."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.parts.forces.contact import Contact
+from beamdae.parts.forces.friction import Friction
+from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-_MAX_SLOW_SHARE = 0.5  # of the time in contact
-# Contacts that move over smaller distances, relative to the length of the mechanism, stick. A load
+_MAX_SLOW_SHARE = 0.5  # of the time with a normal force
+# Parts that move over smaller distances, relative to the length of the mechanism, stick. A load
 # below friction N lets them creep, unless drivers and joints prescribe their sliding.
 _MIN_DISTANCE = 1e-2
 _MIN_PRESCRIBED_DISTANCE = 1e-4
-_SPEED_CHANGE = 0.1  # relative to the friction speed
+_SPEED_CHANGE = 0.1  # relative to the regularization velocity
 _MIN_RATIO_CHANGE = 1e-6  # friction force / (friction N); less is a rounding error
 _RATIO_AT_FRICTION_SPEED = float(np.tanh(1.0))  # friction force / (friction N)
+# Friction balances the load of a part that creeps: the sliding speed is constant, within this ratio
+# of its median, ...
+_MAX_CREEP_SPREAD = 0.2
+_MIN_CREEP_SHARE = 0.5  # ... during this fraction of the time.
+_MAX_CREEP_RATIO = 0.95  # friction force / (friction N); more is the friction of a part that slides
 
 
 def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield one warning per contact that slides below its friction speed most of the time.
+    """Yield one warning per part that slides below its regularization velocity most of the time.
 
-    The friction force is then well below friction N. Contacts that stick, and creep over less than
-    1 % of the length of the mechanism, are exempt; if drivers and joints prescribe the sliding,
-    0.01 %.
+    The friction force is then well below friction N. Parts that stick, and creep over less than
+    1 % of the length of the mechanism (in bearings 0.01 rad), are exempt; if drivers and joints
+    prescribe the sliding, 0.01 %.
 
     Parameters
     ----------
@@ -41,85 +49,146 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     """
     mechanism = equations.mechanism
     parts = () if mechanism is None else mechanism.parts.values()
-    contacts = [part for part in parts if isinstance(part, Contact) and part.friction]
-    if mechanism is None or not contacts:
+    laws = {
+        part.name: law
+        for part in parts
+        if isinstance(part, (Contact, Friction))
+        and (law := part.regularized_friction) is not None
+        and law.coefficient
+    }
+    if mechanism is None or not laws:
         return
     coordinates, numbers = map_coordinates(mechanism), NumberStore()
-    laws = select_input_laws(mechanism.inputs)
-    observables = [
-        build_observable(part.name, part.sliding, coordinates, numbers, {}, laws)
-        for part in contacts
-    ]
+    rows = _rows_of_joints(equations)
+    inputs = select_input_laws(mechanism.inputs)
+    observables = {
+        name: build_observable(name, law.sliding, coordinates, numbers, rows, inputs)
+        for name, law in laws.items()
+    }
     p = numbers.all(mechanism.inputs)
-    for part, o in zip(contacts, observables, strict=True):
-        durations, ratios = [], []
+    for name, law in laws.items():
+        yield from _Sliding(equations, name, law, observables[name], p).warnings(trajectory)
+
+
+def _rows_of_joints(equations: EquationsOfMotion) -> dict[str, slice]:
+    """Return the slice of the multipliers of each joint, by name."""
+    joints = [name.rpartition(".")[0] for name in equations.lam_names]
+    return {x: slice(joints.index(x), joints.index(x) + joints.count(x)) for x in joints}
+
+
+@dataclass(frozen=True)
+class _Sliding:
+    """Sliding of one part during a run.
+
+    Attributes
+    ----------
+    equations
+        Equations of motion of all parts.
+    name, law
+        Name of the part, and the law of its friction.
+    observable, numbers
+        Compiled `law.sliding`, and the numbers to which it refers.
+    """
+
+    equations: EquationsOfMotion
+    name: str
+    law: RegularizedFriction
+    observable: Observable
+    numbers: Array
+
+    def warnings(self, trajectory: Trajectory) -> Iterator[str]:
+        """Yield the warning, if there is one."""
+        durations, ratios = [np.zeros(0)], [np.zeros(0)]
         for interval in trajectory.intervals:
             configuration = interval.configuration
-            if configuration is not None and part.name in configuration.inactive:
+            if configuration is not None and self.name in configuration.inactive:
                 continue
             state, times = interval.state, interval.times[:: interval.nodes_per_step]
-            ratio = _friction_ratios(part, o, p, times, state.q, state.v)
-            in_contact = np.isfinite(ratio)
+            ratio = self._ratios(times, state)
+            is_loaded = np.isfinite(ratio)
             steps = np.diff(interval.t)
             weights = 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
-            durations.append(weights[in_contact])
-            ratios.append(ratio[in_contact])
-            if in_contact.any():
-                k = np.flatnonzero(in_contact)[-1]
-                place = times[k], state.q[k], state.v[k]
-        if not sum(map(len, durations)):
-            continue
+            durations.append(weights[is_loaded])
+            ratios.append(ratio[is_loaded])
+            if is_loaded.any():
+                k = np.flatnonzero(is_loaded)[-1]
+                place = times[k], State(*(x[k] for x in state))
         duration, ratio = np.concatenate(durations), np.concatenate(ratios)
-        is_slow = np.abs(ratio) < _RATIO_AT_FRICTION_SPEED
+        total = float(np.sum(duration))
+        is_slow = np.abs(ratio) < _MAX_CREEP_RATIO
+        load = _constant_ratio(ratio[is_slow], duration[is_slow])
+        if load is None:
+            is_slow = np.abs(ratio) < _RATIO_AT_FRICTION_SPEED
         slow = float(np.sum(duration[is_slow]))
-        if slow <= _MAX_SLOW_SHARE * float(np.sum(duration)):
-            continue
-        slip = np.cumsum(duration[is_slow] * np.arctanh(ratio[is_slow]))
-        # Vibrations of a contact that sticks cancel.
-        distance = part.friction_speed * float(np.ptp(np.append(0.0, slip))) / equations.length
-        if distance > _MIN_DISTANCE or (
-            distance > _MIN_PRESCRIBED_DISTANCE
-            and _has_prescribed_slip(equations, part, o, p, *place)
-        ):
-            share = slow / np.sum(duration)
-            mean = duration[is_slow] @ np.abs(ratio[is_slow]) / slow
-            coefficient = "friction" if part.static is None else "static"
+        if not slow or slow <= _MAX_SLOW_SHARE * total:
+            return
+        duration, ratio = duration[is_slow], ratio[is_slow]
+        speed = self.law.speed * np.arctanh(ratio)
+        # Vibrations of a part that sticks cancel.
+        distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
+        share_of_length = distance / (self.law.radius or self.equations.length)
+        is_prescribed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(*place)
+        if not (share_of_length > _MIN_DISTANCE or is_prescribed):
+            return
+        limit = f"{self.law.coefficient_name if self.law.static is None else 'static'} N"
+        name = self.law.speed_name
+        if not is_prescribed and load is not None:
+            amount = f"{distance:.3g} m"
+            if self.law.radius is not None:
+                amount = f"{distance / self.law.radius:.3g} rad"
             yield (
-                f"{part.name}: the sliding speed is below friction_speed "
-                f"({part.friction_speed:g} m/s) during {100.0 * share:.0f} % of the contact, which "
-                f"reduces the friction to {100.0 * mean:.0f} % of {coefficient} N; use a "
-                "smaller friction_speed=."
+                f"{self.name}: the load is {100.0 * load:.0f} % of {limit}, so that friction "
+                f"should hold it, but it creeps over {amount}, because {name} is "
+                f"{self.law.speed:g} m/s; "
+                f"use a smaller {name}=."
             )
+            return
+        mean = float(duration @ np.abs(ratio)) / slow
+        if mean > _RATIO_AT_FRICTION_SPEED:
+            return
+        what = "contact" if self.law.is_contact else "run"
+        yield (
+            f"{self.name}: the sliding speed is below {name} ({self.law.speed:g} m/s) during "
+            f"{100.0 * slow / total:.0f} % of the {what}, which reduces the friction to "
+            f"{100.0 * mean:.0f} % of {limit}; use a smaller {name}=."
+        )
+
+    def _ratios(self, times: Array, state: State) -> Array:
+        """Return the share tanh(slip / speed) of Coulomb friction, NaN without a normal force."""
+        o, law = self.observable, self.law
+        q, v = (np.asarray(o.operator @ x.T).T for x in (state.q, state.v))
+        force, slip = o.function(times, q, v, self.numbers[o.data], state.lam[:, o.rows]).T
+        if not law.is_contact:
+            coefficient = np.abs(law.friction_coefficient(slip)) * (law.radius or 1.0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                force = np.abs(force) / coefficient
+        return np.where(force > law.min_force, np.tanh(slip / law.speed), np.nan)
+
+    def _is_prescribed(self, time: Array, state: State) -> bool:
+        """Return True if no motion that the constraints allow changes the sliding speed."""
+        equations = self.equations
+        change = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n)
+        if equations.m:
+            constraints = build_constraint_jacobian(equations)
+            (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
+            (jacobian,) = constraints.at(time[None], state.q[None])
+            change[columns] -= np.linalg.lstsq(jacobian, jacobian @ change[columns])[0]
+        speed = _SPEED_CHANGE * self.law.speed / equations.length
+        states = State(*(np.stack([x, x]) for x in state))
+        states.v[1] += speed * equations.position_scales * change
+        before, after = self._ratios(np.stack([time, time]), states)
+        return bool(abs(after - before) < _MIN_RATIO_CHANGE)
 
 
-def _friction_ratios(
-    contact: Contact, o: Observable, p: Array, times: Array, q: Array, v: Array
-) -> Array:
-    """Return the share tanh(slip / friction_speed) of Coulomb friction, NaN without contact."""
-    q, v = (np.asarray(o.operator @ x.T).T for x in (q, v))
-    normal, slip = o.function(times, q, v, p[o.data], np.zeros((len(q), 0))).T
-    return np.where(normal > 0.0, np.tanh(slip / contact.friction_speed), np.nan)
-
-
-def _has_prescribed_slip(
-    equations: EquationsOfMotion,
-    contact: Contact,
-    o: Observable,
-    p: Array,
-    time: Array,
-    q: Array,
-    v: Array,
-) -> bool:
-    """Return True if no motion that the constraints allow changes the sliding speed."""
-    change = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n)
-    if equations.m:
-        constraints = build_constraint_jacobian(equations)
-        (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
-        (jacobian,) = constraints.at(time[None], q[None])
-        change[columns] -= np.linalg.lstsq(jacobian, jacobian @ change[columns])[0]
-    speed = _SPEED_CHANGE * contact.friction_speed / equations.length
-    speeds = np.stack([v, v + speed * equations.position_scales * change])
-    before, after = _friction_ratios(
-        contact, o, p, np.stack([time, time]), np.stack([q, q]), speeds
-    )
-    return bool(abs(after - before) < _MIN_RATIO_CHANGE)
+def _constant_ratio(ratio: Array, duration: Array) -> float | None:
+    """Return the median of |ratio| if the sliding speed is near its median most of the time."""
+    if not float(np.sum(duration)) > 0.0:
+        return None
+    order = np.argsort(ratio)
+    share = np.cumsum(duration[order]) / np.sum(duration)
+    median = ratio[order[min(int(np.searchsorted(share, 0.5)), len(ratio) - 1)]]
+    speed, usual = np.arctanh(ratio), np.arctanh(median)
+    is_near = np.abs(speed - usual) <= _MAX_CREEP_SPREAD * abs(usual)
+    if float(np.sum(duration[is_near])) <= _MIN_CREEP_SHARE * float(np.sum(duration)):
+        return None
+    return abs(float(median))

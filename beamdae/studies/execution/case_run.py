@@ -126,7 +126,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
                 status = Status("failed", str(problem))
         table = tabulate_trajectory(solution)
         text = format_trajectory(table)
-        # Without contacts, the measures are those of the table.
+        # Without contacts and other abrupt forces, the measures are those of the table.
         steps = solution.step_extremes
         measures = measure_table(table, steps) if steps else None
         frames = _export_frames(solution, task.frames) if task.frames else None

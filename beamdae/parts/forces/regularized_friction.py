@@ -1,0 +1,79 @@
+"""Law of regularized friction, common to contacts and joints, as numbers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdae.symbolic.statements import Quantity
+
+# Default regularization velocity of contacts [m/s], and its largest fraction of the Stribeck
+# velocity. Beside solutions with events at sticking, a block on a belt has periods that are 2 %
+# short and a largest friction 1.6 % below the static friction with this fraction; 5 % and 4 % with
+# twice, 12 % and 11 % with four times this fraction.
+_DEFAULT_SPEED = 1e-3
+_MAX_STRIBECK_SHARE = 0.05
+# Speeds at which the largest friction is searched, relative to the Stribeck velocity.
+_SPEEDS = np.geomspace(1e-4, 10.0, 2001)
+
+
+def default_friction_speed(stribeck: float | None) -> float:
+    """Return 1e-3 m/s, or a twentieth of the Stribeck velocity [m/s] if this is less."""
+    return _DEFAULT_SPEED if stribeck is None else min(_DEFAULT_SPEED, suggest_speed(stribeck))
+
+
+def suggest_speed(stribeck: float) -> float:
+    """Return the largest accurate regularization velocity for a Stribeck velocity [m/s]."""
+    return _MAX_STRIBECK_SHARE * stribeck
+
+
+class RegularizedFriction(NamedTuple):
+    """Coulomb friction of a part with the Stribeck effect, regularized near zero velocity.
+
+    Attributes
+    ----------
+    sliding
+        Normal or friction force [N] or friction moment [N m], and sliding velocity [m/s].
+    coefficient, static, stribeck
+        Coefficients of friction [-], and Stribeck velocity [m/s] or None.
+    speed
+        Regularization velocity [m/s].
+    coefficient_name, speed_name
+        Names of the arguments of the part.
+    min_force
+        Normal force [N] above which friction acts.
+    is_contact
+        True if the first column of `sliding` is the normal force of a contact.
+    radius
+        Radius [m] at which the sliding velocity is that of a rotation; None for translations.
+    """
+
+    sliding: Quantity
+    coefficient: float
+    static: float | None
+    stribeck: float | None
+    speed: float
+    coefficient_name: str
+    speed_name: str
+    min_force: float
+    is_contact: bool
+    radius: float | None
+
+    def friction_coefficient(self, velocity: Any) -> Any:
+        """Return friction force / normal force at sliding velocities [m/s]."""
+        return np.tanh(velocity / self.speed) * self._unregularized(velocity)
+
+    def _unregularized(self, velocity: Any) -> Any:
+        if self.static is None or self.stribeck is None:
+            return self.coefficient
+        peak = (self.static - self.coefficient) * np.exp(-((velocity / self.stribeck) ** 2))
+        return self.coefficient + peak
+
+    @property
+    def largest_coefficient(self) -> float:
+        """Largest `friction_coefficient` [-]; the static coefficient is never quite reached."""
+        if self.static is None or self.stribeck is None:
+            return self.coefficient
+        velocities = _SPEEDS * self.stribeck
+        return max(self.coefficient, float(np.max(self.friction_coefficient(velocities))))
