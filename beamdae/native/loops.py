@@ -200,17 +200,18 @@ class _TableLayout:
         start, entries = len(self.words), []
         for name in _field_names(owner.__class__):
             value, word = getattr(owner, name), len(self.words)
-            if type(value) is tuple:
+            kind: Any
+            # Arrays first: most fields are arrays.
+            if isinstance(value, np.ndarray):
+                self.words += (self._find_address(name, value), *value.shape)
+                kind = (_dtype_name(value.dtype), value.ndim)
+            elif type(value) is tuple:
                 continue
-            kind: Any = type(value).__name__
-            if isinstance(value, (bool, int, float)):
+            elif isinstance(value, (bool, int, float)):
                 number = float if isinstance(value, float) else int
                 self.numbers.append((owner, name, word, number))
                 self.words.append(0)
                 kind = number.__name__
-            elif isinstance(value, np.ndarray):
-                self.words += [self._find_address(name, value), *value.shape]
-                kind = (_dtype_name(value.dtype), value.ndim)
             else:
                 kind = self._add_object(value)
             entries.append((name, word - start, kind))

@@ -407,11 +407,14 @@ class BorderedSystem:
         The result is None if it is not certain: if an eigenvalue is zero up to rounding errors, or
         the stiffness is not symmetric.
         """
-        if self.has_follower_loads(x, mu):
-            return None
         run = self._loop.work
+        self._set_point(x, mu)
+        if not run.has_tangent:
+            self._run(x, mu, EVALUATE_TANGENT)
+        # Loads without stiffness, such as weight, have a potential.
+        if run.load_stiffness != 0.0 and self.has_follower_loads(x, mu):
+            return None
         if self.is_native:
-            self._set_point(x, mu)
             signs = (run if run.has_signs else self._run(x, mu, COUNT_SIGNS)).saddle
         else:
             run = self._run(x, mu, EVALUATE_TANGENT)
@@ -438,8 +441,6 @@ class BorderedSystem:
         self._set_point(x, mu)
         if not run.has_tangent:
             self._run(x, mu, EVALUATE_TANGENT)
-        if run.load_stiffness == 0.0:
-            return False
         saddle = run.saddle
         loads = mu * run.loaded.nonzeros + (1.0 - mu) * run.unloaded.nonzeros
         terms = saddle.weights * loads[saddle.entries]

@@ -124,11 +124,12 @@ def largest_eigenvalues(
         If the eigenvalues do not converge.
     """
     space.restart()
-    last, confirmations, previous = np.zeros(0), 0, 0
-    for block in range(_MAX_BLOCKS):
+    extend(_FIRST_BLOCKS)
+    last, confirmations = np.zeros(0), 0
+    for block in range(_FIRST_BLOCKS - _CONFIRMATIONS - 1, _MAX_BLOCKS):
         if block == space.blocks:
-            extend(1 if block else _FIRST_BLOCKS)
-        size = int(space.ends[block])
+            extend(1)
+        previous, size = space.ends[block - 1], space.ends[block]
         basis = space.basis[:size]
         projected = basis @ space.images[:size].T
         values, shares = np.linalg.eigh(0.5 * (projected + projected.T))
@@ -140,5 +141,5 @@ def largest_eigenvalues(
         confirmations = confirmations + 1 if is_unchanged else 0
         if size == previous or confirmations == _CONFIRMATIONS:
             return values, basis.T @ shares
-        last, previous = values, size
+        last = values
     raise ArithmeticError("the eigenvalues do not converge")

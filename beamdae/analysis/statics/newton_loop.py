@@ -186,7 +186,7 @@ class BorderedWorkspace:
         1 to compute also the signs of pivots and the direction of the path, `solution`, at the
         equilibrium; and 1 if this succeeds.
     load_stiffness
-        Sum of the largest squares of entries of the tangents of the scaled loads.
+        Largest square of the derivatives of the tangent with respect to the load factor.
     motion, correction
         Largest displacements, in natural sizes, from `begin` and `predicted` to the equilibrium.
     """
@@ -396,8 +396,8 @@ def _solve_bordered(run: BorderedWorkspace, task: int) -> int:
         evaluate_sum(common.tangent, run.inputs, common.nonzeros)
         evaluate_sum(unloaded.tangent, run.inputs, unloaded.nonzeros)
         evaluate_sum(loaded.tangent, run.inputs, loaded.nonzeros)
-        run.load_stiffness = max_norm(unloaded.nonzeros, unloaded.nonzeros)
-        run.load_stiffness += max_norm(loaded.nonzeros, loaded.nonzeros)
+        combine(run.nonzeros, (1.0, -1.0), (loaded.nonzeros, unloaded.nonzeros))
+        run.load_stiffness = max_norm(run.nonzeros, run.nonzeros)
         run.has_tangent = 1
     parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)
