@@ -310,14 +310,14 @@ def _guaranteed_ratio(solution: Solution) -> float:
 
 
 @interruptible
-def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
+def verify(solution: Solution, integrator: Integrator | None = None) -> pd.DataFrame:
     """Verify a run by a second run with a different method and a tighter tolerance.
 
     Parameters
     ----------
     solution
         The run.
-    by
+    integrator
         Integrator of the second run. Defaults to `Radau`, or to `GeneralizedAlpha` if Radau made
         the run, with a tenth of the tolerance, but at least 1e-10. If the run has fixed steps, the
         tolerance is 1e-6.
@@ -337,22 +337,22 @@ def verify(solution: Solution, by: Integrator | None = None) -> pd.DataFrame:
     Raises
     ------
     BeamdaeError
-        If `solution` is not a solution or does not contain its integrator, or `by` is not an
-        integrator.
+        If `solution` is not a solution or does not contain its integrator, or `integrator` is
+        not an integrator.
     Interrupted
         If the second run is interrupted.
     """
-    return _tabulate(solution, compare_methods(solution, by))
+    return _tabulate(solution, compare_methods(solution, integrator))
 
 
 def compare_methods(
-    solution: Solution, by: Integrator | None = None, progress: Progress | None = None
+    solution: Solution, integrator: Integrator | None = None, progress: Progress | None = None
 ) -> ErrorColumns:
     """Return the columns of `verify` as arrays and lists by header.
 
     Parameters
     ----------
-    solution, by
+    solution, integrator
         As for `verify`.
     progress
         Progress function of the second run; see `simulate`.
@@ -365,16 +365,16 @@ def compare_methods(
     name, value = _require_own_integrator("verify", solution).accuracy
     has_rtol = name == "rtol"
     allowed_error = _ALLOWED_ERROR * value if has_rtol else _ALLOWED_ERROR_WITHOUT_RTOL
-    if by is None:
+    if integrator is None:
         rtol = max(_TIGHTENING_FACTOR * value, _MIN_RTOL) if has_rtol else _RTOL_FOR_FIXED_STEPS
         is_radau = solution.integrator.get("method") == "Radau"
         from beamdae.integrators import GeneralizedAlpha
 
-        by = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
-    other_name, other_value = require_integrator("verify", by).accuracy
+        integrator = GeneralizedAlpha(rtol=rtol) if is_radau else Radau(rtol)
+    other_name, other_value = require_integrator("verify", integrator).accuracy
     if other_name == "rtol":
         allowed_error = max(allowed_error, _ALLOWED_ERROR * other_value)
-    other = _run_again(solution, by, progress)
+    other = _run_again(solution, integrator, progress)
     rtol = value if has_rtol else 0.0
     columns = _compare(solution, other, np.nan if other is None else 1.0, rtol)
     del columns[SIGNED_ERROR]

@@ -87,7 +87,7 @@ def frequency_response(
     settle: int = 20,
     tolerance: float | None = None,
     max_points: int = 400,
-    begin: float = 0.0,
+    t_start: float = 0.0,
     *,
     partial: PartialResult = "raise",
 ) -> FrequencyResponse:
@@ -120,7 +120,7 @@ def frequency_response(
         relative to the amplitudes. Defaults as in `periodic`.
     max_points
         Maximum number of points on the curve, at least 2.
-    begin
+    t_start
         Time [s] at which periods begin.
     partial
         "return" to return the curve so far if the call is interrupted, with the status
@@ -164,7 +164,7 @@ def frequency_response(
         ends,
         (lambda frequency: 1.0 / frequency) if period is None else period,
         method,
-        require_finite(_NAME, "begin", begin),
+        require_finite(_NAME, "t_start", t_start),
         Tolerance.for_integrator(_NAME, tolerance, method),
     )
     first_step = require_positive(_NAME, "step", step)
@@ -323,7 +323,7 @@ class ResponseCurve:
         Values of the parameter at which the curve begins and ends.
     period
         Function that returns the period [s] for a value of the parameter.
-    integrator, begin, tolerance
+    integrator, t_start, tolerance
         See `periodic`.
     """
 
@@ -332,7 +332,7 @@ class ResponseCurve:
     ends: tuple[float, float]
     period: Callable[[float], float]
     integrator: Integrator
-    begin: float
+    t_start: float
     tolerance: Tolerance
 
     def describe(self, value: float) -> str:
@@ -353,7 +353,7 @@ class ResponseCurve:
             ) from error
         period = require_positive(_NAME, "period", period)
         equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))
-        return PeriodMap.from_equations(equations, self.integrator, self.begin, period)
+        return PeriodMap.from_equations(equations, self.integrator, self.t_start, period)
 
     def first_point(self, settle: int) -> tuple[CurvePoint | None, str]:
         """Return the first point of the curve and "", or None and the reason for the failure."""

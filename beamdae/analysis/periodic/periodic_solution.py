@@ -57,7 +57,7 @@ def periodic(
     period: float | None = None,
     integrator: Integrator | None = None,
     start: Any = None,
-    begin: float = 0.0,
+    t_start: float = 0.0,
     settle: int = 5,
     tolerance: float | None = None,
     period_guess: float | None = None,
@@ -88,7 +88,7 @@ def periodic(
     start
         "as drawn", "equilibrium", `rotation`, or positions and velocities by name. Defaults to the
         start of the model.
-    begin
+    t_start
         Time [s] at which the period begins; loads must be periodic from this time on.
     settle
         Number of periods to run before the first iteration, 0 to 10 000, to approach a stable
@@ -135,7 +135,7 @@ def periodic(
     >>> motion.stability
     'stable'
     """
-    begin = require_finite(_NAME, "begin", begin)
+    t_start = require_finite(_NAME, "t_start", t_start)
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
@@ -143,7 +143,7 @@ def periodic(
     is_free = period is None
     guess, settle = _first_period(model, period, period_guess, settle)
     equations = build_periodic_equations(_NAME, model, start)
-    period_map = PeriodMap.from_equations(equations, method, begin, guess)
+    period_map = PeriodMap.from_equations(equations, method, t_start, guess)
     try:
         if is_free:
             period_map, q, v = _settle_freely(period_map, settle, period_guess is None)

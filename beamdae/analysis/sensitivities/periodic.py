@@ -101,8 +101,8 @@ class PeriodicSensitivities(SensitivityResult):
         Returns
         -------
         pandas.Series
-            Derivative (k,) at fixed phases (t - begin) / period, in the unit of the column per unit
-            of the parameter, indexed by time [s].
+            Derivative (k,) at fixed phases (t - t_start) / period, in the unit of the column per
+            unit of the parameter, indexed by time [s].
 
         Raises
         ------
@@ -159,7 +159,7 @@ def periodic_sensitivities(
     period: Any = None,
     integrator: Integrator | None = None,
     start: Any = None,
-    begin: float = 0.0,
+    t_start: float = 0.0,
     settle: int = 5,
     tolerance: float | None = None,
     period_guess: float | None = None,
@@ -190,7 +190,7 @@ def periodic_sensitivities(
         `lambda **values: 1.0 / values["frequency"]`.
     integrator
         `Radau`. Defaults to Radau(1e-8).
-    start, begin, settle, tolerance, period_guess
+    start, t_start, settle, tolerance, period_guess
         See `periodic`.
     parameters
         Values of the parameters of the model that differ from the defaults.
@@ -236,7 +236,7 @@ def periodic_sensitivities(
     is_function = callable(period)
     duration = _evaluate_period(period, values) if is_function else period
     motion = periodic(
-        model(**values), duration, method, start, begin, settle, tolerance, period_guess
+        model(**values), duration, method, start, t_start, settle, tolerance, period_guess
     )
     if not motion.status.success:
         raise BeamdaeError(

@@ -102,7 +102,7 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
 SOLUTION_CALLS: dict[str, WorkingCall] = {
     "error_estimate": WorkingCall(lambda box: {"solution": box.solution}, return_result),
     "verify": WorkingCall(
-        lambda box: {"solution": box.solution, "by": bd.Radau(1e-4)}, return_result
+        lambda box: {"solution": box.solution, "integrator": bd.Radau(1e-4)}, return_result
     ),
     "load": WorkingCall(
         lambda box: {"path": "run.beamdae", "model": box.mech},
