@@ -38,7 +38,7 @@ from beamdae.linear.blas_threads import single_threaded
 ELEMENTS = (8, 64, 256)
 QUICK_ELEMENTS = (8, 64)
 STEPS = (10, 1)
-TURNS = 5
+TURNS = 15
 QUICK_TURNS = 2
 MILLISECONDS = 1e3
 
