@@ -29,11 +29,12 @@ class Auto(AdaptiveIntegrator):
     """Choose `Radau` for stiff or long motion, otherwise `Ida`.
 
     `Radau` is chosen if natural modes are over 300 times faster than the motion, if the run has
-    more than 10 periods, or with nonholonomic constraints. Steps do not resolve modes that are this
-    fast. If these modes are lightly damped, they limit BDF to order 2, whose phase error grows over
-    free oscillations, whereas Radau IIA is of order 5 and damps them. Without such modes, BDF of
-    order 5 takes about the same time as Radau, except in long runs, because its phase errors are
-    larger (tables in validation/tolerances). If `Ida` fails, for example near a singular position,
+    more than 10 periods, with nonholonomic constraints or with sampled controllers, after whose
+    samples BDF begins again at order 1. Steps do not resolve modes that are this fast. If these
+    modes are lightly damped, they limit BDF to order 2, whose phase error grows over free
+    oscillations, whereas Radau IIA is of order 5 and damps them. Without such modes, BDF of order 5
+    takes about the same time as Radau, except in long runs, because its phase errors are larger
+    (tables in validation/tolerances). If `Ida` fails, for example near a singular position,
     `Radau` repeats the run, and the run that gets further is returned; `time_limit` applies to both
     together. Without scikit-sundae, `Radau` replaces `Ida`; a `KernelWarning` and the note of the
     run report this.

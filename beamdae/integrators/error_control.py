@@ -255,10 +255,14 @@ def needs_radau(plan: RunPlan) -> bool:
     """Return True if BDF would be less accurate or slower than Radau.
 
     This applies if a natural mode is over 300 times faster than the motion, if the run has more
-    than 10 periods, or with nonholonomic constraints. Errors of velocities displace the path of a
-    skate for good: at rtol = 1e-5, chains and sliders with skates were wrong by up to 220 rtol.
+    than 10 periods, with sampled controllers, after whose samples BDF begins again at order 1, or
+    with nonholonomic constraints. Errors of velocities displace the path of a skate for good: at
+    rtol = 1e-5, chains and sliders with skates were wrong by up to 220 rtol.
     """
-    if len(plan.equations.nonholonomic_rows) or count_periods(plan) > _MANY_PERIODS:
+    equations = plan.equations
+    if len(equations.nonholonomic_rows) or equations.controllers:
+        return True
+    if count_periods(plan) > _MANY_PERIODS:
         return True
     fastest = max((mode.frequency for mode in plan.fastest_modes()), default=0.0)
     return fastest > STIFF_RATIO_BDF * motion_rate(plan)

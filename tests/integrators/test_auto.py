@@ -33,6 +33,16 @@ def test_auto_chooses_ida_if_all_modes_are_resolved(rtol):
     assert auto.integrator["max_order"] == 5
 
 
+def test_auto_chooses_radau_with_sampled_controllers():
+    """Ida takes 5 to 12 steps after each sample, Radau one."""
+    mech = swing()
+    push = mech.input("push")
+    mech.add(bd.Controller("idle", 0.1, [], [push], lambda sample: sample.index % 2))
+    auto = bd.simulate(mech, bd.Auto(), t_end=0.5)
+    assert auto.integrator["method"] == "Radau"
+    assert bd.simulate(swing(), bd.Auto(), t_end=0.5).integrator["method"] == "Ida"
+
+
 @pytest.mark.parametrize("rtol", [1e-4, 1e-5])
 def test_regression_paths_of_skates_keep_the_bound(rtol):
     """Errors of velocities displace paths for good: Ida was wrong by 206 rtol in another case."""
