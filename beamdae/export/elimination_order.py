@@ -15,8 +15,11 @@ Array = np.ndarray
 _MAX_RELATIVE_COUPLINGS = 2.0
 
 
-def plan_elimination(pattern: sp.csc_array, n: int) -> FixedOrder:
+def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> FixedOrder:
     """Return the elimination of a matrix of n coordinates, followed by multipliers.
+
+    The next `first` unknowns after the coordinates are eliminated before them, and the last `last`
+    unknowns after all others.
 
     Coordinates are eliminated first: their block, dominated by inertia, has suitable diagonal
     pivots in all positions. The remaining block of the multipliers is then definite if the
@@ -30,12 +33,15 @@ def plan_elimination(pattern: sp.csc_array, n: int) -> FixedOrder:
     path = _compute_path(symmetric)
     is_coordinate = path < n
     band = np.flatnonzero(couplings <= limit)
-    last = path[is_coordinate]
+    wide = path[is_coordinate]
+    is_first, is_last = ~is_coordinate & (path < n + first), path >= size - last
     order = np.concatenate(
         [
+            path[is_first],
             band[_compute_path(symmetric[band][:, band])],
-            last[couplings[last] > limit],
-            path[~is_coordinate],
+            wide[couplings[wide] > limit],
+            path[~is_coordinate & ~is_first & ~is_last],
+            path[is_last],
         ]
     ).astype(int)
     # Only the diagonal of the multipliers may be missing; these entries have no source.

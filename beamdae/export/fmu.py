@@ -46,8 +46,10 @@ from beamdae.export.model_description import (
 )
 from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
 from beamdae.export.parameter_maps import map_numbers
+from beamdae.export.radau_settings import plan_radau
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import INCREMENT_ROUNDING
+from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
@@ -61,11 +63,20 @@ from beamdae.simulation import as_equations, unpack_model
 
 PART = "export_fmu"
 _C_FOLDER = Path(__file__).parent / "c"
-_SHARED_SOURCES = ("stepper.c", "stepper.h", "variables.c", "variables.h", "model.h")
-_INTERFACE_SOURCES = {
-    2: ("fmi2.c", "fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
-    3: ("fmi3.c", "fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+_SHARED_SOURCES = ("stepper.c", "linear.c", "variables.c")
+_SHARED_HEADERS = (
+    "stepper.h",
+    "instance.h",
+    "linear.h",
+    "elimination.h",
+    "variables.h",
+    "model.h",
+)
+_INTERFACE_HEADERS = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
+INTEGRATORS = ("alpha", "radau")
 _BENCHMARK = "benchmark.c"
 # Entries of the archive have the same date, so that equal models give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -114,7 +125,9 @@ class ExportedFmu:
     fmi
         Version of the interface, 2 or 3.
     step
-        Internal step [s].
+        Internal step of generalized-alpha, or default communication step [s].
+    integrator
+        Method of the steps: "alpha" or "radau".
     inputs, parameters, outputs
         Names of the variables.
     platforms
@@ -128,6 +141,7 @@ class ExportedFmu:
     path: Path
     fmi: int
     step: float
+    integrator: str
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -142,6 +156,8 @@ def export_fmu(
     path: str | Path,
     *,
     step: float = 1e-3,
+    integrator: str = "alpha",
+    rtol: float = 1e-5,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     parameters: Sequence[str] = (),
@@ -156,24 +172,32 @@ def export_fmu(
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
-    The FMU contains C source and binaries. It takes steps of `GeneralizedAlpha(step, rho_inf)` with
-    the same kernels, equations and tolerance; results differ from those of `simulate` by rounding
-    errors and errors of Newton's iteration.
+    The FMU contains C source and binaries. By default, it takes steps of `GeneralizedAlpha(step,
+    rho_inf)` with the same kernels, equations and tolerance; results differ from those of
+    `simulate` by rounding errors and errors of Newton's iteration. With `integrator="radau"`, it
+    takes adaptive steps of `Radau(rtol)`.
 
-    Communication steps can have any length: they are divided into equal internal steps of at most
-    `step`. Each change of the internal step, and each breakpoint of a law, restarts the method with
-    consistent accelerations; constant communication steps that are multiples of `step` avoid this.
-    A communication step shorter than 1 % of `step` extrapolates the motion and is part of the next.
-    Contacts that begin and end within one internal step are not noticed.
+    Communication steps can have any length. Generalized-alpha divides them into equal internal
+    steps of at most `step`. Each change of the internal step, and each breakpoint of a law,
+    restarts the method with consistent accelerations; constant communication steps that are
+    multiples of `step` avoid this. A communication step shorter than 1 % of `step` extrapolates the
+    motion and is part of the next. Contacts that begin and end within one internal step are not
+    noticed.
+
+    Radau keeps its step size between communication steps. While inputs do not change, its steps
+    pass over communication points, and outputs are those of the polynomial of the step. If an input
+    changes, the step is repeated up to the communication point; while inputs change at every
+    communication point, steps end there. Tolerances are relative to the amplitudes of the motion
+    that a pilot run measures with the start values of the inputs.
 
     Inputs are constant during a communication step. Where inputs or parameters change,
     accelerations and reactions change with them, as at the samples of a `Controller`; outputs that
     are read before the next step show this.
 
-    Directional derivatives are those of the outputs at the end of the last internal step with
-    respect to inputs and parameters held during this step, for the same positions and velocities at
-    its beginning. The state of an instance can be saved, restored and serialized; runs from a
-    restored state are equal to the last bit.
+    Directional derivatives are those of the outputs at the end of the last internal step (with
+    Radau, of the last communication step) with respect to inputs and parameters held during this
+    step, for the same positions and velocities at its beginning. The state of an instance can be
+    saved, restored and serialized; runs from a restored state are equal to the last bit.
 
     Parameters
     ----------
@@ -182,7 +206,11 @@ def export_fmu(
     path
         Path of the file to write, with the suffix ".fmu".
     step
-        Internal step [s].
+        Internal step of generalized-alpha, and default communication step [s].
+    integrator
+        "alpha" for fixed steps of generalized-alpha, or "radau" for adaptive steps.
+    rtol
+        Relative tolerance of Radau, 1e-14 to 0.1.
     inputs
         Names of inputs of the mechanism, which must not prescribe motions. Defaults to all inputs
         whose value is a number.
@@ -211,9 +239,10 @@ def export_fmu(
     real_time
         Number of Newton iterations of every step, each step with one factorization, so that all
         steps take the same time. From 2 on, diverging iterations are errors. By default, the number
-        follows from the tolerance.
+        follows from the tolerance. Requires generalized-alpha.
     timed_steps
-        Number of steps to be measured on this machine; see `ExportedFmu.step_times`.
+        Number of steps to be measured on this machine; see `ExportedFmu.step_times`. With Radau,
+        these are communication steps of the length `step` at which inputs change.
 
     Returns
     -------
@@ -242,7 +271,13 @@ def export_fmu(
         raise BeamdaeError(f"{PART}: the path must end with .fmu, got {short_repr(path)}.")
     step = require_positive(PART, "step", step)
     require_choice(PART, "fmi", fmi, (2, 3))
-    method = GeneralizedAlpha(step=step, rho_inf=rho_inf, newton_tolerance=newton_tolerance)
+    require_choice(PART, "integrator", integrator, INTEGRATORS)
+    alpha = GeneralizedAlpha(step=step, rho_inf=rho_inf, newton_tolerance=newton_tolerance)
+    Radau(rtol=rtol)
+    if integrator == "radau" and real_time is not None:
+        raise BeamdaeError(
+            f'{PART}: real_time requires fixed steps, but integrator is "radau"; omit one of them.'
+        )
     targets = _require_platforms(platforms, fmi)
     iterations = 0 if real_time is None else require_count(PART, "real_time", real_time)
     steps = require_count(PART, "timed_steps", timed_steps, least=0)
@@ -266,7 +301,8 @@ def export_fmu(
         state=plan.state,
         weights=weights,
         min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
-        method=method,
+        step=step,
+        method=alpha if integrator == "alpha" else plan_radau(equations, times, rtol),
         duration=stop,
         outputs=_select_outputs(equations, outputs),
         numbers=map_numbers(
@@ -287,7 +323,8 @@ def export_fmu(
         stop=stop,
         values=exported.numbers.values,
         outputs=exported.outputs,
-        sources=("model.c", "stepper.c", "variables.c", f"fmi{fmi}.c"),
+        sources=("model.c", f"{integrator}.c", *_SHARED_SOURCES, f"fmi{fmi}.c"),
+        is_adaptive=integrator == "radau",
     )
     _require_unique_names(description)
     contents, binaries, step_times = _compile(exported, description, fmi, targets, steps)
@@ -297,6 +334,7 @@ def export_fmu(
         path=file,
         fmi=fmi,
         step=step,
+        integrator=integrator,
         inputs=tuple(x.name for x in values if x.is_input),
         parameters=tuple(x.name for x in values if not x.is_input),
         outputs=tuple(x.name for x in exported.outputs),
@@ -484,7 +522,7 @@ def _compile(
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, contents)}}}"
     description = replace(description, token=token)
     sources = {"model.c": f"{model_source}\nconst char model_token[] = {format_string(token)};\n"}
-    for name in (*_SHARED_SOURCES, *_INTERFACE_SOURCES[fmi]):
+    for name in (*description.sources[1:], *_SHARED_HEADERS, *_INTERFACE_HEADERS[fmi]):
         sources[name] = (_C_FOLDER / name).read_text("utf-8")
     texts = {"modelDescription.xml": write_description(description, fmi)}
     texts |= {f"sources/{name}": text for name, text in sources.items()}
@@ -512,7 +550,8 @@ def _compile(
             if is_timed:
                 # Windows runs only files with this suffix.
                 program = folder / "benchmark.exe"
-                parts = [objects[x] for x in ("model.c", "stepper.c", _BENCHMARK)]
+                interface = ("variables.c", f"fmi{fmi}.c")
+                parts = [x for name, x in objects.items() if name not in interface]
                 link_program(PART, compiler, parts, program)
                 times = _measure(program, timed_steps)
     return {name: text.encode() for name, text in texts.items()}, binaries, times

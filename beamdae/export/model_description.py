@@ -32,6 +32,8 @@ class Description:
         Inputs, parameters and outputs; value references count values, then outputs.
     sources
         Names of the source files to compile.
+    is_adaptive
+        True if the FMU chooses its internal steps.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Description:
     values: tuple[Value, ...]
     outputs: tuple[Output, ...]
     sources: tuple[str, ...]
+    is_adaptive: bool = False
 
 
 def write_description(description: Description, fmi: int) -> str:
@@ -105,7 +108,7 @@ def _describe_2(x: Description) -> Element:
 
 def _describe_3(x: Description) -> Element:
     root = _root(x, "3.0", instantiationToken=x.token)
-    SubElement(
+    interface = SubElement(
         root,
         "CoSimulation",
         modelIdentifier=x.identifier,
@@ -113,8 +116,9 @@ def _describe_3(x: Description) -> Element:
         canGetAndSetFMUState="true",
         canSerializeFMUState="true",
         providesDirectionalDerivatives=_flag(bool(x.values)),
-        fixedInternalStepSize=repr(x.step),
     )
+    if not x.is_adaptive:
+        interface.set("fixedInternalStepSize", repr(x.step))
     _add_common(root, x)
     variables = SubElement(root, "ModelVariables")
     for k, value in enumerate(x.values):

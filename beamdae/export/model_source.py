@@ -12,6 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
 from beamdae.equations.starts.state_evaluator import plan_state_sums
@@ -22,8 +24,12 @@ from beamdae.export.c_code import (
     write_kernel,
 )
 from beamdae.export.elimination_order import plan_elimination
+from beamdae.export.radau_settings import RadauSettings
 from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.radau import coefficients
+from beamdae.integrators.radau.stepper import STABILIZED_FORM
+from beamdae.linear.fixed_order import FixedOrder
 from beamdae.symbolic.directional_sums import directional_plan
 from beamdae.symbolic.kernel_sums import Kernel, SumPlan
 from beamdae.symbolic.sparse_operators import build_selection
@@ -99,8 +105,10 @@ class ExportedModel:
         Consistent state at t = 0.
     weights, min_correction_limit
         Reciprocal scales of the coordinates, and lower bound on the Newton tolerance.
+    step
+        Internal step of generalized-alpha, and default communication step [s].
     method
-        Integrator with the step of the model.
+        Method of the steps.
     duration
         Default end time [s].
     outputs, numbers
@@ -113,7 +121,8 @@ class ExportedModel:
     state: State
     weights: Array
     min_correction_limit: float
-    method: GeneralizedAlpha
+    step: float
+    method: GeneralizedAlpha | RadauSettings
     duration: float
     outputs: tuple[Output, ...]
     numbers: NumberMap
@@ -143,15 +152,20 @@ class _SourceWriter:
 
     def write(self) -> str:
         x, tables = self._exported, self._tables
-        e, numbers, method = x.equations, x.numbers, x.method
+        e, numbers = x.equations, x.numbers
         n, m, values = e.n, e.m, numbers.values
-        member = family_parameters(method.family, method.rho_inf)
-        form, sums = formulate_step(e, False), plan_state_sums(e.structure)
-        residual, _, matrix = form.sums
-        outputs, inputs_size = plan_outputs(e, x.outputs), 3 * n + m
+        sums = plan_state_sums(e.structure)
+        if isinstance(x.method, RadauSettings):
+            residual, size, inputs_size, method = self._radau(x.method)
+        else:
+            residual, size, inputs_size, method = self._generalized_alpha(x.method)
+        outputs = plan_outputs(e, x.outputs)
         directions: list[SumPlan | None] = [None, None]
         if values:
-            directions = [directional_plan(plan, inputs_size) for plan in (residual, outputs)]
+            directions = [
+                directional_plan(residual, inputs_size),
+                directional_plan(outputs, 3 * n + m),
+            ]
         velocity_rows = n + e.nonholonomic_rows
         breakpoints = [b for b in e.breakpoints if b > 0.0]
         fields: dict[str, Any] = {
@@ -167,21 +181,12 @@ class _SourceWriter:
             "n_states": len(e.states),
             "forces_depend_on_reactions": int(any(term.rows is not None for term in e.forces)),
             "fixed_iterations": x.fixed_iterations,
-            "step": format_number(method.step),
+            "step": format_number(x.step),
             "duration": format_number(x.duration),
             "length": format_number(e.length),
-            "alpha_m": format_number(method.alpha_m),
-            "alpha_f": format_number(method.alpha_f),
-            "gamma": format_number(method.gamma),
-            "beta": format_number(method.beta),
-            "shift": format_number(member.shift),
-            "defect": format_number(member.defect),
-            "newton_tolerance": format_number(method.newton_tolerance),
-            "min_correction_limit": format_number(x.min_correction_limit),
             "p": tables.numbers(e.p),
             "q": tables.numbers(x.state.q),
             "v": tables.numbers(x.state.v),
-            "weights": tables.numbers(x.weights),
             "values": tables.numbers([value.start for value in values]),
             "min_values": tables.numbers([value.low for value in values]),
             "max_values": tables.numbers([value.high for value in values]),
@@ -193,15 +198,16 @@ class _SourceWriter:
             "value_names": tables.rows(
                 "char *const", [format_string(value.name) for value in values]
             ),
-            "residual": self._plan(residual, n + m),
-            "matrix": self._plan(matrix, form.pattern.nnz),
+            "residual": self._plan(residual, size),
             "motion": self._plan(sums.motion, n + 3 * m),
             "saddle": self._plan(sums.saddle, sums.saddle_pattern.nnz),
             "outputs": self._plan(outputs, len(x.outputs)),
-            "residual_direction": self._plan(directions[0], n + m),
+            "residual_direction": self._plan(directions[0], size),
             "outputs_direction": self._plan(directions[1], len(x.outputs)),
-            "step_pattern": self._pattern(form.pattern),
-            "saddle_pattern": self._pattern(sums.saddle_pattern),
+            "saddle_pattern": self._pattern(
+                sums.saddle_pattern, plan_elimination(sums.saddle_pattern, n)
+            ),
+            **method,
         }
         body = ",\n".join(f"    .{name} = {value}" for name, value in fields.items())
         return "\n".join(
@@ -213,6 +219,77 @@ class _SourceWriter:
                 f"const Model model = {{\n{body}}};\n",
             ]
         )
+
+    def _generalized_alpha(
+        self, method: GeneralizedAlpha
+    ) -> tuple[SumPlan, int, int, dict[str, str]]:
+        """Return the residual, its size, the size of its inputs, and fields of the model."""
+        x, tables, e = self._exported, self._tables, self._exported.equations
+        member = family_parameters(method.family, method.rho_inf)
+        form = formulate_step(e, False)
+        residual, _, matrix = form.sums
+        numbers = {
+            "alpha_m": method.alpha_m,
+            "alpha_f": method.alpha_f,
+            "gamma": method.gamma,
+            "beta": method.beta,
+            "shift": member.shift,
+            "defect": member.defect,
+            "newton_tolerance": method.newton_tolerance,
+            "min_correction_limit": x.min_correction_limit,
+        }
+        fields = {name: format_number(value) for name, value in numbers.items()}
+        fields["weights"] = tables.numbers(x.weights)
+        fields["matrix"] = self._plan(matrix, form.pattern.nnz)
+        fields["step_pattern"] = self._pattern(form.pattern, plan_elimination(form.pattern, e.n))
+        return residual, e.n + e.m, 3 * e.n + e.m, fields
+
+    def _radau(self, settings: RadauSettings) -> tuple[SumPlan, int, int, dict[str, str]]:
+        """Return the residual, its size, the size of its inputs, and fields of the model."""
+        tables, e = self._tables, self._exported.equations
+        form = formulate_first_order(e, STABILIZED_FORM, apart=True)
+        pattern, matrix, reduction = reduce_kinematics(form)
+        order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
+        numbers = {
+            "longest_step": settings.longest_step,
+            "start_rate": settings.start_rate,
+            "stagnation_limit": settings.stagnation_limit,
+        }
+        arrays = {
+            "test_weights": settings.test_weights,
+            "iteration_weights": settings.iteration_weights,
+            "rounding_weights": settings.rounding_weights,
+        }
+        tableau = {
+            "nodes": coefficients.C,
+            "to_stages": coefficients.T,
+            "from_stages": coefficients.T_INVERSE,
+            "rates": coefficients.RATES,
+            "polynomial": coefficients.POLYNOMIAL,
+            "embedded": coefficients.EMBEDDED,
+            "start": coefficients.START,
+            "uniform": coefficients.UNIFORM,
+        }
+        eigenvalues = {
+            "real_eigenvalue": coefficients.REAL_EIGENVALUE,
+            "eigenvalue_re": coefficients.COMPLEX_EIGENVALUE.real,
+            "eigenvalue_im": coefficients.COMPLEX_EIGENVALUE.imag,
+        }
+        fields = {name: format_number(value) for name, value in numbers.items()}
+        fields |= {name: tables.numbers(values) for name, values in arrays.items()}
+        fields |= {
+            "n_corrected": str(len(reduction.corrected)),
+            "n_defined": str(len(reduction.defined)),
+            "corrected": tables.indices(reduction.corrected),
+            "defined": tables.indices(reduction.defined),
+            "tableau": _initializer(
+                {name: format_number(value) for name, value in eigenvalues.items()}
+                | {name: tables.numbers(np.ravel(values)) for name, values in tableau.items()}
+            ),
+            "matrix": self._plan(matrix, 3 * pattern.nnz + 1),
+            "step_pattern": self._pattern(pattern, order),
+        }
+        return form.sums[0], form.size, 2 * form.size, fields
 
     def _number_functions(self) -> dict[str, str]:
         numbers = self._exported.numbers
@@ -291,8 +368,8 @@ class _SourceWriter:
         }
         return _initializer(fields)
 
-    def _pattern(self, pattern: sp.csc_array) -> str:
-        tables, plan = self._tables, plan_elimination(pattern, self._exported.equations.n)
+    def _pattern(self, pattern: sp.csc_array, plan: FixedOrder) -> str:
+        tables = self._tables
         fields: dict[str, Any] = {
             "size": pattern.shape[0],
             "nnz": pattern.nnz,

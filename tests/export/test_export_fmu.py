@@ -13,10 +13,14 @@ import pytest
 import scipy.sparse as sp
 
 import beamdae as bd
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.export.c_code import format_number, format_string
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.model_description import base_exponents
+from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.linear.fixed_order import FixedOrderFactors, eliminate, substitute
+from beamdae.simulation import as_equations
 
 STEP = 1e-3
 T_END = 0.1
@@ -26,14 +30,18 @@ VALUES = {"mass": 1.5, "thickness": 0.005}
 TORQUE = 3.0
 # With the default, errors of Newton's iteration would hide errors of the equations.
 NEWTON_TOLERANCE = 1e-9
+RADAU_RTOL = 1e-8
 
 
 @bd.model(t_end=T_END)
-def crane(mass=2.0, stiffness=50.0, thickness=0.004, width=0.01, length=1.0, elements=2):
+def crane(
+    mass=2.0, stiffness=50.0, thickness=0.004, width=0.01, length=1.0, elements=2, damping=0.0
+):
     """Elastic arm on a hinge with a motor, and a load at its tip; a gust begins at 0.05 s."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     torque = mech.input("torque", default=0.0, unit="N m")
-    section = bd.Section.rectangle(bd.Material.of("steel"), width=width, height=thickness)
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=width, height=thickness, damping=damping)
     line = bd.Line((0.0, 0.0), (length, 0.0))
     arm = mech.add(bd.Beam("arm", line, section, elements=elements))
     hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), arm.start))
@@ -46,6 +54,12 @@ def crane(mass=2.0, stiffness=50.0, thickness=0.004, width=0.01, length=1.0, ele
     mech.observe("tip", arm.end)
     mech.observe("hinge", hinge.reaction)
     return mech
+
+
+@bd.model(t_end=T_END)
+def damped_crane(mass=2.0, thickness=0.004):
+    """Crane whose fast vibrations decay."""
+    return crane(mass=mass, thickness=thickness, damping=1e-3)
 
 
 @bd.model(t_end=T_END)
@@ -129,6 +143,9 @@ def test_unsuitable_models_and_arguments_are_rejected(tmp_path):
         (swing, {"platforms": ["vax"]}, "platforms must be"),
         (swing, {"platforms": ["aarch64-linux"], "fmi": 2}, "FMI 2.0 has no name"),
         (swing, {"real_time": 1.5}, "real_time must be a whole number"),
+        (swing, {"real_time": 2, "integrator": "radau"}, "real_time requires fixed steps"),
+        (swing, {"integrator": "ida"}, "integrator must be"),
+        (swing, {"integrator": "radau", "rtol": 1.0}, "rtol must lie between"),
     ):
         with pytest.raises(bd.BeamdaeError, match=message):
             export(tmp_path, model, **settings)
@@ -274,21 +291,45 @@ def run_without_beamdae(script, *arguments):
     return result.stdout.splitlines()
 
 
-@pytest.fixture(scope="module", params=[2, 3])
-def fmu(request, tmp_path_factory):
-    """FMU of the crane with all its parameters and a binary for this machine."""
+# Generalized-alpha with both versions of the interface, and Radau.
+EXPORTS = {
+    "fmi2": (crane, {"fmi": 2, "newton_tolerance": NEWTON_TOLERANCE}),
+    "fmi3": (crane, {"fmi": 3, "newton_tolerance": NEWTON_TOLERANCE}),
+    "radau": (damped_crane, {"fmi": 3, "integrator": "radau", "rtol": RADAU_RTOL}),
+}
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """Function that returns the FMU of a name in `EXPORTS` with a binary for this machine."""
     pytest.importorskip("fmpy")
     if not any(map(shutil.which, ("cc", "gcc", "clang"))):
         pytest.skip("no C compiler")
-    folder = tmp_path_factory.mktemp("fmu")
-    return export(
-        folder,
-        crane,
-        fmi=request.param,
-        platforms=None,
-        parameters=PARAMETERS,
-        newton_tolerance=NEWTON_TOLERANCE,
-    )
+    fmus = {}
+
+    def get(name):
+        if name not in fmus:
+            model, settings = EXPORTS[name]
+            folder = tmp_path_factory.mktemp("fmu")
+            fmus[name] = export(folder, model, platforms=None, parameters=PARAMETERS, **settings)
+        return fmus[name]
+
+    return get
+
+
+@pytest.fixture(params=["fmi2", "fmi3"])
+def fmu(request, compiled):
+    return compiled(request.param)
+
+
+@pytest.fixture(params=list(EXPORTS))
+def any_fmu(request, compiled):
+    return compiled(request.param)
+
+
+@pytest.fixture
+def radau_fmu(compiled):
+    return compiled("radau")
 
 
 # Uniform access to instances of both versions of the interface.
@@ -390,8 +431,91 @@ def test_equality_with_simulate(fmu):
             assert np.max(error) <= 1e-8 * np.ptp(expected), name
 
 
+def compare_with_radau(lines, model, t_end, **settings):
+    names, rows = json.loads(lines[0])
+    method = bd.Radau(RADAU_RTOL)
+    table = bd.simulate(model, method, t_end=t_end, output_step=STEP, **settings).table()
+    table.columns = [x.rpartition(" [")[0] for x in table.columns]
+    for name, column in zip(names, np.transpose(rows), strict=True):
+        expected = table[name].to_numpy()[1:]
+        error = np.max(np.abs(column - expected))
+        # Reactions are of order 3.
+        limit = 1e-5 if name.startswith("hinge") else 1e-6
+        assert error <= limit * np.ptp(expected), (name, error / np.ptp(expected))
+
+
 @pytest.mark.slow(reason="compiles an FMU")
-def test_states_and_derivatives(fmu):
+def test_radau_equals_simulate(radau_fmu):
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(radau_fmu.path)) == []
+    script = """
+    a, rows = Instance("a", mass=1.5, torque=0.1), []
+    for k in range(100):
+        a.step()
+        rows.append(a.get(*outputs))
+    print(json.dumps([outputs, rows]))
+    """
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), radau_fmu.path, STEP)
+    model = damped_crane(mass=1.5)
+    compare_with_radau(lines, model, T_END, inputs={"torque": 0.1})
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+@pytest.mark.parametrize("communication_step", [STEP, 1e-4, 5e-3])
+def test_radau_steps_do_not_depend_on_communication_steps(radau_fmu, communication_step):
+    """Outputs between the ends of steps are those of the polynomial of the step."""
+    script = """
+    a, rows, length = Instance("a"), [], float(sys.argv[3])
+    for k in range(round(0.1 / length)):
+        a.fmu.doStep(currentCommunicationPoint=k * length, communicationStepSize=length)
+    print(json.dumps([x.hex() for x in a.get(*outputs)]))
+    """
+    arguments = radau_fmu.path, STEP, communication_step
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), *arguments)
+    values = np.array([float.fromhex(x) for x in json.loads(line)])
+    table = bd.simulate(damped_crane, bd.Radau(1e-9), output_step=T_END).table()
+    names = [x.rpartition(" [")[0] for x in table.columns]
+    expected = table.to_numpy()[-1][[names.index(x) for x in radau_fmu.outputs]]
+    assert values == pytest.approx(expected, rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_radau_with_changing_inputs(radau_fmu):
+    """Steps that pass over a communication point are repeated if an input changes there."""
+    script = """
+    a, rows = Instance("a"), []
+    for k in range(49):
+        if k % 5 == 0:
+            (angle,) = a.get("tip.angle")
+            a.set(torque=-40.0 * (angle - 0.001))
+        a.step()
+        # Simulate stores the state after the change of the controller.
+        rows.append(a.get("tip.x", "tip.y", "tip.angle"))
+    print(json.dumps([["tip.x", "tip.y", "tip.angle"], rows]))
+    """
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), radau_fmu.path, STEP)
+    controlled = damped_crane()
+    angle = controlled.sensor("angle", controlled.parts["arm"].end, "angle")
+    drives = [controlled.inputs["torque"]]
+    law = lambda x: (-40.0 * (x.reads[0] - 0.001),)  # noqa: E731
+    controlled.add(bd.Controller("servo", 5 * STEP, [angle], drives, law))
+    compare_with_radau(lines, controlled, 49 * STEP)
+
+
+def test_radau_matrices_need_no_row_exchanges(tmp_path):
+    """Corrections and multipliers have diagonal pivots if velocities are eliminated first."""
+    form = formulate_first_order(as_equations("test", crane(), None), STABILIZED_FORM, apart=True)
+    pattern, _, reduction = reduce_kinematics(form)
+    n, m, corrected = form.equations.n, form.equations.m, len(reduction.corrected)
+    order = plan_elimination(pattern, n, first=corrected, last=m).order
+    assert sorted(order) == list(range(pattern.shape[0]))
+    assert set(order[:corrected]) == set(range(n, n + corrected))
+    assert set(order[-m:]) == set(range(pattern.shape[0] - m, pattern.shape[0]))
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_states_and_derivatives(any_fmu):
     script = """
     a, b = Instance("a", torque=1.0), Instance("b")
     for _ in range(60):
@@ -432,7 +556,7 @@ def test_states_and_derivatives(fmu):
     rows.append(go_on(a, 2.0))
     print(json.dumps([rows, derivatives]))
     """
-    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
     rows, derivatives = json.loads(line)
     assert rows[1:] == [rows[0]] * 3
     for exact, difference in derivatives:
@@ -443,7 +567,7 @@ def test_states_and_derivatives(fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
-def test_errors_are_statuses_with_a_sentence(fmu):
+def test_errors_are_statuses_with_a_sentence(any_fmu):
     script = """
     a = Instance("a")
     for action in (
@@ -458,7 +582,7 @@ def test_errors_are_statuses_with_a_sentence(fmu):
         except Exception as problem:
             assert "3" in str(problem) or "error" in str(problem)
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
     expected = (
         "torque: the value must be finite.",
         "Directional derivatives exist after the first step, not at t = 0 s.",
@@ -505,7 +629,7 @@ def test_regression_changed_inputs_match_sampled_controllers(fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
-def test_regression_very_short_communication_steps(fmu):
+def test_regression_very_short_communication_steps(any_fmu):
     """Rounding errors of positions were divided by the square of a communication step of 1 ns."""
     script = """
     a, b, rows = Instance("a"), Instance("b"), []
@@ -522,7 +646,7 @@ def test_regression_very_short_communication_steps(fmu):
     """
     (line,) = run_without_beamdae(
         ADAPTER.replace("self.k = 0", "self.k, self.t = 0, 0.0") + textwrap.dedent(script),
-        fmu.path,
+        any_fmu.path,
         STEP,
     )
     exact, divided, short, before = np.moveaxis(json.loads(line), 1, 0)
@@ -563,7 +687,7 @@ def test_regression_late_times_do_not_restart_the_method(fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
-def test_regression_wrong_calls_are_errors(fmu):
+def test_regression_wrong_calls_are_errors(any_fmu):
     """Some of these calls ended the process, did not return, or gave wrong results."""
     script = """
     a, b = Instance("a"), Instance("b")
@@ -607,7 +731,7 @@ def test_regression_wrong_calls_are_errors(fmu):
         except Exception as problem:
             assert "3" in str(problem) or "error" in str(problem)
     """
-    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
     expected = (
         "no saved state to restore",
         "not a state of this FMU",

@@ -35,9 +35,16 @@ def export_command(
     step: Annotated[
         float,
         typer.Option(
-            parser=parse_seconds, metavar="TIME", help="Internal step in seconds, or with a unit."
+            parser=parse_seconds,
+            metavar="TIME",
+            help="Internal step in seconds, or with a unit; with radau, the suggested "
+            "communication step.",
         ),
     ] = 1e-3,
+    integrator: Annotated[
+        str, typer.Option(help="alpha (fixed steps) or radau (adaptive steps).")
+    ] = "alpha",
+    rtol: Annotated[float, typer.Option(help="Relative tolerance of radau.")] = 1e-5,
     inputs: Annotated[
         str | None,
         typer.Option(metavar="NAME,...", help="Inputs of the mechanism. Defaults to all."),
@@ -86,6 +93,8 @@ def export_command(
         model,
         fmu,
         step=step,
+        integrator=integrator,
+        rtol=rtol,
         inputs=_split_names(inputs),
         outputs=_split_names(outputs),
         parameters=_split_names(parameters) or (),
@@ -113,7 +122,7 @@ def _print_results(result: ExportedFmu, name: str) -> None:
     record_results(lambda: _json_results(result))
     facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
-        "internal step": f"{result.step:g} s",
+        "internal step": f"{result.step:g} s" if result.integrator == "alpha" else "adaptive",
         "inputs": ", ".join(result.inputs) or "none",
         "tunable parameters": ", ".join(result.parameters) or "none",
         "outputs": ", ".join(result.outputs) or "none",
@@ -139,6 +148,7 @@ def _json_results(result: ExportedFmu) -> dict[str, Any]:
     return {
         "fmi": result.fmi,
         "step": result.step,
+        "integrator": result.integrator,
         "inputs": list(result.inputs),
         "parameters": list(result.parameters),
         "outputs": list(result.outputs),

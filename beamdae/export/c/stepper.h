@@ -1,17 +1,16 @@
-/* Stepping of exported models: plans of sums of kernels, and the generalized-alpha method.
+/* Stepping of exported models.
 
-   The file stepper.c is the same for all models; model.c contains the kernels and tables of one
-   model as constants. Instances share no variables. */
+   The file stepper.c is the same for all models, alpha.c or radau.c contains the method, and model.c
+   the kernels and tables of one model as constants. Instances share no variables. */
 
 #ifndef BEAMDAE_STEPPER_H
 #define BEAMDAE_STEPPER_H
 
+#include "linear.h"
+
 #include <stddef.h>
-#include <stdint.h>
 
 #define MESSAGE_SIZE 256
-
-typedef uint32_t Index;
 
 /* Outputs of one copy from the numbers that all copies share and from its own numbers. */
 typedef void (*Kernel)(const double *shared, const double *local, double *out);
@@ -41,13 +40,11 @@ typedef struct {
     const double *weights;
 } Plan;
 
-/* Matrix in compressed columns, and its elimination in a fixed order with diagonal pivots. */
+/* Coefficients of Radau IIA; see beamdae.integrators.radau.coefficients. */
 typedef struct {
-    Index size, nnz, n_upper, n_lower;
-    const Index *matrix_starts, *matrix_rows;
-    const Index *order, *starts, *positions, *sources;
-    const Index *upper_starts, *upper_rows, *lower_starts, *lower_rows;
-} Pattern;
+    double real_eigenvalue, eigenvalue_re, eigenvalue_im;
+    const double *nodes, *to_stages, *from_stages, *rates, *polynomial, *embedded, *start, *uniform;
+} Tableau;
 
 /* Exported model. Values are its inputs, followed by its parameters; n_p numbers enter the
    kernels, of which those in `number_targets` depend on the values. */
@@ -57,6 +54,14 @@ typedef struct {
     int fixed_iterations;
     double step, duration, length, alpha_m, alpha_f, gamma, beta, shift, defect;
     double newton_tolerance, min_correction_limit;
+    /* Of radau.c: coordinates whose q' = v contains corrections by joints, the others, and error
+       weights of positions and velocities. */
+    Index n_corrected, n_defined;
+    const Index *corrected, *defined;
+    double longest_step, start_rate, stagnation_limit;
+    const double *test_weights, *iteration_weights, *rounding_weights;
+    Tableau tableau;
+    /* Of both. */
     const double *p, *q, *v, *weights, *values, *min_values, *max_values, *breakpoints;
     const Index *velocity_rows, *states, *number_targets;
     Kernel numbers, numbers_direction;
@@ -86,8 +91,9 @@ double instance_time(const Instance *instance);
 double instance_value(const Instance *instance, Index value);
 int instance_set_value(Instance *instance, Index value, double number);
 const double *instance_outputs(Instance *instance);
-/* Derivative of all outputs at the end of the last step along a direction of the values that were
-   held in this step, for the same positions and velocities at its beginning. */
+/* Derivative of all outputs along a direction of the values that were held in the last internal
+   step (alpha.c) or communication step (radau.c), for the same positions and velocities at its
+   beginning. */
 int instance_derivative(Instance *instance, const double *direction, double *result);
 
 /* The state is a block of bytes without pointers. */

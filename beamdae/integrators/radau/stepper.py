@@ -202,6 +202,11 @@ class RadauStepper:
         self._run = self._step_loop.work
 
     @property
+    def workspace(self) -> RadauWorkspace:
+        """Work arrays of the run, with its weights."""
+        return self._run
+
+    @property
     def resolved_options(self) -> dict[str, Any]:
         """Error control and local tolerance of the run."""
         return {
