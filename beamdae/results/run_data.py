@@ -35,6 +35,7 @@ from beamdae.results.diagnostics.missed_peaks import (
     find_missed_peaks,
     measure_step_extremes,
     missed_peak_warnings,
+    unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
 from beamdae.results.diagnostics.singular_positions import (
@@ -217,6 +218,7 @@ class RunData:
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
             *missed_peak_warnings(self.missed_peaks),
+            *unknown_peak_warnings(self.step_extremes, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),

@@ -157,6 +157,29 @@ def test_saved_run_has_the_energies_of_all_steps(small_memory, tmp_path):
     assert loaded.followed_by(resumed).t[-1] == 2.0
 
 
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_peaks_between_stored_rows_are_reported_as_unknown(small_memory):
+    """The peak of a contact that is in no stored row was lost without a warning."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
+    stop = bd.Contact("stop", ball.point, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e7)
+    mech.observe("stop", mech.add(stop).force)
+    settings = {"integrator": bd.GeneralizedAlpha(5e-4), "t_end": 2.0, "output_step": 0.1}
+    run = bd.simulate(mech, **settings)
+    sentence = (
+        "stop.N, stop.T: this long run stores only some of its steps, so short peaks between the "
+        "output rows are unknown; set keep_steps=True, or reduce output_step= or the end time."
+    )
+    assert sentence in run.warnings
+    whole = bd.simulate(mech, **settings, keep_steps=True)
+    assert sentence not in whole.warnings
+    assert any(x.startswith("stop.N: the output rows miss") for x in whole.warnings)
+    (energy,), (expected,) = (
+        [x for x in r.warnings if x.startswith("energy: ")] for r in (run, whole)
+    )
+    assert energy == expected
+
+
 def test_derivatives_need_all_steps(small_memory):
     run = bd.simulate(pendulum(), bd.GeneralizedAlpha(5e-4), 1.0, output_step=0.1)
     with pytest.raises(bd.BeamdaeError, match=r"this long run stores \d+ rows of its 2000 steps"):

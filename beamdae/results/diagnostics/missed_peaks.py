@@ -217,6 +217,21 @@ def find_missed_peaks(
     return peaks
 
 
+def unknown_peak_warnings(
+    extremes: Mapping[str, StepExtremes], trajectory: Trajectory
+) -> Iterator[str]:
+    """Yield a warning if peaks between rows are unknown because steps have not been stored."""
+    columns = [remove_unit(x) for x in extremes if Header.of(x).unit in _IMPULSIVE_UNITS]
+    if columns and any(interval.record is not None for interval in trajectory.intervals):
+        names = ", ".join(columns[:_MAX_NAMES])
+        if len(columns) > _MAX_NAMES:
+            names += f" and {len(columns) - _MAX_NAMES} more"
+        yield (
+            f"{names}: this long run stores only some of its steps, so short peaks between the "
+            "output rows are unknown; set keep_steps=True, or reduce output_step= or the end time."
+        )
+
+
 def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
     """Yield one warning about all missed peaks of a run."""
     if not peaks:
