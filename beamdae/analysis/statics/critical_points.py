@@ -268,8 +268,36 @@ class PathSegment:
             order = np.flatnonzero(selected)[np.argsort(unstable.growth[selected].real)]
             modes = unstable.growing_modes[:, order[: abs(number)]].T
             change = size if number > 0 else -size
-            found += [replace(near, kind=kind, mode=mode, change=change) for mode in modes]
+            point = near
+            if kind == FLUTTER and abs(number) == 1 and len(unstable.squares):
+                point = self._locate_coalescence(near, complex(unstable.growth[order[0]]) ** 2)
+            found += [replace(point, kind=kind, mode=mode, change=change) for mode in modes]
         return found
+
+    def _locate_coalescence(
+        self, near: SegmentCriticalPoint, square: complex
+    ) -> SegmentCriticalPoint:
+        """Return the point close to `near` at which two undamped vibrations coincide.
+
+        Their squared eigenvalues are near `square`. In thin structures, growth exceeds rounding
+        errors only beyond this point. The discriminant of the squared eigenvalues, which changes
+        sign there, is interpolated from points at which rounding errors do not decide its sign.
+        """
+
+        def discriminant(point: EquilibriumPoint) -> float:
+            return point.stability.discriminant(square)
+
+        for distance in _SEARCH_OFFSETS:
+            with suppress(CorrectorError):
+                before, after = (
+                    discriminant(self._point_near(near.position + side * distance))
+                    for side in (-0.5, 0.5)
+                )
+                if before * after < 0.0:
+                    point = self._interpolate(near.position, discriminant, distance)
+                    is_close = abs(point.position - near.position) <= distance
+                    return point if is_close else near
+        return near
 
     def _locate_divergence(self, position: float) -> SegmentCriticalPoint:
         """Return the point near `position` at which the tangent is singular.

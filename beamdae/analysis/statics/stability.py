@@ -82,6 +82,9 @@ class Stability:
         Eigenvalues [1/s] of the growing modes under forces without a potential; otherwise empty.
     growing_modes
         Real parts of the shapes of the modes in `growth`, (n, k); empty if `growth` is empty.
+    squares
+        Squared eigenvalues [1/s^2] of the modes under forces without a potential if nothing is
+        damped; otherwise empty.
     """
 
     eigenvalues: Array
@@ -90,6 +93,7 @@ class Stability:
     zero_tolerance: float = 0.0
     growth: Array = field(default_factory=lambda: np.zeros(0, complex))
     growing_modes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    squares: Array = field(default_factory=lambda: np.zeros(0, complex))
 
     @property
     def oscillation_count(self) -> int:
@@ -122,6 +126,21 @@ class Stability:
     def mode(self, index: int) -> Array:
         """Return the mode shape (n,) of the eigenvalue at `index`; see `eigenvalue`."""
         return self.modes[:, self._array_index(index)]
+
+    def discriminant(self, square: complex) -> float:
+        """Return the discriminant [1/s^4] of the two squared eigenvalues nearest to `square`.
+
+        It is positive if both modes vibrate, zero if their frequencies coincide, and negative if
+        one of them grows. It is nan if `squares` has less than two elements.
+        """
+        order = np.argsort(np.abs(self.squares - square))
+        nearest = self.squares[order[:2]]
+        if len(nearest) < 2:
+            return float("nan")
+        if np.any(nearest.imag):
+            largest = nearest[np.argmax(np.abs(nearest.imag))]
+            return -4.0 * float(largest.imag) ** 2
+        return float(nearest[0].real - nearest[1].real) ** 2
 
     def _array_index(self, index: int) -> int:
         return int(np.sum(self.eigenvalues < 0.0)) + index - self.negative_count
@@ -242,9 +261,14 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     is_growing = np.array([classify_mode(value) == UNSTABLE for value in solution.values], bool)
     growth = solution.values[is_growing]
     count = len(growth) + int(np.sum(growth.imag > 0.0))
-    none = np.zeros((e.n, 0))
+    is_damped = np.any(linearized.tangent.damping.data)
     return Stability(
-        np.zeros(0), none, count, growth=growth, growing_modes=solution.shapes[:, is_growing].real
+        np.zeros(0),
+        np.zeros((e.n, 0)),
+        count,
+        growth=growth,
+        growing_modes=solution.shapes[:, is_growing].real,
+        squares=np.zeros(0, complex) if is_damped else solution.values**2,
     )
 
 
