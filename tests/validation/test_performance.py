@@ -106,3 +106,9 @@ def test_cost_of_gradients():
     assert row["sweep [ms]"] > 0.0
     assert row["model function [ms]"] > 0.0
     assert row["gradient [ms]"] > row["sweep [ms]"]
+
+
+def test_peak_memory_of_a_short_run():
+    import peak_memory
+
+    assert 0.01 < peak_memory.measure_peak(8, 20) < 10.0
