@@ -53,7 +53,6 @@ class FunctionAddresses(NamedTuple):
     IDAFree: int
     IDAGetNumSteps: int
     IDAGetLastOrder: int
-    IDAGetCurrentOrder: int
     IDAGetLastStep: int
     IDAGetCurrentStep: int
     IDAGetNumErrTestFails: int
@@ -92,7 +91,7 @@ _SIGNATURES: dict[tuple[Any, ...], tuple[str, ...]] = {
     (_code, _address, _real, *[_address] * 3, _int): ("IDASolve",),
     (_code, _address, _address): (
         *("N_VBufSize_Serial", "IDASetUserData", "IDASetJacFn", "IDASetId"),
-        *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetCurrentOrder", "IDAGetLastStep"),
+        *("IDAGetNumSteps", "IDAGetLastOrder", "IDAGetLastStep"),
         *("IDAGetCurrentStep", "IDAGetNumErrTestFails", "IDAGetNumNonlinSolvConvFails"),
         *("IDAGetNumNonlinSolvIters", "IDAGetNumStepSolveFails", "IDAGetNumLinSolvSetups"),
         *("IDAGetNumResEvals", "IDAGetNumJacEvals", "IDAGetEstLocalErrors"),

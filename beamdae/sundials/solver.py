@@ -70,7 +70,6 @@ class IdaStatistics(NamedTuple):
     residuals: int
     jacobians: int
     last_order: int
-    next_order: int
     last_step: float
     next_step: float
 
@@ -86,7 +85,6 @@ _GETTERS: tuple[tuple[str, Any], ...] = (
     ("IDAGetNumResEvals", ctypes.c_int64),
     ("IDAGetNumJacEvals", ctypes.c_int64),
     ("IDAGetLastOrder", ctypes.c_int),
-    ("IDAGetCurrentOrder", ctypes.c_int),
     ("IDAGetLastStep", ctypes.c_double),
     ("IDAGetCurrentStep", ctypes.c_double),
 )
@@ -260,7 +258,7 @@ class IdaSolver:
 
     @property
     def statistics(self) -> IdaStatistics:
-        """Counters since the last start, and the last and next order and step size [s]."""
+        """Counters since the last start, the last order, and the last and next step size [s]."""
         values = []
         for name, kind in _GETTERS:
             value = kind()

@@ -106,7 +106,7 @@ def test_statistics():
     problem = Robertson()
     direct = problem.create(DirectIda)
     direct.init_step(0.0, problem.y0, problem.yp0)
-    assert direct.solver.statistics == IdaStatistics(*[0] * 10, 0.0, direct.solver.statistics[-1])
+    assert direct.solver.statistics == IdaStatistics(*[0] * 9, 0.0, direct.solver.statistics[-1])
     orders, times = set(), [0.0]
     while direct.step(40.0, "onestep", 40.0).status == 0:
         statistics = direct.solver.statistics
