@@ -455,6 +455,8 @@ EXPORT_CALLS: dict[str, WorkingCall] = {
             "model": box.swing,
             "path": "swing.fmu",
             "step": OUTPUT_STEP,
+            "integrator": "radau",
+            "rtol": 1e-5,
             "inputs": [],
             "outputs": ["bob"],
             "parameters": ["mass"],
