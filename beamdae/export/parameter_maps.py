@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_exception
 from beamdae.export.model_source import NumberMap, Value
 
 Array = np.ndarray
@@ -32,6 +32,8 @@ Build = Callable[[dict[str, float]], tuple[EquationsOfMotion, State]]
 # Relative changes of a parameter at which exponents are determined, and verified together.
 _CHANGES = (0.25, -0.2, 0.1)
 _VERIFIED_CHANGES = ((0.13, -0.07), (-0.11, 0.19))
+# Factors of all changes above, tried in this order, for models that reject the larger values.
+_CHANGE_SCALES = (1.0, 0.1, 0.01)
 # Change instead of a relative change for a parameter with the value zero.
 _CHANGE_FROM_ZERO = 1.0
 _EXPONENTS = (1, 2, 3, 4, -1, -2, -3)
@@ -111,6 +113,10 @@ def map_numbers(
     return replace(number_map, values=tuple(values))
 
 
+class _RejectedValuesError(BeamdaeError):
+    """Raised if a model cannot be built with other values of its parameters."""
+
+
 class _Samples:
     """Numbers p for values of parameters, cached."""
 
@@ -125,10 +131,25 @@ class _Samples:
         self.part, self.parameters = part, dict(parameters)
         self._build, self._equations, self._state = build, equations, state
         self._numbers: dict[tuple[float, ...], Array] = {tuple(parameters.values()): equations.p}
+        self._scales = dict.fromkeys(parameters, 1.0)
+        for name in parameters:
+            self._reduce_changes(name)
+
+    def _reduce_changes(self, name: str) -> None:
+        """Set the scale of the changes of a parameter so that the model accepts them."""
+        for scale in _CHANGE_SCALES:
+            self._scales[name] = scale
+            try:
+                for change in _CHANGES:
+                    self.numbers({name: self.changed_value(name, change)})
+                return
+            except _RejectedValuesError:
+                if scale == _CHANGE_SCALES[-1]:
+                    raise
 
     def changed_value(self, name: str, change: float) -> float:
-        """Return the value of a parameter after a relative change."""
-        value = self.parameters[name]
+        """Return the value of a parameter after a relative change, which may be reduced."""
+        value, change = self.parameters[name], change * self._scales[name]
         # Numbers with the default zero, such as dampings, are rarely negative.
         return value * (1.0 + change) if value else abs(change) * _CHANGE_FROM_ZERO
 
@@ -137,7 +158,15 @@ class _Samples:
         values = {**self.parameters, **changes}
         key = tuple(values.values())
         if key not in self._numbers:
-            e, state = self._build(values)
+            try:
+                e, state = self._build(values)
+            except Exception as problem:  # of the model function, whatever it raises
+                listed = ", ".join(f"{name} = {value:g}" for name, value in changes.items())
+                raise _RejectedValuesError(
+                    f"{self.part}: the model cannot be built with {listed} "
+                    f"({format_exception(problem)}); choose defaults inside the limits of the "
+                    "model, or export fewer parameters."
+                ) from problem
             self._require_same_equations(tuple(changes), e, state)
             self._numbers[key] = e.p
         return self._numbers[key]

@@ -210,7 +210,8 @@ def export_limited(folder, default, low, high):
 
 
 @pytest.mark.parametrize(
-    ("default", "low", "high"), [(2.0, 1.5, 3.0), (-3.0, -4.1234, -1.2345), (5.0, -700.0, 6000.0)]
+    ("default", "low", "high"),
+    [(2.0, 1.5, 3.0), (2.0, 1.97, 2.04), (-3.0, -4.1234, -1.2345), (5.0, -700.0, 6000.0)],
 )
 def test_regression_narrow_ranges_are_found(tmp_path, default, low, high):
     """The FMU accepted only the default if the model rejects its half and its double."""
@@ -221,6 +222,13 @@ def test_regression_narrow_ranges_are_found(tmp_path, default, low, high):
 def test_regression_ranges_around_a_default_of_zero_are_found(tmp_path, low, high):
     """The FMU accepted only zero if the model rejects 2, although 0.25 was built."""
     require_limits(export_limited(tmp_path, 0.0, low, high), low, high)
+
+
+def test_regression_defaults_at_limits_are_named(tmp_path):
+    """The export passed on the error of the model function."""
+    message = r"the model cannot be built with pull = 1.996 .*pull must be 2.0 to 3.0"
+    with pytest.raises(bd.BeamdaeError, match=message):
+        export_limited(tmp_path, 2.0, 2.0, 3.0)
 
 
 def test_round_limits_of_models_are_accepted(tmp_path):
