@@ -79,6 +79,18 @@ def test_regression_peaks_of_formulas_and_tables_between_rows_are_reported(stop,
     assert_allclose(extremes["stop.Fy [N]"].max, peak(1e10), rtol=0.01)
 
 
+def test_regression_rounding_errors_of_moments_are_no_peaks():
+    """A moment of 1e-16 N m beside a force of 10 N was reported."""
+    extremes = {
+        "load.F [N]": missed_peaks.StepExtremes(0.0, 0.0, 10.0, 0.5, 5.0),
+        "load.M [N m]": missed_peaks.StepExtremes(0.0, 0.0, 2e-16, 0.5, 1e-16),
+    }
+    observed = {"load.F [N]": np.array([0.0, 10.0]), "load.M [N m]": np.array([0.0, 1e-16])}
+    assert not missed_peaks.find_missed_peaks(observed, extremes, 1.0)
+    observed["load.F [N]"][1] = 9.0
+    assert list(missed_peaks.find_missed_peaks(observed, extremes, 1.0)) == ["load.F [N]"]
+
+
 def test_root_mean_squares_integrate_over_steps_between_rows():
     """An RMS of 0 N was that of the rows; its square is the integral of N^2 over the run."""
     with pytest.warns(bd.BeamdaeWarning, match=MISSED):

@@ -16,6 +16,9 @@ Array = np.ndarray
 
 # Units of columns that contacts and other abrupt forces change within a few steps.
 _IMPULSIVE_UNITS = ("N", "N m", "m/s^2", "rad/s^2", "Pa")
+# Units of translations beside those of rotations, whose values differ by a factor of a length.
+_UNITS_OF_POINTS = {"N m": "N", "rad/s^2": "m/s^2"}
+_ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mechanism
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 2048
 _MAX_NAMES = 3  # of further columns in a warning
@@ -199,6 +202,17 @@ def find_missed_peaks(
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range = 0.5 * (high - low)
     is_at_rest = mark_resting_columns(names, np.stack([low, high]), half_range, length)
+    # Moments are rounding errors of forces times lengths, too.
+    units = [Header.of(name).unit for name in names]
+    largest = {
+        u: max((half_range[k] for k, x in enumerate(units) if x == u), default=0.0) for u in units
+    }
+    others = [
+        largest.get(_UNITS_OF_POINTS.get(unit, ""), 0.0)
+        * (length if unit == "N m" else 1.0 / length)
+        for unit in units
+    ]
+    is_at_rest |= half_range <= _ROUNDING_OF_MOMENTS * np.array(others)
     misses = np.stack([rows[0] - low, high - rows[1]])
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range) & ~is_at_rest
     peaks = {}
