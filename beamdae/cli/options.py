@@ -205,6 +205,28 @@ def load_configured_model(file: ModelFile, name: str | None, settings: list[str]
     return model
 
 
+def select_plotted_columns(
+    command: str, model: Model, names: list[str] | None, is_drawn: bool
+) -> list[str]:
+    """Return the headers of the observed columns of --plot, before an analysis that takes long.
+
+    Raises
+    ------
+    BeamdaeError
+        If the model does not observe a column, or no picture is drawn.
+    """
+    if not names:
+        return []
+    if not is_drawn:
+        raise BeamdaeError(f"{command}: --plot requires the picture; omit --no-picture.")
+    from beamdae.results.columns import select_observed_columns
+    from beamdae.simulation import as_equations
+
+    observables = as_equations(command, model).observables
+    headers = [header for observable in observables for header in observable.headers]
+    return list(dict.fromkeys(select_observed_columns(command, names, headers)))
+
+
 def create_periodic_integrator(command: str, name: str, rtol: float | None, file: ModelFile) -> Any:
     """Return an integrator; the tolerance of Radau defaults to that of `periodic`.
 

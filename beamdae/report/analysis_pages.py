@@ -47,6 +47,7 @@ _GUIDE_POINTS = 101
 _NOISE_RANGE = 1e-9
 _MAX_POLES = 24  # in the table of a linear model
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
+_POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
 _FREQUENCY_MARGIN = 10.0  # of transfer functions, below the slowest and above the listed poles
 _MAX_PEAK_DAMPING = 0.7  # damping ratio above which a pole has no peak
 _MAX_FREQUENCY_RATIO = 1e6  # of transfer functions
@@ -447,16 +448,16 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         for unit in units
     }
     pairs = [pairs[k] for k in sorted(range(len(pairs)), key=lambda k: units.index(units[k]))]
-    rows = [
-        [str(k), *(f"{x:.6g}" for x in _describe_pole(pole))]
-        for k, pole in enumerate(poles[:_MAX_POLES], 1)
-    ]
+    rounding = _POLE_ROUNDING * np.max(np.abs(poles), initial=0.0)
+    described = [_describe_pole(pole, rounding) for pole in poles]
+    rows = [[str(k), *(f"{x:.6g}" for x in row)] for k, row in enumerate(described[:_MAX_POLES], 1)]
+    growth_rate = max((x[-1] for x in described), default=0.0)
     facts = {
         "about": model.about,
         "size": f"{_format_count(len(model.states), 'state')}, "
         f"{_format_count(len(model.inputs), 'input')}, "
         f"{_format_count(len(model.outputs), 'output')}",
-        "largest growth rate": f"{poles.real.max(initial=-np.inf):.6g} 1/s" if len(poles) else "-",
+        "largest growth rate": f"{growth_rate:.6g} 1/s" if len(poles) else "-",
     }
     if len(poles) > _MAX_POLES:
         fastest = np.abs(poles[-1]) / (2.0 * np.pi)
@@ -502,8 +503,13 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     }
 
 
-def _describe_pole(pole: complex) -> tuple[float, float, float]:
-    """Return frequency [Hz], damping ratio [-] and growth rate [1/s]."""
+def _describe_pole(pole: complex, rounding: float) -> tuple[float, float, float]:
+    """Return frequency [Hz], damping ratio [-] and growth rate [1/s].
+
+    The real part of an oscillating pole is 0 if it is at most `rounding` [1/s].
+    """
+    if _is_oscillating(pole) and abs(pole.real) <= rounding:
+        pole = complex(0.0, pole.imag)
     size = abs(pole)
     frequency = abs(pole.imag) / (2.0 * np.pi) if _is_oscillating(pole) else 0.0
     # Adding zero changes -0 to 0.

@@ -100,3 +100,25 @@ def test_usage_errors_are_one_line(response, options, message):
     assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not Path("results").exists()
+
+
+@pytest.mark.parametrize("command", [["response", "--over", "frequency=1:2"], ["periodic"]])
+def test_plotted_columns_are_checked_before_the_analysis(response, command):
+    for options, message in (
+        (["--plot", "bib"], "there is no observed column 'bib' (did you mean 'bob.y'?)"),
+        (["--plot", "bob.x", "--no-picture"], "--plot requires the picture"),
+    ):
+        result = CliRunner().invoke(app, [command[0], "oscillator.py", *command[1:], *options])
+        assert result.exit_code == 2
+        assert message in result.stderr
+
+
+@pytest.mark.slow(reason="two analyses")
+def test_columns_of_the_picture_can_be_chosen(response):
+    arguments = ["--plot", "bob.x", "--plot", "bob.x_dot", "--no-page", "--settle", "1"]
+    over = ["--over", "frequency=0.26:0.36", "--max-points", "2"]
+    for command in (["response", *over], ["periodic", "--period", "5"]):
+        result = CliRunner().invoke(app, [command[0], "oscillator.py", *command[1:], *arguments])
+        assert result.exit_code in (0, 1), result.output
+        assert "no observed column" not in result.output
+        assert Path(f"results/oscillator_{command[0]}.png").stat().st_size > 1000

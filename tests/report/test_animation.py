@@ -106,6 +106,21 @@ def test_regression_enlarged_bodies_rotate_by_at_most_a_tenth_of_a_radian(speed,
     assert find_default_scale(mech, t_end=1.0) == pytest.approx(scale)
 
 
+def test_regression_enlarged_sections_of_beams_rotate_by_at_most_three_tenths_of_a_radian():
+    """They rotated by 0.1 rad, so that the motion of cantilevers was hardly visible."""
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.003)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, 0.05)))
+    mech.observe("tip", beam.end)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(step=2e-3), t_end=0.04)
+    scale = export_run_frames(run, 5, enlarges=True)["scale"]
+    rotation = np.abs(run["tip.angle"]).max()
+    # Displacements are at most 12 % of the size.
+    assert 0.1 < scale * rotation <= 0.3
+
+
 @pytest.mark.parametrize("has_contact", [True, False])
 def test_regression_mechanisms_with_contacts_are_drawn_with_their_true_motion(has_contact):
     mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -119,8 +119,8 @@ def _read_shift_bounds(label: str, bounds: Any, first: float) -> tuple[float, fl
         low, high = -first, first
     else:
         pair = require_pair("fit", f"shift of {label}", bounds, "(lower, upper) in seconds")
-        pair = [convert_text("fit", f"shift of {label}", limit, "s") for limit in pair]
-        low, high = (np.nan if (x := as_real(limit)) is None else x for limit in pair)
+        ends = [as_real(convert_text("fit", f"shift of {label}", x, "s")) for x in pair]
+        low, high = (np.nan if x is None else x for x in ends)
         if not (low < high and np.isfinite([low, high]).all()):
             raise BeamdaeError(
                 f"fit: shift of {label} must be (lower, upper) in seconds, got "

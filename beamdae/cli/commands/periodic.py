@@ -15,6 +15,7 @@ from beamdae.cli.options import (
     Out,
     Page,
     Picture,
+    PlottedColumns,
     RelativeTolerance,
     Settings,
     Starts,
@@ -23,6 +24,7 @@ from beamdae.cli.options import (
     parse_number,
     parse_seconds,
     parse_start,
+    select_plotted_columns,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -74,6 +76,7 @@ def periodic_command(
     ] = 5,
     page: Page = True,
     picture: Picture = True,
+    plot: PlottedColumns = None,
     out: Out = Path("results"),
 ) -> None:
     """Find a periodic motion and its stability; write one period as CSV, PNG and a page.
@@ -88,11 +91,12 @@ def periodic_command(
     file = ModelFile(path)
     model = load_configured_model(file, model_name, settings)
     method = create_periodic_integrator("periodic", integrator, rtol, file)
+    plotted = select_plotted_columns("periodic", model, plot, picture)
     table_path, picture_path = plan_outputs(out, f"{model.name}_periodic", picture, page)
     page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_solution import periodic
     from beamdae.parts.rotation import rotation
-    from beamdae.report.pictures.time_plots import save_run_figure
+    from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
     from beamdae.results.storage.files import escape_table, write_text
 
     motion = periodic(
@@ -112,10 +116,16 @@ def periodic_command(
         files.write(page_path.name, lambda: [motion.page(page_path)])
     if picture and motion.solution.columns:
         title = f"{model.name}, one period"
-        files.write(
-            picture_path.name,
-            lambda: [save_run_figure(picture_path, motion.solution.table(), title)],
-        )
+
+        def write_picture() -> list[Path]:
+            columns = motion.solution.table()
+            if plotted:
+                return [
+                    save_selected_columns(picture_path, dict(columns), plotted, None, None, title)
+                ]
+            return [save_run_figure(picture_path, columns, title)]
+
+        files.write(picture_path.name, write_picture)
     files.finish(motion.status)
 
 

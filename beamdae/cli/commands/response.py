@@ -16,12 +16,14 @@ from beamdae.cli.options import (
     Out,
     Page,
     Picture,
+    PlottedColumns,
     RelativeTolerance,
     Settings,
     create_periodic_integrator,
     load_configured_model,
     parse_assignments,
     parse_seconds,
+    select_plotted_columns,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -71,6 +73,7 @@ def response_command(
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     page: Page = True,
     picture: Picture = True,
+    plot: PlottedColumns = None,
     out: Out = Path("results"),
 ) -> None:
     """Follow a periodic motion over a parameter, past folds; write the curve as CSV, PNG and page.
@@ -84,6 +87,7 @@ def response_command(
     model = load_configured_model(file, model_name, settings)
     parameter, ends = _parse_range(over)
     method = create_periodic_integrator("response", integrator, rtol, file)
+    plotted = select_plotted_columns("response", model, plot, picture)
     table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture, page)
     page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_continuation import frequency_response
@@ -114,7 +118,7 @@ def response_command(
         title = f"{model.name}, periodic motions"
         files.write(
             picture_path.name,
-            lambda: [save_figure(create_response_figure(result, title), picture_path)],
+            lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
         )
     files.finish(result.status)
 

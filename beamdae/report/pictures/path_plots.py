@@ -195,13 +195,17 @@ def plot_response(response: FrequencyResponse, column: str, x: str | None = None
     return Plot(figure)
 
 
-def create_response_figure(response: FrequencyResponse, title: str) -> Figure:
-    """Plot half ranges of observed columns that vary, except rates, over the parameter.
+def create_response_figure(
+    response: FrequencyResponse, title: str, names: Sequence[str] = ()
+) -> Figure:
+    """Plot half ranges of observed columns over the parameter.
 
-    Unstable parts are dashed, and peaks are marked.
+    Without names, these are the columns that vary, except rates. Unstable parts are dashed, and
+    peaks are marked.
     """
-    curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
-    names = varying_columns(mask_huge_values(curves))
+    if not names:
+        curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
+        names = varying_columns(mask_huge_values(curves))
     figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):
         _draw_response(axis, response, name)

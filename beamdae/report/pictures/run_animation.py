@@ -77,9 +77,10 @@ def animate(
     scale
         Factor of the displacements from the first frame. Defaults to 1 if the largest displacement
         exceeds 1 % of the size of the mechanism or the mechanism contains contacts, whose gaps are
-        not enlarged. Otherwise, it defaults to a factor that makes the motion visible while no body
-        or section is drawn rotated by more than 0.1 rad from the first frame, or to 1 if there is
-        none. The animation shows factors other than 1.
+        not enlarged. Otherwise, it defaults to a factor that makes the motion visible while no
+        section of a beam is drawn rotated by more than 0.3 rad and no rigid body by more than
+        0.1 rad from the first frame, or to 1 if there is none. The animation shows factors other
+        than 1.
 
     Returns
     -------

@@ -40,7 +40,8 @@ _MAX_TRAIL_POINTS_PER_FRAME = 10
 _VISIBLE_RATIO = 0.01
 _ENLARGED_RATIO = 0.12
 _NOISE_RATIO = 1e-7
-_MAX_ENLARGED_ROTATION = 0.1  # [rad]; enlarged motions of rotating bodies stretch them by 0.5 %
+# [rad]; enlarged motions of rotating bodies stretch rigid bodies by 0.5 % and beams by 4 %.
+_MAX_ENLARGED_ROTATION = {"beam": 0.3, "rigid": 0.1}
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 
@@ -104,14 +105,17 @@ def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
 
     It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
     if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
-    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.1 rad, because points of
-    a rotating body move along straight lines in enlarged motions.
+    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.3 rad for sections of
+    beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
+    in enlarged motions.
     """
     mechanism = solution.equations.mechanism
     if mechanism is None or any(isinstance(x, Contact) for x in mechanism.parts.values()):
         return 1.0
     drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
-    places = [x for _, drawing in drawings if drawing.kind != "ground" for x in drawing.places]
+    moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
+    places = [x for drawing in moving for x in drawing.places]
+    limits = [_MAX_ENLARGED_ROTATION.get(x.kind, np.inf) for x in moving for _ in x.places]
     poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)(places)
     x, y, rotations = np.moveaxis(poses - poses[:1], -1, 0)
     low, high = scene.extent()
@@ -119,9 +123,9 @@ def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
     if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
         return 1.0
     scale = _ENLARGED_RATIO / ratio
-    rotation = float(np.nanmax(np.abs(rotations), initial=0.0))
-    if scale * rotation > _MAX_ENLARGED_ROTATION:
-        scale = max(_MAX_ENLARGED_ROTATION / rotation, 1.0)
+    rotation = float(np.nanmax(np.abs(rotations) / limits, initial=0.0))  # relative to its limit
+    if scale * rotation > 1.0:
+        scale = max(1.0 / rotation, 1.0)
     power = 10.0 ** np.floor(np.log10(scale))
     return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
 
