@@ -15,6 +15,7 @@ from beamdae.analysis.gradients.objectives import (
     SampleGrid,
     read_column,
     select_column,
+    times_after_restart,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
@@ -155,9 +156,10 @@ def _sample_intervals(trajectory: Trajectory, times: Array) -> list[_IntervalSam
     index, samples = trajectory.interval_index(times), []
     for k, interval in enumerate(trajectory.intervals):
         t = times[index == k]
-        first = int(np.searchsorted(interval.nodes, t[0])) if len(t) else 0
+        available = times_after_restart(interval.nodes) if k else interval.nodes
+        first = int(np.searchsorted(available, t[0])) if len(t) else 0
         nodes = slice(first, first + len(t))
-        are_nodes = np.array_equal(interval.nodes[nodes], t)
+        are_nodes = np.array_equal(available[nodes], t)
         samples.append(_IntervalSample(interval, t, nodes if are_nodes else None))
     return samples
 
@@ -296,3 +298,29 @@ def differentiate_end(
         y, rate = columns[header]
         result += factor * term.end_derivative(value, y, rate, grid.end - grid.start)
     return float(result)
+
+
+def differentiate_restart(
+    terms: Sequence[tuple[float, ColumnObjective, float]], solution: Solution, t: float
+) -> float:
+    """Return the derivative of an objective with respect to the time `t` [s] of a restart.
+
+    The states are those at fixed times, so that only integrals of columns that jump have a
+    derivative. `terms` are factors, functions of columns and their values.
+    """
+    run = solution.at_times(np.array([t, np.nextafter(t, np.inf)]))
+    duration, result = solution.trajectory.end - solution.trajectory.start, 0.0
+    for factor, term, value in terms:
+        before, after = (
+            term.end_derivative(value, float(y), 0.0, duration)
+            for y in read_column(run, term.column)[1]
+        )
+        result += factor * (before - after)
+    return result
+
+
+def evaluate_terms(
+    objective: Objective, solution: Solution
+) -> list[tuple[float, ColumnObjective, float]]:
+    """Return the factors of the terms of an objective, the terms, and their values."""
+    return [(factor, term, term.value(solution)) for factor, term in objective.terms]

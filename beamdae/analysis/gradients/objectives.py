@@ -246,9 +246,9 @@ class TimeIntegral(ColumnObjective):
     """Integral of y or y^2 over the time of the run.
 
     For `GeneralizedAlpha`, the trapezoidal rule is applied to the values at the steps of the run,
-    with an error of second order in the step, as that of the integrator. If the column jumps at a
-    breakpoint of a law, the value before the jump is used. For `Radau`, the dense output is
-    integrated with 8 Gauss points per step.
+    with an error of second order in the step, as that of the integrator. For `Radau`, the dense
+    output is integrated with 8 Gauss points per step. The column may jump at events, impacts and
+    breakpoints of laws.
 
     Attributes
     ----------
@@ -424,21 +424,29 @@ class SampleGrid(NamedTuple):
             If the run stores only some of its steps.
         """
         trajectory.require_all_steps("objectives")
-        grids = [_interval_grid(interval) for interval in trajectory.intervals]
+        grids = [_interval_grid(x, k > 0) for k, x in enumerate(trajectory.intervals)]
         t, weights = (np.concatenate(x) for x in zip(*grids, strict=True))
-        # Both intervals of a restart contain its time.
+        # Steps may have no length.
         t, position = np.unique(t, return_inverse=True)
         weights = np.bincount(position, weights, len(t))
         return cls(t, weights, trajectory.start, trajectory.end)
 
 
-def _interval_grid(interval: Interval) -> tuple[Array, Array]:
+def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
     t = interval.t
     if interval.nodes_per_step == 1:
-        return t, _trapezoidal_weights(t)
+        return times_after_restart(t) if is_restart else t, _trapezoidal_weights(t)
     points, weights = gauss_points(_POINTS_PER_STEP)
     half = 0.5 * np.diff(t)[:, None]
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
+
+
+def times_after_restart(t: Array) -> Array:
+    """Return times of an interval, (k,), of which the first one does not belong to the one before.
+
+    Columns may jump at the start of an interval; results at this time are those before the jump.
+    """
+    return np.maximum(t, np.nextafter(t[0], np.inf))
 
 
 def read_column(run: Solution, name: str) -> tuple[str, Array]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,10 @@ from beamdae.analysis.gradients.column_seeds import (
     add_columns,
     differentiate_end,
     differentiate_objective,
+    differentiate_restart,
+    evaluate_terms,
 )
-from beamdae.analysis.gradients.objectives import Objective
+from beamdae.analysis.gradients.objectives import ColumnObjective, Objective
 from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
 from beamdae.analysis.gradients.redundant_adjoint import transpose_reactions
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
@@ -274,6 +277,10 @@ class _RunSweep:
         first = self._adjoint_of(phases.phases[0].active)
         self._result = RunAdjoint(seeds, first, empty, empty, numbers, np.zeros(whole.n))
 
+    @cached_property
+    def _terms(self) -> list[tuple[float, ColumnObjective, float]]:
+        return evaluate_terms(self._objective, self._run.solution)
+
     def sweep(self) -> RunAdjoint:
         """Return the derivatives."""
         result, n = self._result, self._phases.whole.base.n
@@ -360,6 +367,7 @@ class _RunSweep:
         moves = number is not None or self._breakpoint_moves(k)
         if moves:
             by_t += self._weigh_shift(k, adjoint.solver, v, by_nodes, by_steps)
+            by_t += differentiate_restart(self._terms, run.solution, float(time[0]))
         if number is not None:
             by_positions, by_switch_time = self._transpose_switch(k, number, time, at.q)
             by_q = by_q + by_positions
