@@ -236,7 +236,7 @@ class StepThinning:
     _finished: int = 0
     _finished_bytes: int = 0
     _checked: tuple[int, int] = (0, 0)
-    _released_blocks: int = 0
+    _unreleased_blocks: int = 0
 
     def enforce(self, segments: Sequence[_Segment]) -> None:
         """Thin the segments of a run if their rows exceed the limit; the last one may grow."""
@@ -244,6 +244,9 @@ class StepThinning:
         state = len(segments), current.block_count
         if self.limit is None or state == self._checked:
             return
+        segment_count, block_count = self._checked
+        # The first block of a segment is not counted: segments may be short.
+        self._unreleased_blocks += state[1] - (block_count if state[0] == segment_count else 1)
         self._checked = state
         if self.stride:
             for segment in segments[self._finished :]:
@@ -258,10 +261,9 @@ class StepThinning:
             for segment in segments:
                 segment.thin(self.stride, self.output_times, segment is not current)
             self._finished_bytes = sum(segment.stored_bytes for segment in segments[:-1])
-        block_count = sum(segment.block_count for segment in segments)
-        is_due = block_count >= self._released_blocks + _BLOCKS_PER_RELEASE
-        if self.stride > stride or (self.stride and is_due):
-            self._released_blocks = block_count
+        is_due = self.stride and self._unreleased_blocks >= _BLOCKS_PER_RELEASE
+        if self.stride > stride or is_due:
+            self._unreleased_blocks = 0
             release_freed_memory()
 
     def _exceeds_limit(self, segments: Sequence[_Segment]) -> bool:
