@@ -19,6 +19,7 @@ from beamdae.analysis.gradients.objectives import (
 )
 from beamdae.analysis.sensitivities.observable_derivatives import time_derivative
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
@@ -178,26 +179,18 @@ def add_term(
 
     `weights` are those of integrals, see `ColumnObjective.evaluate`.
     """
-    coordinates = coordinate_headers(equations)[1:]
-    observed = {
-        header: (number, column)
-        for number, o in enumerate(equations.observables)
-        for column, header in enumerate(o.headers)
-    }
-    header = select_column(term.column, coordinates, list(observed))
-    if header not in observed:
-        column = coordinates.index(header)
+    number, column = _locate_column(equations, term.column)
+    if number is None:
         values = np.hstack([at.q, at.v, at.lam])[:, column]
         value, derivatives = term.evaluate(values, weights)
         seeds.value += factor * value
         by_state[:, column] += factor * derivatives
         return
-    number, column = observed[header]
     o = equations.observables[number]
     if o.has_accelerations:
         raise BeamdaeError(
-            f"gradient: the objective must not contain accelerations, got {header}; use a "
-            "velocity, a force or bd.sensitivities."
+            "gradient: the objective must not contain accelerations, got "
+            f"{o.headers[column]}; use a velocity, a force or bd.sensitivities."
         )
     arguments = _column_arguments(o, equations, rows, at)
     value, derivatives = term.evaluate(o.function(*arguments)[:, column], weights)
@@ -207,6 +200,22 @@ def add_term(
     _add_gradient(
         seeds, by_state, equations, lambda e: e.observables[number], arguments, at, by_columns
     )
+
+
+@cache_on_owner
+def _locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None, int]:
+    """Return the indices of an observable and of its column.
+
+    Coordinates have None in place of the observable.
+    """
+    coordinates = coordinate_headers(equations)[1:]
+    observed = {
+        header: (number, column)
+        for number, o in enumerate(equations.observables)
+        for column, header in enumerate(o.headers)
+    }
+    header = select_column(name, coordinates, list(observed))
+    return observed[header] if header in observed else (None, coordinates.index(header))
 
 
 def add_columns(
