@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments
 from beamdae.errors import (
     BeamdaeError,
@@ -181,8 +182,9 @@ def export_fmu(
     steps of at most `step`. Each change of the internal step, and each breakpoint of a law,
     restarts the method with consistent accelerations; constant communication steps that are
     multiples of `step` avoid this. A communication step shorter than 1 % of `step` extrapolates the
-    motion and is part of the next. Contacts that begin and end within one internal step are not
-    noticed.
+    motion and is part of the next. With generalized-alpha, contacts that begin and end within one
+    internal step are not noticed; a step of Radau that passes over a contact is repeated with half
+    its length.
 
     Radau keeps its step size between communication steps. While inputs do not change, its steps
     pass over communication points, and outputs are those of the polynomial of the step. If an input
@@ -290,8 +292,14 @@ def export_fmu(
     _require_exportable(equations)
     plan = plan_run(equations, times)
 
+    gaps = compile_surface_gaps(equations) if integrator == "radau" else ()
+
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
+        # The FMU searches the steps for contacts with the surfaces of the default parameters.
+        for gap, other in zip(gaps, compile_surface_gaps(others), strict=False):
+            if not np.array_equal(gap.numbers, other.numbers):
+                raise BeamdaeError(f"the surface of {gap.part} changes")
         return others, plan_run(others, times).state
 
     weights = 1.0 / plan.scales

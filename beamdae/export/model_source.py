@@ -17,6 +17,7 @@ from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.formulations.sums import TIME_SIZE
 from beamdae.equations.starts.state_evaluator import plan_state_sums
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.export.c_code import (
     Tables,
     format_number,
@@ -250,6 +251,7 @@ class _SourceWriter:
         form = formulate_first_order(e, STABILIZED_FORM, apart=True)
         pattern, matrix, reduction = reduce_kinematics(form)
         order = plan_elimination(pattern, e.n, first=len(reduction.corrected), last=e.m)
+        gaps = compile_surface_gaps(e)
         numbers = {
             "longest_step": settings.longest_step,
             "start_rate": settings.start_rate,
@@ -288,6 +290,8 @@ class _SourceWriter:
             ),
             "matrix": self._plan(matrix, 3 * pattern.nnz + 1),
             "step_pattern": self._pattern(pattern, order),
+            "n_gaps": str(len(gaps)),
+            "gaps": self._plan(plan_gaps(gaps) if gaps else None, len(gaps)),
         }
         return form.sums[0], form.size, 2 * form.size, fields
 
@@ -426,6 +430,21 @@ def plan_outputs(e: EquationsOfMotion, outputs: Sequence[Output]) -> SumPlan:
         kernel = _output_kernel(observable, len(rows), [column for _, column in selected])
         copies = total.add(kernel, inputs, observable.data, 1)
         total.add_column(copies, 0, build_selection([k for k, _ in selected], len(outputs)), 0)
+    return total.vector()
+
+
+def plan_gaps(gaps: Sequence[SurfaceGapTerm]) -> SumPlan:
+    """Return the plan of the gaps of contacts, with the coordinates q as inputs."""
+    total = SumBuilder(TIME_SIZE)
+    for k, gap in enumerate(gaps):
+        operator = gap.observable.operator
+        time, q = SX.sym("time", TIME_SIZE), SX.sym("q", operator.shape[0])
+        # Gaps depend on positions only. Their numbers are not those of the equations.
+        numbers = SX(ca.DM(gap.numbers[gap.observable.data]))
+        value = gap.observable.function.express(time, q, q, numbers, SX(0, 1))
+        kernel = Kernel.of("gap", time, q, [value[0]])
+        copies = total.add(kernel, [LocalInput(operator, 0)], slice(0, 0), 1)
+        total.add_column(copies, 0, build_selection([k], len(gaps)), 0)
     return total.vector()
 
 

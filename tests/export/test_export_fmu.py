@@ -511,6 +511,39 @@ def test_radau_with_changing_inputs(radau_fmu):
     compare_with_radau(lines, controlled, 49 * STEP)
 
 
+@bd.model(t_end=0.5)
+def ball_and_pin(height=0.004, radius=0.005):
+    """Ball that hits a thin pin, without other forces."""
+    mech = bd.Mechanism()
+    point = mech.add(bd.PointMass("ball", 1.0, at=(-1.0, height), velocity=(10.0, 0.0))).point
+    pin = bd.CircleSurface(mech.ground.at(0.0, 0.0), radius=radius)
+    mech.add(bd.Contact("pin", point, pin, 1e6))
+    mech.observe("ball", point)
+    return mech
+
+
+@pytest.mark.slow(reason="compiles an FMU")
+def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
+    """Without forces, steps are as long as permitted: the ball passed the pin in one step."""
+    fmu = export(tmp_path, ball_and_pin, integrator="radau", rtol=RADAU_RTOL, platforms=None)
+    script = """
+    a = Instance("a")
+    for _ in range(500):
+        a.step()
+    print(json.dumps(a.get("ball.y", "ball.y_dot")))
+    """
+    (line,) = run_without_beamdae(ADAPTER + textwrap.dedent(script), fmu.path, STEP)
+    table = bd.simulate(ball_and_pin, bd.Radau(RADAU_RTOL), output_step=0.5).table()
+    expected = [table[x].iloc[-1] for x in ("ball.y [m]", "ball.y_dot [m/s]")]
+    assert expected[1] > 5e-3
+    assert json.loads(line) == pytest.approx(expected, rel=1e-4)
+
+
+def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
+    with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
+        export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
+
+
 def test_radau_matrices_need_no_row_exchanges(tmp_path):
     """Corrections and multipliers have diagonal pivots if velocities are eliminated first."""
     form = formulate_first_order(as_equations("test", crane(), None), STABILIZED_FORM, apart=True)

@@ -14,6 +14,9 @@
 /* Rounding errors of the length of a step, relative to the time at its end. */
 #define TIME_ROUNDING (4.0 * DBL_EPSILON)
 
+/* Largest number of arrays of an instance. */
+#define MAX_ARRAYS 96
+
 enum { DONE = 0, NOT_CONVERGED = 1, NOT_FINITE = 2, SINGULAR = 3, TOO_SMALL = 4 };
 
 typedef struct {
@@ -45,12 +48,13 @@ struct Instance {
     Factors saddle_factors;
     Sum residual, matrix, motion_sum, saddle, output_sum, residual_direction, output_direction;
     Method *method;
-    double *allocated[64];
+    double *allocated[MAX_ARRAYS];
     int n_allocated;
     char message[MESSAGE_SIZE];
 };
 
 double *new_array(Instance *s, size_t size, int *failed);
+void create_sum(Instance *s, Sum *sum, const Plan *plan, int *failed);
 void create_factors(Instance *s, Factors *f, const Pattern *pattern, int is_complex, int *failed);
 /* Write the message of an error at the time t; return -1. */
 int fail(Instance *s, const char *text, double t);

@@ -45,6 +45,10 @@
 /* Friction; see beamdae.integrators.input_jumps. */
 #define MAX_FRICTION_ITERATIONS 50
 #define FRICTION_TOLERANCE 1e-10
+/* Contacts that a step passes over; see beamdae.integrators.events.contact_onsets. */
+#define MIN_DEPTH 1e-9
+#define SAMPLES 17
+#define REFINEMENTS 5
 /* Newton's iteration for the derivatives of a step, which is linear. */
 #define MAX_DERIVATIVE_ITERATIONS 200
 #define DERIVATIVE_TOLERANCE 1e-12
@@ -71,6 +75,8 @@ struct Method {
     /* Derivatives of y and, for the last step, of w; steps update them if `has_tangent` is 1. */
     double *tangent, *tangent_w;
     int has_tangent;
+    double *gaps;
+    Sum gap_sum;
     Factors real, complex_;
 };
 
@@ -120,6 +126,8 @@ void method_create(Instance *s, int *failed) {
     w->weights = new_array(s, 2 * (size_t)model->n, failed);
     w->tangent = new_array(s, size, failed);
     w->tangent_w = new_array(s, STAGES * size, failed);
+    w->gaps = new_array(s, model->n_gaps, failed);
+    create_sum(s, &w->gap_sum, &model->gaps, failed);
 }
 
 void method_free(Instance *s) {
@@ -396,6 +404,83 @@ static double estimate_error(Instance *s, double h) {
     return largest;
 }
 
+/* Values at x, relative to the start of the last step: the start value, if `start` is not NULL, and
+   the polynomial of w; `rates` are their time derivatives. */
+static void evaluate_polynomial(const Instance *s, double x, const double *start, const double *w,
+                                size_t k, double *value, double *rate) {
+    const double *p = s->model->tableau.polynomial;
+    const size_t size = size_of(s->model);
+    double result = 0.0, slope = 0.0;
+    for (int j = 0; j < STAGES; j++) {
+        const double factor = w[j * size + k];
+        result += x * (p[j] + x * (p[STAGES + j] + x * p[2 * STAGES + j])) * factor;
+        slope += (p[j] + x * (2.0 * p[STAGES + j] + x * 3.0 * p[2 * STAGES + j])) * factor;
+    }
+    *value = (start ? start[k] : 0.0) + result;
+    *rate = slope / s->method->now->h;
+}
+
+/* Positions, velocities, accelerations and multipliers at x of the last step. */
+static void evaluate_step(const Instance *s, double x, const double *start, const double *w,
+                          double *motion) {
+    const size_t n = s->model->n, m = s->model->m;
+    double unused;
+    for (size_t i = 0; i < n; i++) {
+        evaluate_polynomial(s, x, start, w, i, &motion[i], &unused);
+        evaluate_polynomial(s, x, start, w, n + i, &motion[n + i], &motion[2 * n + i]);
+    }
+    for (size_t i = 0; i < m; i++)
+        evaluate_polynomial(s, x, start, w, 2 * n + i, &unused, &motion[3 * n + i]);
+}
+
+/* Smallest gap of contact `k` at samples of the current step from *left to *right, relative to its
+   start; the neighbors of the smallest sample replace *left and *right. */
+static double sample_gap(Instance *s, double h, Index k, double *left, double *right) {
+    Method *m = s->method;
+    const double first = *left, spacing = (*right - *left) / (SAMPLES - 1);
+    double lowest = INFINITY, unused;
+    for (int i = 0; i < SAMPLES; i++) {
+        const double x = first + i * spacing;
+        for (Index j = 0; j < s->model->n; j++)
+            evaluate_polynomial(s, x, m->y, m->w, j, &m->x[j], &unused);
+        set_time(&m->gap_sum, s->now.t + x * h, s->now.branch);
+        evaluate(&m->gap_sum, m->x, m->gaps);
+        if (!(m->gaps[k] < lowest)) continue;
+        lowest = m->gaps[k];
+        *left = fmax(x - spacing, 0.0);
+        *right = fmin(x + spacing, 1.0);
+    }
+    return lowest;
+}
+
+/* Return 1 if a contact is open at the start and at all stages of the current step, but closed in
+   between: its force is zero wherever it was evaluated. */
+static int passes_contact(Instance *s, double h) {
+    const Model *model = s->model;
+    Method *m = s->method;
+    const size_t size = size_of(model);
+    const double depth = MIN_DEPTH * model->length;
+    for (Index k = 0; k < model->n_gaps; k++) {
+        int is_open = 1;
+        for (int i = -1; i < STAGES; i++) {
+            const double *q = i < 0 ? m->y : m->stages + i * size;
+            memcpy(m->x, q, model->n * sizeof(double));
+            set_time(&m->gap_sum, s->now.t + (i < 0 ? 0.0 : model->tableau.nodes[i] * h),
+                     s->now.branch);
+            evaluate(&m->gap_sum, m->x, m->gaps);
+            is_open &= m->gaps[k] > 0.0;
+        }
+        double left = 0.0, right = 1.0;
+        for (int i = 0; i <= REFINEMENTS && is_open; i++) {
+            const double spacing = (right - left) / (SAMPLES - 1);
+            if (sample_gap(s, h, k, &left, &right) < -depth) return 1;
+            /* The gap is smallest at an end of the step. */
+            if (right - left < 1.5 * spacing) break;
+        }
+    }
+    return 0;
+}
+
 /* Update the derivatives at the end of a step `h`, by Newton's iteration with the matrices of this
    step, whose stages are known. */
 static int differentiate_step(Instance *s, double h) {
@@ -494,8 +579,14 @@ static int take_step(Instance *s, double end, double base) {
         const double error = estimate_error(s, h);
         if (isnan(error)) return NOT_FINITE;
         if (error < 1.0) {
-            choose_next_step(model, now, h, error);
             set_stages(s, h);
+            if (model->n_gaps > 0 && passes_contact(s, h)) {
+                /* Until a stage is inside the surface. */
+                now->next_step = 0.5 * h;
+                now->is_retry = 1.0;
+                continue;
+            }
+            choose_next_step(model, now, h, error);
             if (m->has_tangent) {
                 const int differentiated = differentiate_step(s, h);
                 if (differentiated != DONE) return differentiated;
@@ -624,35 +715,6 @@ int method_restart(Instance *s) {
     now->rate = 1.0;
     restart_prediction(now);
     return DONE;
-}
-
-/* Values at x, relative to the start of the last step: the start value, if `start` is not NULL, and
-   the polynomial of w; `rates` are their time derivatives. */
-static void evaluate_polynomial(const Instance *s, double x, const double *start, const double *w,
-                                size_t k, double *value, double *rate) {
-    const double *p = s->model->tableau.polynomial;
-    const size_t size = size_of(s->model);
-    double result = 0.0, slope = 0.0;
-    for (int j = 0; j < STAGES; j++) {
-        const double factor = w[j * size + k];
-        result += x * (p[j] + x * (p[STAGES + j] + x * p[2 * STAGES + j])) * factor;
-        slope += (p[j] + x * (2.0 * p[STAGES + j] + x * 3.0 * p[2 * STAGES + j])) * factor;
-    }
-    *value = (start ? start[k] : 0.0) + result;
-    *rate = slope / s->method->now->h;
-}
-
-/* Positions, velocities, accelerations and multipliers at x of the last step. */
-static void evaluate_step(const Instance *s, double x, const double *start, const double *w,
-                          double *motion) {
-    const size_t n = s->model->n, m = s->model->m;
-    double unused;
-    for (size_t i = 0; i < n; i++) {
-        evaluate_polynomial(s, x, start, w, i, &motion[i], &unused);
-        evaluate_polynomial(s, x, start, w, n + i, &motion[n + i], &motion[2 * n + i]);
-    }
-    for (size_t i = 0; i < m; i++)
-        evaluate_polynomial(s, x, start, w, 2 * n + i, &unused, &motion[3 * n + i]);
 }
 
 void method_evaluate(const Instance *s, double *y) {

@@ -24,7 +24,7 @@ enum { TIME, BRANCH, C_Q, C_V, C_A, C_L, C_H, C_R };
 
 double *new_array(Instance *s, size_t size, int *failed) {
     double *array = calloc(size + 1, sizeof(double));
-    if (!array || s->n_allocated == 64) {
+    if (!array || s->n_allocated == MAX_ARRAYS) {
         *failed = 1;
         free(array);
         return NULL;
@@ -33,7 +33,7 @@ double *new_array(Instance *s, size_t size, int *failed) {
     return array;
 }
 
-static void create_sum(Instance *s, Sum *sum, const Plan *plan, int *failed) {
+void create_sum(Instance *s, Sum *sum, const Plan *plan, int *failed) {
     sum->plan = plan;
     sum->shared = new_array(s, plan->n_shared, failed);
     sum->local = new_array(s, plan->n_local, failed);

@@ -61,6 +61,9 @@ typedef struct {
     double longest_step, start_rate, stagnation_limit;
     const double *test_weights, *iteration_weights, *rounding_weights;
     Tableau tableau;
+    /* Gaps of contacts, negative inside surfaces. */
+    Index n_gaps;
+    Plan gaps;
     /* Of both. */
     const double *p, *q, *v, *weights, *values, *min_values, *max_values, *breakpoints;
     const Index *velocity_rows, *states, *number_targets;
