@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
-# Imbalances relative to the energy exchanged, in the run or over a few steps. In 370 random drops
+# Imbalances relative to the energy exchanged, in the run or over a few steps. In 257 random drops
 # and in runs of 50 mechanisms by `GeneralizedAlpha` (steps of 1 and 3 ms), errors of peak forces,
 # velocities and rebound heights were up to three times the imbalance.
 _MAX_ENERGY_IMBALANCE = 0.02
