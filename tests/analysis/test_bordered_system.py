@@ -77,6 +77,21 @@ def test_forces_and_tangent_are_linear_in_the_load_factor(formulation):
 
 
 @FORMULATIONS
+def test_regression_forces_follow_the_load_factor(formulation, monkeypatch):
+    compile_now(monkeypatch)
+    system = loaded_arch(formulation)
+    x, _ = random_unknowns(system.equations)
+    system.tangent(x, 0.3)
+    # A count evaluates no forces if the tangent is known.
+    system.bordered.count_negative_eigenvalues(x, 0.3)
+    system.bordered.has_follower_loads(x, 0.8)
+    for result, expected in zip(
+        system.residual(x, 0.8), loaded_arch(formulation).residual(x, 0.8), strict=True
+    ):
+        assert_allclose(result, expected, atol=1e-14 * np.max(np.abs(expected)))
+
+
+@FORMULATIONS
 def test_only_what_the_loads_change_is_evaluated_twice(formulation):
     bordered = loaded_arch(formulation).bordered
     run = bordered._loop.work

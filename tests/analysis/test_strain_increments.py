@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
 from beamdae.analysis.statics.path_controls import DisplacementControl
@@ -94,6 +94,15 @@ def test_displacements_are_linear_to_first_order():
         for h in (1e-3, 5e-4)
     ]
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
+
+
+def test_regression_a_change_of_zero_moves_nothing():
+    # Integrated positions instead of displacements changed axial strains by 3e-14: 1e-4 of the
+    # buckling load at L/h = 1e5.
+    e, random = two_beams(), np.random.default_rng(4)
+    increments = StrainIncrements.of(e)
+    q = increments.displace(e.q0, 0.5 * random.standard_normal(e.n))
+    assert_array_equal(increments.displace(q, np.zeros(e.n)), q)
 
 
 @pytest.mark.parametrize("height", [1e-2, 1e-3, 1e-4, 1e-5])

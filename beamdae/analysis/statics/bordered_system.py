@@ -698,7 +698,7 @@ class BorderedSystem:
             run.inputs[:n], run.inputs[2 * n :] = x[:n], x[n:]
             run.has_forces = run.has_tangent = run.has_signs = run.has_factors = 0
         if mu != run.mu:
-            run.has_signs = run.has_factors = 0
+            run.has_forces = run.has_signs = run.has_factors = 0
         run.mu = mu
 
     def _call(self) -> int:

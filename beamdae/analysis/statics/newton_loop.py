@@ -297,8 +297,9 @@ def _correct(run: BorderedWorkspace) -> int:
             if code != DONE:
                 return code
         if run.phase == PREDICT or run.phase == ITERATE:
-            combine(run.displaced, (1.0, 1.0), (run.inputs[:n], run.solution[:n]))
+            combine(run.displaced, (1.0,), (run.solution[:n],))
             displace_axes(run.axes, run.inputs, run.solution, run.displaced)
+            combine(run.displaced, (1.0, 1.0), (run.inputs[:n], run.displaced))
             run.phase += 1
             if run.has_frames == 1:
                 return DISPLACE

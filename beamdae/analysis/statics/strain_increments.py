@@ -141,7 +141,11 @@ def _broadcast(*arrays: Array) -> tuple[Array, ...]:
 
 
 def displace_axes(axes: AxisElements, q: Array, change: Array, result: Array) -> None:
-    """Replace the positions in `result` by those displaced from `q` by a finite `change`."""
+    """Replace the positions in `result` by their displacements from `q` by a finite `change`.
+
+    `result` is a copy of `change` before. Displacements, not positions, are integrated, so that a
+    change of zero moves nothing, and rounding errors do not add up along a beam.
+    """
     plan, values, changes, slopes = axes.plan, axes.values, axes.changes, axes.slopes
     count, product = axes.product.size, axes.product
     scatter(values, plan.rows, plan.weights, q, plan.columns)
@@ -152,6 +156,7 @@ def displace_axes(axes: AxisElements, q: Array, change: Array, result: Array) ->
     multiply(product, turn, x)
     combine(slopes[count:], (1.0, 1.0, -1.0), (y, changes[2 * count :], product))
     rotate(slopes[:count], slopes[count:], turn)
+    combine(slopes, (1.0, -1.0), (slopes, values[count:]))
     _place_nodes(axes, result)
 
 
@@ -177,7 +182,7 @@ def restore_axes(axes: AxisElements, q: Array, other: Array, result: Array) -> N
 
 
 def _place_nodes(axes: AxisElements, result: Array) -> None:
-    """Set the positions of nodes, which continue those of the first node of each beam."""
+    """Set displacements of nodes, which continue that of the first node of each beam."""
     plan = axes.plan
     scatter(axes.steps, plan.step_rows, plan.step_weights, axes.slopes, plan.step_columns)
     accumulate(result, plan.targets, plan.sources, axes.steps)
@@ -318,8 +323,9 @@ class StrainIncrements:
 
     def displace(self, x: Array, change: Array) -> Array:
         """Return x = (q, ...) displaced by a finite `change`; x + `change` to first order."""
-        result = x + change
+        result = change.copy()
         displace_axes(self.axes, x, change, result)
+        result += x
         self.displace_frames(x, change, result)
         return result
 
