@@ -1,13 +1,14 @@
 """Export all models as FMUs, compare them with simulate, and time their steps.
 
     python validation/fmus/models.py               equality, size and step time of each model
+    python validation/fmus/models.py --radau       the same with adaptive steps
     python validation/fmus/models.py --real-time   largest pendulum that keeps 1 kHz
 
 FMPy simulates the FMUs in a process that cannot import beamdae. Differences are the largest of all
 outputs, relative to the range of the output, without outputs that are zero up to rounding and
-without the rows at breakpoints, where simulate stores the state after its restart. "Newton" is the
-largest difference between two runs of simulate, with the default and with a tight tolerance of
-Newton's iteration.
+without the rows at breakpoints, where simulate stores the state after its restart. "error" is the
+largest difference between two runs of simulate, with the same and with a tight tolerance: of
+Newton's iteration for fixed steps, and of the error test (divided by 100) for adaptive steps.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ ELEMENTS = (8, 16, 32, 64, 128, 256)
 REAL_TIME_ITERATIONS = 2
 MICROSECONDS = 1e6
 TIGHT = 1e-10
+RADAU_RTOL = 1e-6
+METHODS = {
+    "alpha": (bd.GeneralizedAlpha(STEP), bd.GeneralizedAlpha(STEP, newton_tolerance=TIGHT)),
+    "radau": (bd.Radau(RADAU_RTOL), bd.Radau(RADAU_RTOL / 100.0)),
+}
 # Outputs with a smaller range, in SI units, are zero.
 MIN_RANGE = 1e-9
 _TIME_HEADINGS = f"{'median':>10s} {'99.9 %':>10s} {'worst':>10s}"
@@ -55,12 +61,12 @@ np.save(sys.argv[4], rows)
 
 
 def compare(model: bd.Model, fmu: bd.ExportedFmu, folder: Path) -> tuple[float, str, float]:
-    """Return the difference between an FMU and a run, its output, and the Newton error."""
+    """Return the difference between an FMU and a run, its output, and the error of the run."""
     result = folder / "rows.npy"
     command = [sys.executable, "-c", _SIMULATION, fmu.path, STEP, model.t_end, result]
     subprocess.run(list(map(str, command)), check=True, capture_output=True)
     rows = np.load(result)
-    methods = (bd.GeneralizedAlpha(STEP), bd.GeneralizedAlpha(STEP, newton_tolerance=TIGHT))
+    methods = METHODS[fmu.integrator]
     run, tight = (bd.simulate(model, method, output_step=STEP) for method in methods)
     table, tight_table = run.table(), tight.table()
     times = table.iloc[:, 0].to_numpy()
@@ -83,14 +89,21 @@ def format_times(times: StepTimes) -> str:
     return " ".join(f"{MICROSECONDS * x:10.1f}" for x in times[:3])
 
 
-def print_models() -> None:
-    print(f"{'model':22s} {'kB':>6s} {'difference':>10s} {'Newton':>10s} {_TIME_HEADINGS}")
+def print_models(integrator: str) -> None:
+    print(f"{'model':22s} {'kB':>6s} {'difference':>10s} {'error':>10s} {_TIME_HEADINGS}")
     for path in sorted(MODELS_FOLDER.glob("*.py")):
         model = ModelFile(path).model(None)
         with tempfile.TemporaryDirectory() as name:
             file = Path(name) / "model.fmu"
             try:
-                fmu = bd.export_fmu(model, file, step=STEP, timed_steps=TIMED_STEPS)
+                fmu = bd.export_fmu(
+                    model,
+                    file,
+                    step=STEP,
+                    integrator=integrator,
+                    rtol=RADAU_RTOL,
+                    timed_steps=TIMED_STEPS,
+                )
             except bd.BeamdaeError as problem:
                 print(f"{model.name:22s} {problem}")
                 continue
@@ -129,10 +142,12 @@ def print_real_time() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description="FMUs of all models.")
     parser.add_argument("--real-time", action="store_true", help="sizes that keep 1 kHz")
-    if parser.parse_args().real_time:
+    parser.add_argument("--radau", action="store_true", help="adaptive steps")
+    arguments = parser.parse_args()
+    if arguments.real_time:
         print_real_time()
     else:
-        print_models()
+        print_models("radau" if arguments.radau else "alpha")
 
 
 if __name__ == "__main__":
