@@ -48,9 +48,17 @@ def test_file_and_json(here):
     assert document["size"] == Path("model.fmu").stat().st_size
 
 
+def test_adaptive_steps(here):
+    result = run("--integrator", "radau", "--rtol", "1e-4", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["integrator"] == "radau"
+    assert "adaptive" in run("--integrator", "radau").stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--integrator", "ida"], "integrator must be one of"),
         (["--inputs", "pull"], "the model has no input 'pull'"),
         (["--platforms", "pdp11-unix"], "platforms must be one of"),
         (["--real-time", "0"], "real_time must be a whole number of at least 1"),
