@@ -82,14 +82,17 @@ def friction_warnings(mech, **settings):
         (
             slider(0.02, 3.0),
             "rub: the load is 51 % of coefficient N, so that friction should hold it, but it "
-            "creeps over 0.05",
+            "creeps over 0.0224 m",
         ),
         # The sliding speed is above the regularization.
-        (slider(0.5, 5.3), "rub: the load is 90 % of coefficient N, so that friction"),
+        (
+            slider(0.5, 5.3),
+            "of coefficient N, so that friction should hold it, but it creeps over 1.1",
+        ),
         (slider(2e-3, 0.05, radius=0.02), "but it creeps over 0.0863 rad"),
         (
             glass(0.5, speed=0.0, push=0.3),
-            "glass: the load is 51 % of friction N, so that friction should hold it, but it creeps",
+            "% of friction N, so that friction should hold it, but it creeps over 0.47",
         ),
     ],
     ids=["guide", "near the limit", "bearing", "contact"],
