@@ -13,10 +13,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.quadratic_eigenproblem import (
-    QuadraticProblem,
-    decays_strongly,
-)
+from beamdae.analysis.eigenproblems.quadratic_eigenproblem import QuadraticProblem
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     SymmetricProblem,
     is_symmetric,
@@ -58,23 +55,22 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(
-    lin: LinearizedEquations, count: int | None, damped: bool = True, has_decays: bool = True
+    lin: LinearizedEquations, count: int | None, damped: bool = True
 ) -> EigenSolution:
     """Return the modes with the smallest |eigenvalue|: at most `count`, or all if it is None.
 
-    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored. If
-    `has_decays` is False, modes that decay strongly are left out.
+    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored.
     """
     if len(lin.equations.states):
-        return _normalize(lin, *_solve_with_states(lin, damped), count, has_decays)
+        return _normalize(lin, *_solve_with_states(lin, damped), count)
     undamped = SymmetricProblem(lin).solve(count)
     is_undamped = not lin.tangent.damping.nnz or abs(lin.tangent.damping).max() == 0.0
     if not damped or (is_undamped and is_symmetric(lin)):
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
         values += np.sqrt(np.maximum(-undamped.squares, 0.0))
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    values, shapes = QuadraticProblem(lin, undamped, count, has_decays).solve(count)
-    return _normalize(lin, values, shapes, count, has_decays)
+    values, shapes = QuadraticProblem(lin, undamped, count).solve(count)
+    return _normalize(lin, values, shapes, count)
 
 
 def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, Array]:
@@ -146,20 +142,13 @@ def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
 
 
 def _normalize(
-    lin: LinearizedEquations,
-    values: Array,
-    shapes: Array,
-    count: int | None,
-    has_decays: bool = True,
+    lin: LinearizedEquations, values: Array, shapes: Array, count: int | None
 ) -> EigenSolution:
     """Return the modes with the smallest |eigenvalue|, sorted and scaled to x^H M x = 1.
 
     The phase of each shape is chosen so that the shape is as real as possible.
     """
     mass = lin.tangent.mass
-    if not has_decays:
-        is_kept = ~decays_strongly(values)
-        values, shapes = values[is_kept], shapes[:, is_kept]
     order = np.argsort(np.abs(values), kind="stable")[:count]
     values, shapes = values[order], shapes[:, order]
     size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))

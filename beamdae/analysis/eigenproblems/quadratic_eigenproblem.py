@@ -67,8 +67,6 @@ _MEAN_GROWTH_RATIO = 1e-2
 _ZERO_SQUARE_MARGIN = 4.0
 # Dampers that slow a free motion down at a rate below this fraction of the shift are rounding.
 _ZERO_RATE_RATIO = 1e-12
-# Modes with a larger damping ratio decay strongly.
-_STRONG_DECAY_RATIO = 0.5
 # Prevents division by zero.
 _TINY = 1e-300
 
@@ -89,38 +87,22 @@ class QuadraticProblem:
         turn their double zero eigenvalues into slow vibrations of thin beams.
     count
         Number of modes of interest, or None for all modes.
-    has_decays
-        False if modes that decay strongly, see `decays_strongly`, are of no interest: they do not
-        count, and some of them may be missing. Dampers in proportion to the stiffness turn all fast
-        vibrations into decays at nearly the same rate, which the Krylov space separates slowly.
     """
 
     def __init__(
-        self,
-        lin: LinearizedEquations,
-        undamped: UndampedModes,
-        count: int | None,
-        has_decays: bool = True,
+        self, lin: LinearizedEquations, undamped: UndampedModes, count: int | None
     ) -> None:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
         squares = undamped.squares
-        self._has_decays = has_decays
         self._undamped_shapes = undamped.shapes
         self._undamped_free = undamped.shapes[:, squares == 0.0]
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
-        self._highest_rate = float(rates[-1]) if len(rates) else 0.0
         self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
         self._free = self._find_undamped_free_motions()
         self._weighted_free = self.tangent.mass @ self._free
-
-    @cached_property
-    def _has_rates(self) -> bool:
-        """True if the eigenvalue l itself occurs in the problem, not only its square."""
-        matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
-        return any(np.any(matrix.data) for matrix in matrices)
 
     @cached_property
     def _solve_shifted(self) -> Callable[[Array], Array]:
@@ -178,8 +160,7 @@ class QuadraticProblem:
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         if count is not None and n > MAX_DENSE_COORDINATES and number < n:
-            solve = self._solve_sparse if self._has_rates else self._solve_sparse_squares
-            solution = solve(count - self._free.shape[1])
+            solution = self._solve_sparse(count - self._free.shape[1])
             if solution is not None:
                 return self._select(*solution)
             if n > MAX_FALLBACK_COORDINATES:
@@ -222,22 +203,14 @@ class QuadraticProblem:
         def required_accuracy(inverses: Array) -> Array:
             values = s + 1.0 / inverses
             sizes = np.abs(values)
-            is_counted = np.full(len(values), True)
-            if not self._has_decays:
-                is_counted = ~decays_strongly(values)
-            order = np.argsort(np.where(is_counted, sizes, np.inf), kind="stable")
-            order = order[: max(int(np.sum(is_counted)), 1)]
+            order = np.argsort(sizes, kind="stable")
             # Either eigenvalue of a conjugate pair counts half.
             numbers = np.cumsum(np.where(values.imag != 0.0, 0.5, 1.0)[order])
             last = min(int(np.searchsorted(numbers, count)), len(order) - 1)
             highest = sizes[order[last]]
-            if not self._has_decays:
-                # Most of the fast modes may decay, so that there are fewer others than `count`.
-                highest = min(highest, self._highest_rate)
             # No eigenvalue outside this circle about the shift is smaller.
-            is_near = (np.abs(values - s) <= highest + s) & is_counted
-            accuracy = np.where(is_near, _LOCATION_ACCURACY, np.inf)
-            return np.where((sizes <= highest) & is_counted, 0.0, accuracy)
+            accuracy = np.where(np.abs(values - s) <= highest + s, _LOCATION_ACCURACY, np.inf)
+            return np.where(sizes <= highest, 0.0, accuracy)
 
         def rounding(inverses: Array, vectors: Array) -> Array:
             shapes = vectors[:n]
@@ -249,46 +222,6 @@ class QuadraticProblem:
             return None
         (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
         return s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
-
-    def _solve_sparse_squares(self, count: int) -> tuple[Array, Array] | None:
-        """Return eigenvalues and shapes as `_solve_sparse` does, for problems without damping.
-
-        The eigenvalues of the inverse of K + s^2 M times M are 1 / (s^2 - l^2). This space has half
-        the size, and it converges with the squares of the frequencies.
-        """
-        n, s, tangent = self.e.n, self.shift, self.tangent
-        n_random = max(count, _MIN_RANDOM_VECTORS)
-        motions = np.random.default_rng(0).standard_normal((n_random, n))
-        zeros = np.zeros(self.e.m)
-
-        def apply_inverse(x: Array) -> Array:
-            image = self._solve_shifted(np.concatenate([tangent.mass @ x, zeros]))[:n]
-            return image - self._free @ (self._weighted_free.T @ image)
-
-        start = np.hstack([self._undamped_shapes, (self.e.position_scales * motions).T])
-        start = np.stack([apply_inverse(x) for x in start.T], axis=1)
-        krylov = BlockKrylov(apply_inverse, start, sp.csr_array(tangent.mass), is_symmetric=False)
-        for _ in range(_MIN_BLOCKS - 1):
-            krylov.expand()
-
-        def required_accuracy(inverses: Array) -> Array:
-            squares = s**2 - 1.0 / inverses
-            sizes = np.abs(squares)
-            highest = np.sort(sizes)[min(count, len(sizes)) - 1]
-            # No eigenvalue outside this circle about the square of the shift is smaller.
-            is_near = np.abs(squares - s**2) <= highest + s**2
-            accuracy = np.where(is_near, _LOCATION_ACCURACY, np.inf)
-            return np.where(sizes <= highest, 0.0, accuracy)
-
-        def rounding(inverses: Array, shapes: Array) -> Array:
-            inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes))
-            squares = inertia * (s**2 + np.abs(s**2 - 1.0 / inverses))
-            return quadratic_form_rounding(tangent.stiffness, shapes) / squares
-
-        if not converge(krylov, required_accuracy, rounding):
-            return None
-        (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
-        return _roots_of_squares(s**2 - 1.0 / krylov.values[wanted], krylov.vectors(wanted))
 
     def _solve_projected(self) -> tuple[Array, Array]:
         """Return eigenvalues and shapes from dense matrices, projected onto admissible motions.
@@ -318,8 +251,14 @@ class QuadraticProblem:
             inverses, vectors = la.eig(-by_rate)
             is_accurate = _is_accurate(inverses)
             inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
-            values, vectors = _roots_of_squares(s**2 - s / inverses, vectors)
-            return values, basis @ vectors
+            squares = s**2 - s / inverses
+            is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
+            values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
+            # Either sign of the root is an eigenvalue; of complex ones, the upper of each pair.
+            values = np.where(values.imag < 0.0, -values, values)
+            decaying = values.imag == 0.0
+            values = np.concatenate([values, -values[decaying]])
+            return values, basis @ np.hstack([vectors, vectors[:, decaying]])
         by_position = by_rate - la.lu_solve(factors, damping)
         matrix = np.block(
             [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
@@ -440,29 +379,11 @@ class QuadraticProblem:
         return (basis @ vectors[:, is_zero]).astype(complex)
 
 
-def decays_strongly(values: Array) -> Array:
-    """Return a mask of the eigenvalues of modes with a damping ratio above one half."""
-    return values.real < -_STRONG_DECAY_RATIO * np.abs(values)
-
-
 def _singular_error() -> BeamdaeError:
     return BeamdaeError(
         "modes: the linearized equations are singular; add mass or stiffness to the parts that can "
         "move."
     )
-
-
-def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues with these squares, and their shapes.
-
-    Either sign of a root is an eigenvalue; complex ones are represented by the upper of each pair.
-    """
-    is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
-    values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
-    values = np.where(values.imag < 0.0, -values, values)
-    decaying = values.imag == 0.0
-    values = np.concatenate([values, -values[decaying]])
-    return values, np.hstack([shapes, shapes[:, decaying]])
 
 
 def _is_accurate(inverses: Array) -> Array:

@@ -256,7 +256,7 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     e = system.equations
     state = ConsistencySolver(e).rest_state(x[: e.n])._replace(lam=x[e.n :])
     linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
-    solution = solve_eigenproblem(linearized, MODE_COUNT, has_decays=False)
+    solution = solve_eigenproblem(linearized, MODE_COUNT)
     solution = refine_modes(system, x, mu, linearized, solution)
     is_growing = np.array([classify_mode(value) == UNSTABLE for value in solution.values], bool)
     growth = solution.values[is_growing]
