@@ -1,7 +1,6 @@
 """Ordinary mistakes and hostile objects end in one sentence that names the part and the value."""
 
 import casadi as ca
-import numpy as np
 import pytest
 from robustness.inputs.bad_values import _HOSTILE_VALUES as HOSTILE_VALUES
 from robustness.judge import check_sentence
@@ -57,14 +56,6 @@ MISTAKES = {
     "law that is no number": (
         lambda _: bd.Law((lambda t: "much",)).at(1.0),
         "Law.at: the law at t = 1 s must be a number",
-    ),
-    "array in metadata": (
-        lambda folder: run().to_csv(folder / "run.csv", measured=np.zeros(2)),
-        "to_csv: the entry 'measured' must be a JSON value",
-    ),
-    "set in metadata": (
-        lambda folder: run().to_csv(folder / "run.csv", kinds={1, 2}),
-        "to_csv: the entry 'kinds' must be a JSON value",
     ),
     "unknown setting of a frame": (
         lambda _: frame_with(bogus=1),
