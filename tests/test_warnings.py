@@ -66,3 +66,37 @@ for t in (1.0, 2.0):
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert re.findall(r"at t = (\d)", run.stderr) == ["1", "2"]
+
+
+@bd.model(t_end=0.05)
+def _mass_with_steep_table(stiffness=100.0):
+    steps = bd.table([0.0, 1.0, 1.1, 2.0, 3.0], [0.0, 0.0, 1.0, 1.0, 1.0], "spline", name="stop")
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, 1.0, 0.9))
+    mech.add(bd.Force("push", mass.point, (float(steps(1.5)), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def _fit_stiffness():
+    times = [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
+    data = {"t [s]": times, "mass.x [m]": [1.0 + 4.0 * t * t for t in times]}
+    bd.fit(_mass_with_steep_table, data, "stiffness", max_evaluations=1)
+
+
+def _optimize_stiffness():
+    limit = bd.at_most(bd.EndValue("mass.x"), "2000 mm")
+    bounds = {"stiffness": (50.0, 200.0)}
+    objective = bd.EndValue("mass.x")
+    bd.optimize(_mass_with_steep_table, objective, "stiffness", limit, bounds, max_evaluations=2)
+
+
+@pytest.mark.parametrize("search", [_fit_stiffness, _optimize_stiffness])
+def test_regression_searches_show_warnings_of_the_model_function_once(search):
+    """The warning of the first model was repeated with the result."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("always")
+        search()
+    messages = [str(x.message) for x in records]
+    assert sum(x.startswith("stop: the spline reaches") for x in messages) == 1, messages

@@ -13,7 +13,7 @@ from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.errors import BeamdaeError, require_count, warn_user
+from beamdae.errors import BeamdaeError, kind_of_message, require_count, warn_user
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -182,8 +182,8 @@ def fit(
         warn_user(f"fit: {sentence}")
     for experiment, run in result.sensitivities.items():
         for sentence in run.solution.warnings:
-            text = f"{experiment}: {sentence}" if experiment else sentence
-            warn_user(text)
+            if kind_of_message(sentence) not in problem.build_warnings:
+                warn_user(f"{experiment}: {sentence}" if experiment else sentence)
     return result
 
 

@@ -22,6 +22,7 @@ from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     as_real,
+    kind_of_message,
     require_mapping,
     require_names,
     require_pair,
@@ -103,6 +104,8 @@ class FitProblem:
         Unknown properties of sensors.
     first_values
         First values (K,) of the parameters of the model and of the shifts.
+    build_warnings
+        Kinds of the warnings that the first models issued; see `kind_of_message`.
     """
 
     def __init__(
@@ -125,6 +128,7 @@ class FitProblem:
         self.parameters = complete_parameters("fit", model, parameters)
         self.data: FitData = read_data(data, sigma)
         self._settings = self._read_experiments(experiments)
+        self.build_warnings: set[str] = set()
         self.data, self.headers = self._match_columns()
         self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
         self.first_values = np.array(
@@ -191,6 +195,7 @@ class FitProblem:
         for experiment, values in self._settings.items():
             mechanism = self.model(**{**self.parameters, **values})
             equations = as_equations("fit", mechanism, self.start)
+            self.build_warnings.update(map(kind_of_message, equations.build_warnings))
             observed[experiment] = [x for o in equations.observables for x in o.headers]
         headers: list[str] = []
         taken: dict[tuple[str, str], str] = {}

@@ -19,6 +19,7 @@ from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
     BeamdaeError,
+    kind_of_message,
     require_choice,
     require_count,
     require_positive,
@@ -175,7 +176,11 @@ def optimize(
     warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
     messages = [] if result.converged else [f"optimize: {result.status.sentence}."]
     of_analyses = list_warnings(result.analyses)
-    messages += [x if x in of_analyses else f"optimize: {x}" for x in result.warnings]
+    messages += [
+        x if x in of_analyses else f"optimize: {x}"
+        for x in result.warnings
+        if kind_of_message(x) not in problem.build_warnings
+    ]
     for message in messages:
         warn_user(message)
     return result

@@ -31,6 +31,7 @@ from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     as_real,
+    kind_of_message,
     require_mapping,
     require_pair,
     require_sequence,
@@ -101,6 +102,8 @@ class DesignProblem:
         First values of the numbers in the parameters, and their bounds, (k,).
     sizes
         Sizes (k,) of the numbers: values = sizes * x.
+    build_warnings
+        Kinds of the warnings that the first model issued; see `kind_of_message`.
     """
 
     def __init__(
@@ -128,6 +131,7 @@ class DesignProblem:
         self.lower, self.upper = self._read_bounds(bounds)
         self.sizes = self._choose_sizes()
         self._designs: dict[bytes, Design] = {}
+        self.build_warnings: set[str] = set()
         self._require_units()
         quantities = (self.objective, *(limit.quantity for limit in self.limits))
         self._quantities: Sequence[Quantity] = quantities
@@ -143,6 +147,7 @@ class DesignProblem:
         if not limits:
             return
         equations = as_equations(_NAME, self.flat.model(**self.flat.parameters))
+        self.build_warnings.update(map(kind_of_message, equations.build_warnings))
         headers = [x for observable in equations.observables for x in observable.headers]
         units = {variable.name: variable.unit for variable in equations.coordinates}
         units |= {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
