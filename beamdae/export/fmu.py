@@ -30,6 +30,7 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
+from beamdae.export.abrupt_forces import choose_integrator, warn_of_fixed_steps
 from beamdae.export.c_code import UnsupportedOperationError, format_string
 from beamdae.export.compilers import (
     PLATFORMS,
@@ -157,7 +158,7 @@ def export_fmu(
     path: str | Path,
     *,
     step: float = 1e-3,
-    integrator: str = "alpha",
+    integrator: str | None = None,
     rtol: float = 1e-5,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
@@ -173,10 +174,10 @@ def export_fmu(
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
-    The FMU contains C source and binaries. By default, it takes steps of `GeneralizedAlpha(step,
-    rho_inf)` with the same kernels, equations and tolerance; results differ from those of
-    `simulate` by rounding errors and errors of Newton's iteration. With `integrator="radau"`, it
-    takes adaptive steps of `Radau(rtol)`.
+    The FMU contains C source and binaries. It takes steps of `GeneralizedAlpha(step, rho_inf)` with
+    the same kernels, equations and tolerance; results differ from those of `simulate` by rounding
+    errors and errors of Newton's iteration. Models with abrupt forces (contacts, stops, joint
+    friction, and formulas or tables with kinks in the motion) get adaptive steps of `Radau(rtol)`.
 
     Communication steps can have any length. Generalized-alpha divides them into equal internal
     steps of at most `step`. Each change of the internal step, and each breakpoint of a law,
@@ -210,7 +211,9 @@ def export_fmu(
     step
         Internal step of generalized-alpha, and default communication step [s].
     integrator
-        "alpha" for fixed steps of generalized-alpha, or "radau" for adaptive steps.
+        "alpha" for fixed steps of generalized-alpha, or "radau" for adaptive steps. Defaults to
+        "radau" for models with abrupt forces (see above) unless `real_time` is given, otherwise to
+        "alpha". With "alpha", contacts are reported by a `BeamdaeWarning`.
     rtol
         Relative tolerance of Radau, 1e-14 to 0.1.
     inputs
@@ -273,7 +276,8 @@ def export_fmu(
         raise BeamdaeError(f"{PART}: the path must end with .fmu, got {short_repr(path)}.")
     step = require_positive(PART, "step", step)
     require_choice(PART, "fmi", fmi, (2, 3))
-    require_choice(PART, "integrator", integrator, INTEGRATORS)
+    if integrator is not None:
+        require_choice(PART, "integrator", integrator, INTEGRATORS)
     alpha = GeneralizedAlpha(step=step, rho_inf=rho_inf, newton_tolerance=newton_tolerance)
     Radau(rtol=rtol)
     if integrator == "radau" and real_time is not None:
@@ -292,14 +296,21 @@ def export_fmu(
     _require_exportable(equations)
     plan = plan_run(equations, times)
 
-    gaps = compile_surface_gaps(equations) if integrator == "radau" else ()
+    gaps = compile_surface_gaps(equations)
+    if integrator is None:
+        integrator = "alpha" if real_time is not None else choose_integrator(equations, gaps)
+    if integrator == "alpha":
+        warn_of_fixed_steps(PART, gaps, step)
+        gaps = ()
 
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
         # The FMU searches the steps for contacts with the surfaces of the default parameters.
         for gap, other in zip(gaps, compile_surface_gaps(others), strict=False):
             if not np.array_equal(gap.numbers, other.numbers):
-                raise BeamdaeError(f"the surface of {gap.part} changes")
+                raise BeamdaeError(
+                    f"the surface of {gap.part} changes, where adaptive steps search for contacts"
+                )
         return others, plan_run(others, times).state
 
     weights = 1.0 / plan.scales

@@ -52,7 +52,8 @@ def test_adaptive_steps(here):
     result = run("--integrator", "radau", "--rtol", "1e-4", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["integrator"] == "radau"
-    assert "adaptive" in run("--integrator", "radau").stdout
+    assert "adaptive (Radau)" in run("--integrator", "radau").stdout
+    assert "0.001 s (generalized-alpha)" in run().stdout
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
+from beamdae.export.abrupt_forces import choose_integrator
 from beamdae.export.c_code import format_number, format_string
 from beamdae.export.elimination_order import plan_elimination
 from beamdae.export.model_description import base_exponents
@@ -94,6 +95,7 @@ def variables(fmu):
 def test_contents(tmp_path, fmi):
     fmu = export(tmp_path, fmi=fmi, outputs=["tip.y", "hinge"])
     assert (fmu.inputs, fmu.outputs) == (("torque",), ("tip.y", "hinge.Fx", "hinge.Fy"))
+    assert fmu.integrator == "alpha"
     with zipfile.ZipFile(fmu.path) as archive:
         names = set(archive.namelist())
         source = archive.read("sources/model.c").decode()
@@ -537,6 +539,42 @@ def test_radau_finds_contacts_that_steps_pass_over(tmp_path, compiled):
     expected = [table[x].iloc[-1] for x in ("ball.y [m]", "ball.y_dot [m/s]")]
     assert expected[1] > 5e-3
     assert json.loads(line) == pytest.approx(expected, rel=1e-4)
+
+
+def test_regression_contacts_are_exported_with_radau(tmp_path):
+    """Fixed steps passed over contacts without notice."""
+    with pytest.warns(bd.BeamdaeWarning, match=r"contacts \(pin\) last only a few steps"):
+        assert export(tmp_path, ball_and_pin, integrator="alpha").integrator == "alpha"
+    with pytest.warns(bd.BeamdaeWarning, match="fixed steps of 0.001 s are inaccurate"):
+        assert export(tmp_path, ball_and_pin, real_time=2).integrator == "alpha"
+    assert export(tmp_path, ball_and_pin).integrator == "radau"
+
+
+def build_slider(law=None, friction=None, force=0.0):
+    """Return the equations of a mass on a rail and a spring with the given laws."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.RigidBody("slider", mass=1.0, inertia=1.0, center=(1.0, 0.0)))
+    center, origin = body.at(1.0, 0.0), mech.ground.at(0.0, 0.0)
+    rail = mech.add(bd.Prismatic("rail", origin, center, direction=(1.0, 0.0)))
+    if friction is not None:
+        mech.add(bd.Friction("friction", rail, friction, 0.01, radius=0.1))
+    if law is not None:
+        mech.add(bd.Spring("spring", origin, center, law=law))
+    mech.add(bd.Force("push", center, (force, 0.0)))
+    return as_equations("test", mech, None)
+
+
+def test_integrator_follows_from_forces():
+    for settings, integrator in (
+        ({}, "alpha"),
+        ({"force": lambda t: np.sin(t)}, "alpha"),
+        ({"force": bd.piecewise((0.5, lambda t: 0.0), lambda t: 1.0)}, "alpha"),
+        ({"law": lambda x, rate: 40.0 * (x - 1.0) ** 3}, "alpha"),
+        ({"law": lambda x, rate: 40.0 * bd.positive_part(x - 1.1)}, "radau"),
+        ({"law": bd.table([0.0, 1.0, 2.0], [-1.0, 0.0, 3.0], kind="linear")}, "radau"),
+        ({"friction": 0.2}, "radau"),
+    ):
+        assert choose_integrator(build_slider(**settings), ()) == integrator, settings
 
 
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):

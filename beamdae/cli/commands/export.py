@@ -42,8 +42,12 @@ def export_command(
         ),
     ] = 1e-3,
     integrator: Annotated[
-        str, typer.Option(help="alpha (fixed steps) or radau (adaptive steps).")
-    ] = "alpha",
+        str | None,
+        typer.Option(
+            help="alpha (fixed steps) or radau (adaptive steps). Defaults to radau for models with "
+            "contacts, friction or other abrupt forces, otherwise to alpha."
+        ),
+    ] = None,
     rtol: Annotated[float, typer.Option(help="Relative tolerance of radau.")] = 1e-5,
     inputs: Annotated[
         str | None,
@@ -122,7 +126,11 @@ def _print_results(result: ExportedFmu, name: str) -> None:
     record_results(lambda: _json_results(result))
     facts = {
         "interface": f"FMI {result.fmi}.0 for co-simulation",
-        "internal step": f"{result.step:g} s" if result.integrator == "alpha" else "adaptive",
+        "internal step": (
+            f"{result.step:g} s (generalized-alpha)"
+            if result.integrator == "alpha"
+            else "adaptive (Radau)"
+        ),
         "inputs": ", ".join(result.inputs) or "none",
         "tunable parameters": ", ".join(result.parameters) or "none",
         "outputs": ", ".join(result.outputs) or "none",
