@@ -398,7 +398,7 @@ def _resume_equations(
     if changes and not require_choice("simulate", "accept_changes", accept_changes, (True, False)):
         raise BeamdaeError(
             f"{name}: the start belongs to a run with {changes}; use the same model, "
-            "or pass accept_changes=True (--accept-changes)."
+            "or pass accept_changes=True."
         )
     resume_warnings = []
     if checkpoint.doubt:

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
+from beamdae.cli.option_names import use_options
 from beamdae.cli.option_values import convert_plain_values
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
@@ -137,7 +138,12 @@ class _Plain:
 
 
 class Command(_Plain, TyperCommand):
-    """Command with plain help in narrow terminals."""
+    """Command with plain help in narrow terminals, whose messages name its options."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with use_options(self.params):
+            return super().invoke(ctx)
 
 
 class Commands(_Plain, TyperGroup):

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.console import Console
 
+from beamdae.cli.option_names import name_options
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -96,7 +97,10 @@ def record_results(create: Callable[[], Mapping[str, Any]]) -> None:
     """Add the results that `create` returns to the JSON document, if there is one."""
     output = current_output()
     if output.as_json:
-        output.results.update(create())
+        results = dict(create())
+        if isinstance(reason := results.get("reason"), str):
+            results["reason"] = name_options(reason)
+        output.results.update(results)
 
 
 def create_console() -> Console:
@@ -129,7 +133,8 @@ def print_facts(
 
     record_results(create_results)
     console = create_console()
-    console.print(text_tables.fact_list(name, facts))
+    named = {topic: name_options(text) for topic, text in facts.items()}
+    console.print(text_tables.fact_list(name, named))
     return console
 
 
@@ -141,7 +146,7 @@ def create_progress_console() -> Console | None:
 
 def print_error(sentence: str) -> None:
     """Print a sentence as one line on standard error, and add it to the JSON document."""
-    line = make_printable(" ".join(sentence.split()))
+    line = make_printable(name_options(" ".join(sentence.split())))
     current_output().errors.append(line)
     typer.echo(line, err=True)
 
@@ -164,7 +169,7 @@ def hold_warnings(output: CommandOutput) -> Iterator[None]:
 
         def hold(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, BeamdaeWarning):
-                output.held_warnings.append(str(message))
+                output.held_warnings.append(name_options(str(message)))
             else:
                 show(message, category, *place, **more)
 
@@ -197,7 +202,7 @@ def _is_printed(sentence: str, output: CommandOutput) -> bool:
 
 def record_warning(sentence: str) -> str:
     """Add a warning to the JSON document, and return it with unprintable characters escaped."""
-    printable = make_printable(sentence)
+    printable = make_printable(name_options(sentence))
     current_output().warnings.append(printable)
     return printable
 

@@ -60,7 +60,7 @@ def test_json_of_a_forced_motion(periodic):
     [
         (["--start", "equilibrium", "--speed", "3"], "--start and --speed are mutually exclusive"),
         (["--period", "4", "--period-guess", "4"], "mutually exclusive"),
-        (["--set", "force=1.0"], "depend on time; pass their period"),
+        (["--set", "force=1.0"], "depend on time; pass their period with --period."),
         (["--period", "-1"], "period must be positive"),
     ],
 )

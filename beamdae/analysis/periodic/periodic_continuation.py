@@ -70,7 +70,8 @@ _MIN_STEP_RATIO = 1e-3
 _NOT_CONVERGED = "Newton's method does not converge; reduce step="
 _SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
 _REVERSAL = (
-    "the parameter reverses where the curve has no fold; reduce step= or the rtol of integrator="
+    "the parameter reverses where the curve has no fold; reduce step= or use an integrator with a "
+    "smaller rtol"
 )
 
 

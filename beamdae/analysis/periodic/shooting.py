@@ -521,7 +521,7 @@ def solve_shooting(
         period_map.require_periodic_loads(result.solution)
     elif not period_map.is_autonomous(result.solution):
         raise BeamdaeError(
-            "periodic: loads or drivers depend on time; pass their period as period=."
+            "periodic: loads or drivers depend on time; pass their period with period=."
         )
     linearization: _Linearization | None = None
     best, last_halving, contraction = result, 0, np.inf

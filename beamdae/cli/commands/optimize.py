@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
     FixedStep,
     ModelName,
@@ -164,7 +165,7 @@ def _print_results(result: Optimization, name: str) -> None:
     )
     console = create_console()
     facts = {
-        "status": result.status.sentence,
+        "status": name_options(result.status.sentence),
         "objective": f"{result.objective:.6g}",
         "designs": str(result.evaluations),
         "at a bound": ", ".join(result.at_bounds) or "none",

@@ -1,0 +1,65 @@
+"""Messages of the library with the options of a command in place of Python arguments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+# Arguments whose options have other names.
+_RENAMED_ARGUMENTS = {
+    "between": "over",
+    "experiments": "experiment",
+    "loads": "load",
+    "n": "number",
+    "parameters": "settings",
+}
+# An argument such as "period=", "about='equilibrium'", "bounds={...}" or "damping=False".
+_ARGUMENT = re.compile(
+    r"(?<![\w.-])(?P<name>[a-z]\w*)="
+    r"(?P<value>'[^']*'|\"[^\"]*\"|\{[^}]*\}|True\b|False\b|(?=[\s,;.)]|$))"
+)
+# Values of options, such as "--set step=", and exceptions of a model file are left unchanged.
+_OPTION = re.compile(r"--[\w-]+ $")
+_MODEL_ERROR = re.compile(r"(?:the model function in .*|: the import|: the constructor) failed: ")
+
+_current_options: ContextVar[Mapping[str, Any]] = ContextVar("current_options", default={})  # noqa: B039
+
+
+@contextmanager
+def use_options(parameters: Iterable[Any]) -> Iterator[None]:
+    """Name the options among these parameters of a command in messages within a `with` block."""
+    options = {x.name: x for x in parameters if x.opts[0].startswith("-")}
+    for argument, name in _RENAMED_ARGUMENTS.items():
+        if name in options:
+            options.setdefault(argument, options[name])
+    token = _current_options.set(options)
+    try:
+        yield
+    finally:
+        _current_options.reset(token)
+
+
+def name_options(sentence: str) -> str:
+    """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end"."""
+    options = _current_options.get()
+    if not options or _MODEL_ERROR.search(sentence):
+        return sentence
+
+    def replace(match: re.Match[str]) -> str:
+        option = options.get(match["name"])
+        if option is None or _OPTION.search(sentence, 0, match.start()):
+            return match[0]
+        name, value = max(option.opts, key=len), match["value"]
+        if value == "False":
+            return option.secondary_opts[0] if option.secondary_opts else match[0]
+        if value.startswith("{"):
+            return f"{name} {option.metavar}"
+        if value in ("", "True"):
+            return name
+        text = value[1:-1]
+        return f'{name} "{text}"' if " " in text else f"{name} {text}"
+
+    return _ARGUMENT.sub(replace, sentence)

@@ -1,0 +1,71 @@
+"""Messages on the command line name options, not arguments of Python."""
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from beamdae.cli.app import app, create_app
+from beamdae.cli.option_names import name_options, use_options
+
+MODEL = """
+import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def mass(force=1.0, step=0.1):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    if step < 0.0:
+        raise ValueError("pass step= above 0")
+    mech.add(bd.Force("load", mass.point, (bd.sine(force, 0.25), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+"""
+
+
+COMMAND = ["periodic", "mass.py", "--settle", "1"]
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence", "expected"),
+    [
+        ("periodic", "pass period= or period_guess=.", "pass --period or --period-guess."),
+        ("periodic", "change start= or increase settle=", "change --start or increase --settle"),
+        ("static", "use control='arc length' to", 'use --control "arc length" to'),
+        ("static", "another time t= or loads=", "another time --t or --load"),
+        ("modes", "use about='equilibrium'.", "use --about equilibrium."),
+        ("modes", "use damping=False", "use --no-damping"),
+        ("fit", "pass bounds={name: (lower, upper)}.", "pass --bounds NAME=LOW:HIGH."),
+        ("run", "pass accept_changes=True.", "pass --accept-changes."),
+        ("response", "value of between=", "value of --over"),
+        # Not options of the command, values of options, equations and errors of a model file.
+        ("run", "table: pass outside='hold'.", "table: pass outside='hold'."),
+        ("run", "--set step=: a value is missing.", "--set step=: a value is missing."),
+        ("static", "ends at t = 1 s, x=3", "ends at t = 1 s, x=3"),
+        (
+            "run",
+            "m: the model function in m.py failed: ValueError: pass t_end=.",
+            "m: the model function in m.py failed: ValueError: pass t_end=.",
+        ),
+    ],
+)
+def test_arguments_become_options(command, sentence, expected):
+    with use_options(typer.main.get_command(create_app()).commands[command].params):
+        assert name_options(sentence) == expected
+    assert name_options(sentence) == sentence
+
+
+def test_regression_errors_of_commands_name_their_options(tmp_path, monkeypatch):
+    """`periodic` asked for period=, which is an argument in Python."""
+    monkeypatch.chdir(tmp_path)
+    Path("mass.py").write_text(MODEL, encoding="utf-8")
+    result = CliRunner().invoke(app, COMMAND)
+    assert result.exit_code == 2
+    assert "pass --period-guess, a longer end time" in result.stderr
+    document = json.loads(CliRunner().invoke(app, [*COMMAND, "--json"]).stdout)
+    assert document["errors"] == [result.stderr.strip()]
+    result = CliRunner().invoke(app, [*COMMAND, "--set", "step=-1"])
+    assert "pass step= above 0" in result.stderr
