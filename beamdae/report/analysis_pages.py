@@ -45,6 +45,9 @@ _COUNTS = ("mode", "multiple")
 _GUIDE_POINTS = 101
 # Columns with smaller half ranges, relative to the largest one in their unit, are rounding noise.
 _NOISE_RANGE = 1e-9
+# Transfer functions below this share of the bound by the norms of matrices are rounding noise.
+_TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
+_QUARTILES = (0.25, 0.5, 0.75)
 _MAX_POLES = 24  # in the table of a linear model
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
 _POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
@@ -259,7 +262,11 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
         "leads": True,
         "columns": [
             {"key": "label", "label": "motion", "unit": "", "kind": "text"},
-            *(_describe_mode_column(str(name), table[name]) for name in table),
+            *(
+                _describe_mode_column(str(name), table[name])
+                | ({"unit": response.unit} if name == response.parameter else {})
+                for name in table
+            ),
         ],
         "axes": {"x": response.parameter, "y": largest and _half_range_column(largest)},
         "overlays": [
@@ -274,7 +281,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
         "sliders": [
             {
                 "label": response.parameter,
-                "unit": "",
+                "unit": response.unit,
                 "values": [point.parameter for point in response.points],
                 "isNumeric": True,
             }
@@ -283,7 +290,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
             {"title": "Response", "rows": list(response_facts(response).items())},
             {
                 "title": "Peaks",
-                "head": ["column", response.parameter, "half range"],
+                "head": ["column", response.label, "half range"],
                 "rows": [
                     [name, f"{x:.7g}", f"{y:.7g}"]
                     for name, points in peaks.items()
@@ -295,7 +302,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
             {
                 "id": str(k),
                 "group": _ID,
-                "label": f"{response.parameter} = {point.parameter:.6g}",
+                "label": f"{response.parameter} = {point.parameter:.6g} {response.unit}".rstrip(),
                 "family": "stable" if point.stable else "unstable",
                 "series": "curve",
                 "rank": k,
@@ -439,7 +446,12 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     poles = model.poles[model.poles.imag >= 0.0]
     frequencies = _choose_frequencies(poles, len(model.states))
     response = model.frequency_response(frequencies)
-    pairs = [(i, j) for j in range(len(model.inputs)) for i in range(len(model.outputs))]
+    pairs = [
+        (i, j)
+        for j, source in enumerate(model.inputs)
+        for i, output in enumerate(model.outputs)
+        if output.name != source.name  # The response of an input to itself is 1.
+    ]
     # Those with one unit share a chart, and the first ones are selected.
     units = [_format_ratio(model.outputs[i].unit, model.inputs[j].unit) for i, j in pairs]
     sizes = np.median(np.abs(response), axis=0)
@@ -447,6 +459,7 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         unit: max(sizes[x] for x, y in zip(pairs, units, strict=True) if y == unit)
         for unit in units
     }
+    noise = _TRANSFER_ROUNDING * _bound_magnitudes(model, np.quantile(frequencies, _QUARTILES))
     pairs = [pairs[k] for k in sorted(range(len(pairs)), key=lambda k: units.index(units[k]))]
     rounding = _POLE_ROUNDING * np.max(np.abs(poles), initial=0.0)
     described = [_describe_pole(pole, rounding) for pole in poles]
@@ -497,7 +510,14 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         ],
         "tables": [table for table in tables if table["rows"]],
         "cases": [
-            _build_transfer_case(model, frequencies, response[:, i, j], i, j, scales[unit])
+            _build_transfer_case(
+                model,
+                frequencies,
+                response[:, i, j],
+                i,
+                j,
+                max(_NOISE_RANGE * scales[unit], noise[i, j]),
+            )
             for (i, j), unit in zip(pairs, sorted(units, key=units.index), strict=True)
         ],
     }
@@ -526,9 +546,9 @@ def _format_ratio(output_unit: str, input_unit: str) -> str:
 
 
 def _build_transfer_case(
-    model: LinearModel, frequencies: Array, response: Array, i: int, j: int, scale: float
+    model: LinearModel, frequencies: Array, response: Array, i: int, j: int, noise: float
 ) -> dict[str, Any]:
-    """Return a transfer function; `scale` is the largest median magnitude with the same unit.
+    """Return a transfer function, without curves if its median magnitude is at most `noise`.
 
     Rounding errors are compared to medians, because peaks of undamped modes have any magnitude.
     """
@@ -549,9 +569,23 @@ def _build_transfer_case(
             "magnitude": {f"magnitude [{_format_ratio(output.unit, source.unit)}]": magnitude},
             "phase": {"phase [deg]": np.where(is_noise, np.nan, phase)},
         }
-        if size > _NOISE_RANGE * scale
+        if size > noise
         else None,
     }
+
+
+def _bound_magnitudes(model: LinearModel, frequencies: Array) -> Array:
+    """Return the median over the frequencies of |C (i w I - A)^-1| |B|, w = 2 pi f.
+
+    |.| are the norms of rows and columns. Rounding errors of the transfer matrix are proportional
+    to this product, even where the response is zero by symmetry.
+    """
+    bounds = []
+    for f in frequencies:
+        shifted = 2j * np.pi * f * np.eye(len(model.A)) - model.A
+        gains = np.linalg.solve(shifted.T, model.C.T.astype(complex))
+        bounds.append(np.outer(np.linalg.norm(gains, axis=0), np.linalg.norm(model.B, axis=0)))
+    return np.median(bounds, axis=0)
 
 
 def _choose_frequencies(poles: Array, n_states: int) -> Array:
@@ -636,6 +670,7 @@ def response_facts(response: FrequencyResponse) -> dict[str, str]:
     values = [point.parameter for point in response.points]
     n_unstable = sum(not point.stable for point in response.points)
     span = f", {response.parameter} {min(values):.6g} to {max(values):.6g}" if values else ""
+    span += f" {response.unit}" if values and response.unit else ""
     return {
         "status": response.status.sentence,
         "curve": f"{len(values)} point{'s' * (len(values) != 1)}{span}",

@@ -69,19 +69,28 @@ class FrequencyResponse(HasTable, HasPage):
     status
         Outcome of the continuation; `status.kind` is "ok" if the curve reached the end of the range
         of the parameter, and "failed" if it folded back and returned to the start of the range.
+    unit
+        Unit of the parameter: that of the model, otherwise "Hz" for a frequency, or "".
     """
 
     parameter: str
     points: tuple[ResponsePoint, ...]
     status: Status
+    unit: str = ""
 
     def __repr__(self) -> str:
         values = [point.parameter for point in self.points]
-        span = f", {self.parameter} {min(values):g} to {max(values):g}" if values else ""
+        unit = f" {self.unit}" if self.unit else ""
+        span = f", {self.parameter} {min(values):g} to {max(values):g}{unit}" if values else ""
         return (
             f"<FrequencyResponse: {len(values)} motions{span}; {self.status.kind}, "
             f"{self.status.sentence}>"
         )
+
+    @property
+    def label(self) -> str:
+        """Name of the parameter with its unit, such as "frequency [Hz]"."""
+        return f"{self.parameter} [{self.unit}]" if self.unit else self.parameter
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -52,6 +52,7 @@ def test_a_table_and_a_picture_are_written(response):
     assert table["stable"].all()
     assert "reached the end of the range" in result.stdout
     assert "peak of" in result.stdout
+    assert "frequency [Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000
     assert Path("results/oscillator_response.html").stat().st_size > 10_000
 

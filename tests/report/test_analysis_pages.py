@@ -192,6 +192,23 @@ def test_the_page_of_a_response_has_a_motion_for_each_point(response, tmp_path):
     assert response.page(tmp_path / "response.html").stat().st_size > 10_000
 
 
+def test_pages_and_pictures_of_responses_have_the_unit_of_the_parameter(response):
+    unitless = build_response_page(response, "shaken")
+    assert unitless["sliders"][0]["unit"] == ""
+    newtons = replace(response, unit="N")
+    page = build_response_page(newtons, "shaken")
+    (column,) = (x for x in page["columns"] if x["key"] == "force")
+    assert (column["label"], column["unit"]) == ("force", "N")
+    assert page["sliders"][0]["unit"] == "N"
+    assert page["cases"][1]["label"] == "force = 2 N"
+    tables = {table["title"]: table for table in page["tables"]}
+    assert tables["Peaks"]["head"][1] == "force [N]"
+    (axis,) = newtons.plot("mass.x").figure.axes
+    assert axis.get_xlabel() == "force [N]"
+    (axis,) = response.plot("mass.x").figure.axes
+    assert axis.get_xlabel() == "force"
+
+
 def test_the_page_of_an_empty_response_has_its_status(tmp_path):
     status = Status("failed", "no first motion was found")
     response = FrequencyResponse("force", (), status)
@@ -290,6 +307,26 @@ def test_a_linear_model_without_inputs_has_a_page_of_its_poles(oscillator, show)
     assert not tab.locator("#cases").is_visible()
     assert not tab.locator("#top").is_visible()
     assert find_violations(tab) == []
+
+
+def test_regression_transfer_functions_of_rounding_errors_are_not_drawn():
+    """The angle of an inclined beam under an axial force had a phase and an axis in rad/N."""
+    mech = bd.Mechanism()
+    direction = np.array([np.cos(0.5), np.sin(0.5)])
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002, damping=1e-4)
+    line = bd.Line((0.0, 0.0), tuple(0.4 * direction))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    axial = mech.input("axial", unit="N")
+    mech.add(bd.Force("push", beam.end, tuple(x * axial for x in direction)))
+    mech.observe("tip", beam.end)
+    cases = build_linear_page(bd.linearize(mech, inputs=["axial"]), "beam")["cases"]
+    # The response of the input to itself is not listed.
+    drawn = {case["label"].partition(" ")[0]: case["curves"] is not None for case in cases}
+    names = ("tip.x", "tip.y", "tip.angle")
+    assert drawn == {
+        name + suffix: name != "tip.angle" for suffix in ("", "_dot") for name in names
+    }
 
 
 def build_chain(stiffness, count):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 
+from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
@@ -180,7 +181,9 @@ def frequency_response(
         acknowledge()
         place = f"at {curve.describe(points[-1].parameter)}" if points else "before the first point"
         status = Status("interrupted", f"interrupted {place}")
-    response = FrequencyResponse(parameter, tuple(points), status)
+    # By default, the parameter is a frequency in Hz.
+    unit = model.parameter_info[parameter].unit or ("Hz" if period is None else "")
+    response = FrequencyResponse(parameter, tuple(points), status, "" if unit == "-" else unit)
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
     if not status.success:
@@ -370,7 +373,7 @@ class ResponseCurve:
                 )
             ahead = np.append(np.zeros(len(run.scales)), 1.0)
             return self._complete_point(run, value, ahead, 0.0, iterations), ""
-        except IncompleteRunError as error:
+        except (IncompleteRunError, LinearizationError) as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
     def next_point(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -107,6 +108,8 @@ def response_command(
         max_points=max_points,
         partial="return",
     )
+    if angular and not result.unit:
+        result = replace(result, unit="rad/s")
     table = escape_table(result.table())
     files = WrittenFiles(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
@@ -152,7 +155,7 @@ def _print_results(result: FrequencyResponse, name: str) -> None:
     peaks = _find_peaks(result)
     console = print_facts(name, response_facts(result), lambda: _json_results(result, peaks))
     if peaks:
-        console.print(text_tables.peaks_table(result.parameter, peaks))
+        console.print(text_tables.peaks_table(result.parameter, result.label, peaks))
     print_warnings(console, result.warnings)
 
 

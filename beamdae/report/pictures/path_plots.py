@@ -216,7 +216,7 @@ def _draw_response(
     axis: Axes, response: FrequencyResponse, column: str, x: str | None = None
 ) -> None:
     values, amplitudes = response.curve(column)
-    horizontal = response.parameter
+    horizontal = response.label
     if x is not None:
         _, values = response.curve(x)
         horizontal = _label_half_range(response, x)

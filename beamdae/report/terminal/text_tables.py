@@ -309,9 +309,9 @@ def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("observed", columns, rows, "--json")
 
 
-def peaks_table(parameter: str, peaks: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
+def peaks_table(parameter: str, label: str, peaks: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
     """Return a table of the peaks of response curves: observed column, parameter, half range."""
-    columns = [Column(parameter), Column("half range")]
+    columns = [Column(label), Column("half range")]
     rows = [
         (x["observed"], format_number(x[parameter], 6), format_number(x["half range"], 5))
         for x in peaks
