@@ -62,7 +62,7 @@ int main(int count, char **arguments) {
     const double began = now();
     for (; done < steps && now() - began < MAX_DURATION; done++, k++) {
         const double end = (double)(k + 1) * model.step;
-        if (end > model.duration) { /* again from the start */
+        if (k > 0 && end > model.duration) { /* again from the start */
             instance_reset(timed);
             instance_initialize(timed);
             instance_reset(exact);

@@ -612,9 +612,9 @@ static int take_step(Instance *s, double end, double base) {
 static int take_steps(Instance *s, double end, double limit) {
     for (double count = 0.0; s->now.t < end; count += 1.0) {
         if (count >= MAX_STEPS)
-            return fail(s, "The communication step at t = %.9g s requires more than 1e6 internal "
-                           "steps; check inputs and parameters, or export the model with a larger "
-                           "tolerance.", s->now.t);
+            return fail(s, "The communication step requires more than 1e6 internal steps, which "
+                           "end at t = %.9g s; use shorter communication steps, or export the "
+                           "model with a larger rtol.", s->now.t);
         if (report_step(s, take_step(s, limit, 1.0))) return -1;
     }
     return 0;

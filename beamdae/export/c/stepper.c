@@ -14,7 +14,7 @@
 #define MAX_POSITION_ITERATIONS 50
 #define MAX_FRICTION_ITERATIONS 50
 #define FRICTION_TOLERANCE 1e-10
-/* Largest number of internal steps in a communication step. */
+/* Largest communication step, relative to the step of the model. */
 #define MAX_STEPS 1e9
 
 /* Indices of the shared numbers of matrices; see beamdae.symbolic.local_symbols. */
@@ -351,17 +351,17 @@ int instance_initialize(Instance *s) {
 
 int report_step(Instance *s, int code) {
     if (code == NOT_CONVERGED)
-        return fail(s, "Newton's iteration did not converge at t = %.9g s; export the model "
-                       "with a smaller step, or check its inputs.", s->now.t);
+        return fail(s, "Newton's iteration did not converge at t = %.9g s; check inputs and "
+                       "parameters, or export the model with a smaller step or rtol.", s->now.t);
     if (code == NOT_FINITE)
         return fail(s, "The residual is not finite at t = %.9g s; check inputs and "
                        "parameters.", s->now.t);
     if (code == SINGULAR)
-        return fail(s, "The matrix is singular or not finite at t = %.9g s; export the model "
-                       "with a smaller step, or check inputs and parameters.", s->now.t);
+        return fail(s, "The matrix is singular or not finite at t = %.9g s; check inputs and "
+                       "parameters, or export the model with a smaller step or rtol.", s->now.t);
     if (code == TOO_SMALL)
         return fail(s, "The error test failed at the smallest step at t = %.9g s; check inputs "
-                       "and parameters, or export the model with a larger tolerance.", s->now.t);
+                       "and parameters, or export the model with a larger rtol.", s->now.t);
     return 0;
 }
 
@@ -396,8 +396,8 @@ int advance(Instance *s, double end) {
 int instance_advance(Instance *s, double end) {
     if (follow_values(s)) return -1;
     if (!(end - instance_time(s) <= MAX_STEPS * s->model->step))
-        return fail(s, "The communication step at t = %.9g s contains more than 1e9 internal "
-                       "steps.", instance_time(s));
+        return fail(s, "The communication step at t = %.9g s is longer than 1e9 steps of the "
+                       "model; use shorter communication steps.", instance_time(s));
     method_begin_step(s);
     return advance(s, end);
 }
