@@ -124,7 +124,8 @@ def simulate(
         of its columns with respect to them: `Solution.sensitivity` returns them, and tables, files
         and pages contain columns such as "d(tip.y)/d(E) [m per unit of E]". `model` must be a model
         function or a mechanism that one has built, `Auto` is replaced by `Radau`, and all steps are
-        stored. See `beamdae.sensitivities` for the method and its limits.
+        stored. See `beamdae.sensitivities` for the method, its limits and the further runs that
+        estimate the errors of the derivatives.
 
     Returns
     -------

@@ -140,12 +140,23 @@ def assert_agrees_with_forward(
     model, by, t_end, method=None, values=None, start=None, positions=POSITIONS
 ):
     method = method or bd.GeneralizedAlpha(step=1e-3)
-    forward = bd.sensitivities(model, by, method, t_end, parameters=values, start=start)
+    forward = bd.sensitivities(
+        model, by, method, t_end, parameters=values, start=start, estimate_error=False
+    )
     objectives = [(position_objective(forward.solution), positions)]
     if forward.solution.equations.m:
         objectives.append((multiplier_objective(forward.solution), MULTIPLIERS))
     for objective, tolerance in objectives:
-        actual = bd.gradient(model, objective, by, method, t_end, parameters=values, start=start)
+        actual = bd.gradient(
+            model,
+            objective,
+            by,
+            method,
+            t_end,
+            parameters=values,
+            start=start,
+            estimate_error=False,
+        )
         assert actual.value == pytest.approx(objective.value(forward.solution), rel=1e-12)
         for name in by:
             expected, size = chain_rule(forward, objective, name)
@@ -396,19 +407,20 @@ def test_invalid_arguments_are_rejected(arguments, options, message):
         bd.gradient(*arguments, **options)
 
 
+def exact_derivative(time):
+    """Return d(mass.x)/d(stiffness) of the oscillator by a complex step."""
+    rate = 0.5 * 0.8 / MASS
+    omega = np.sqrt((40.0 + 1e-30j) / MASS - rate**2)
+    position = np.exp(-rate * time) * SPEED / omega * np.sin(omega * time)
+    return position.imag / 1e-30
+
+
 @pytest.mark.parametrize(("step", "error"), [(0.05, 0.1), (0.01, 0.004)])
 def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
     """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 %."""
     method = bd.GeneralizedAlpha(step=step)
     result = bd.gradient(oscillator, bd.EndValue("mass.x"), "stiffness", method, 4.0)
-    rate, time = 0.5 * 0.8 / MASS, 4.0
-
-    def exact(k):
-        omega = np.sqrt(k / MASS - rate**2 + 0j)
-        return np.exp(-rate * time) * SPEED / omega * np.sin(omega * time)
-
-    expected = exact(40.0 + 1e-30j).imag / 1e-30
-    actual = abs(result.derivatives["stiffness"] / expected - 1.0)
+    actual = abs(result.derivatives["stiffness"] / exact_derivative(4.0) - 1.0)
     assert actual == pytest.approx(error, rel=0.15)
     messages = [str(x.message) for x in recwarn if "due to the step of" in str(x.message)]
     assert len(messages) == (actual > 0.05)
@@ -416,6 +428,26 @@ def test_errors_of_fixed_steps_are_reported(step, error, recwarn):
         estimate = float(messages[0].partition(" estimated at ")[2].partition(" %")[0])
         # Errors are not exactly proportional to the square of the step.
         assert estimate == pytest.approx(100.0 * actual, rel=0.4)
+
+
+@pytest.mark.parametrize(("rtol", "count"), [(1e-2, 1), (1e-4, 0)])
+def test_regression_errors_of_adaptive_steps_are_reported(rtol, count, recwarn):
+    objective, method = bd.EndValue("mass.x"), bd.GeneralizedAlpha(rtol=rtol)
+    result = bd.gradient(oscillator, objective, "stiffness", method, 4.0)
+    error = abs(result.array[0] / exact_derivative(4.0) - 1.0)
+    assert len(recwarn) == (error > 0.05) == count
+    if count:
+        assert (
+            f"gradient: the error of the gradient of {oscillator.name} due to rtol={rtol:g}"
+            in str(recwarn[0].message)
+        )
+
+
+@pytest.mark.parametrize("call", [bd.gradient, bd.sensitivities])
+def test_invalid_estimate_error_is_rejected(call):
+    objective = [bd.EndValue("mass.x")] if call is bd.gradient else []
+    with pytest.raises(bd.BeamdaeError, match=r"estimate_error must be True or False, got 'yes'"):
+        call(oscillator, *objective, "stiffness", estimate_error="yes")
 
 
 @bd.model(t_end=0.05)
