@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _follow_curve
-from beamdae.analysis.periodic.shooting import Tolerance
+from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 
@@ -29,6 +30,17 @@ def shaken_strip(law, rotates=False, damping=2e-4):
         mech.add(bd.Prismatic("guide", base, beam.start, direction=(0.0, 1.0)))
         mech.add(bd.TranslationalDriver("shaker", base, beam.start, law, direction=(0.0, 1.0)))
     mech.observe("tip", beam.deflection(0.35))
+    return mech
+
+
+@bd.model(t_end=0.5)
+def pushed_mass(frequency=40.0):
+    """Return a mass on a damped spring under a periodic force."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 4e4, 20.0))
+    mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
+    mech.observe("mass", mass.point)
     return mech
 
 
@@ -167,6 +179,19 @@ def arc_point(value, s, slope):
     return SimpleNamespace(
         value=value, iterations=3, position=s, as_response_point=lambda sign: point
     )
+
+
+def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypatch):
+    """The error began with the name of another function."""
+
+    def fail(*_, **__):
+        raise LinearizationError("periodic: the equations linearized at t = 0 s cannot be solved.")
+
+    monkeypatch.setattr(PeriodRun, "resolved_monodromy", fail)
+    with pytest.warns(bd.BeamdaeWarning, match=r"^frequency_response: frequency = 40: the equ"):
+        response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0), settle=1)
+    assert response.status.kind == "failed"
+    assert not response.points
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
