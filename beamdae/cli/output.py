@@ -179,9 +179,9 @@ def hold_warnings(output: CommandOutput) -> Iterator[None]:
             yield
         finally:
             by_kind = {kind_of_message(x): x for x in reversed(output.held_warnings)}
-            for sentence in reversed(by_kind.values()):
-                if not _is_printed(sentence, output):
-                    typer.echo(f"warning: {record_warning(sentence)}", err=True)
+            sentences = [x for x in reversed(by_kind.values()) if not _is_printed(x, output)]
+            for sentence in sentences:
+                typer.echo(f"warning: {record_warning(sentence)}", err=True)
 
 
 def _is_printed(sentence: str, output: CommandOutput) -> bool:
@@ -197,7 +197,7 @@ def _is_printed(sentence: str, output: CommandOutput) -> bool:
     if any(body in kind(line) for line in [*output.warnings, *output.errors]):
         return True
     reasons = [kind(x.removeprefix("failed: ").partition("; ")[0])[2:] for x in output.errors]
-    return any(reason in kind(sentence) for reason in reasons)
+    return any(reason and reason in kind(sentence) for reason in reasons)
 
 
 def record_warning(sentence: str) -> str:

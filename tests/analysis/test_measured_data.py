@@ -25,6 +25,11 @@ ACCEPTED = {
     "empty column": "t [s],tip.y [mm],\n0,1.5,\n0.1,2.5,\n",
     "separators at line ends": "t [s],tip.y [mm]\n0,1.5,\n0.1,2.5,\n",
     "empty rows": "t [s],tip.y [mm]\n0,1.5\n,\n\nNaN,nan\n0.1,2.5\n,\n",
+    "separator line of tabs": "sep=\t\nt [s]\ttip.y [mm]\n0\t1,5\n0,1\t2,5\n",
+    "header in a comment": "# rig 3\n# t [s],tip.y [mm]\n0.0e+00,1.5\n1e-1,2.5\n",
+    "experiments that look like numbers": (
+        "experiment;observable;t [s];value\n1.5;tip.y [mm];0;1,5\n1.5;tip.y [mm];0,1;2,5\n"
+    ),
     "quotes": '"t [s]","tip.y [mm]"\n"0","1.5"\n"0.1","2.5"\n',
     "long table": "observable;t (ms);value;sigma\ntip.y (mm);0;1,5;1\ntip.y (mm);100;2,5;1\n",
 }
@@ -35,6 +40,11 @@ REJECTED = {
     "row of units": ("t [s],y\ns,m\n0,2\n", "must contain numbers, got 's' in row 1"),
     "spaces": ("t y\n0 1\n", "no separators of columns in its header 't y'"),
     "decimal and column commas": ("t [s],y [m]\n0,0,1,5\n", "more cells than the header"),
+    "excess empty cells": ("t [s],x [m],y [m],z\n0,5,1,2,,\n", "row 1 has more cells than"),
+    "truth values": (
+        "t [s],y [m]\n0,True\n0.1,False\n",
+        "column 'y .m.' of .* must contain numbers",
+    ),
     "points and commas": ("t [s];y [m]\n0.5;1,5\n", "the numbers 1,5 and 0.5"),
     "thousands": ("t [s];y [m]\n0;1.234,5\n", "must contain numbers, got '1.234,5' in row 1"),
     "no header": ("t [s],y [m],\n0,1,2\n", "column 3 has values but no header"),
@@ -120,3 +130,11 @@ def test_plots_read_the_same_files(write):
     data = write("t (ms);tip.y (mm);remark\n0;1,5;start\n100;2,5;\n")
     series = read_series("plot", data, ["tip.y [m]"])
     assert [len(x.values) for x in series] == [2, 0]
+
+
+def test_regression_long_files_are_rejected_not_cut(write, monkeypatch):
+    """Rows beyond the limit were not read, without an error if columns had gaps."""
+    monkeypatch.setattr("beamdae.analysis.fit.data._MAX_DATA", 4)
+    gaps = "".join(f"{k},{k if k % 2 else ''}\n" for k in range(6))
+    with pytest.raises(bd.BeamdaeError, match=r"data.csv has 6 rows, more than 4; average or omit"):
+        read_data(write("t [s],y [m]\n" + gaps))

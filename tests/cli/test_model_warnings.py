@@ -9,6 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
+from beamdae.cli.output import CommandOutput, hold_warnings, use_output
+from beamdae.errors import warn_user
 
 MODEL = """
 import beamdae as bd
@@ -81,3 +83,12 @@ def test_regression_commands_print_the_warnings_of_model_functions(folder, name)
     assert sum(SENTENCE in x for x in document["warnings"]) in counts
     for page in folder.glob("results/**/*.html"):
         assert SENTENCE in page.read_text(encoding="utf-8"), page
+
+
+def test_regression_warnings_of_all_parts_are_printed():
+    """The warning of a second part was dropped for that of the first one."""
+    output = CommandOutput()
+    with use_output(output), hold_warnings(output):
+        warn_user("left: the element is too long.")
+        warn_user("right: the element is too long.")
+    assert [x.partition(":")[0] for x in output.warnings] == ["left", "right"]

@@ -21,6 +21,7 @@ _SEPARATOR_LINE = re.compile(r'"?sep=(.)"?')
 _SEPARATORS = (";", "\t", ",")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
+_ROW_OF_NUMBERS = re.compile(r"[-+\d.,;\teE ]*\d[-+\d.,;\teE ]*")
 _MAX_BYTES = 1_000_000_000
 # Column for cells beyond those of the header, such as a separator at the end of each row.
 _EXCESS = "\0excess"
@@ -31,7 +32,8 @@ def read_csv_table(part: str, path: str, texts: tuple[str, ...], most: int) -> p
 
     Columns are separated by semicolons, tabs or commas. Decimal commas are accepted unless commas
     separate the columns. Byte-order marks, all line ends, UTF-8, UTF-16 and Windows encodings are
-    accepted. Lines that begin with "#", "%" or "//" are comments.
+    accepted. Lines that begin with "#", "%" or "//" are comments; the last one before rows of
+    numbers alone is the header, as `numpy.savetxt` writes it.
 
     Parameters
     ----------
@@ -42,39 +44,48 @@ def read_csv_table(part: str, path: str, texts: tuple[str, ...], most: int) -> p
     texts
         Headers of columns that contain texts, even if they look like numbers.
     most
-        Maximum number of rows to read.
+        Maximum number of rows.
 
     Raises
     ------
     BeamdaeError
-        If the file cannot be read, is larger than 1 GB, or is not such a table.
+        If the file cannot be read, is larger than 1 GB, has more rows, or is not such a table.
     """
     import pandas as pd
 
     lines = [x for x in _read_text(part, path).splitlines() if x.strip(" \t")]
     separator = None
-    if lines and (match := _SEPARATOR_LINE.fullmatch(lines[0].strip())):
+    if lines and (match := _SEPARATOR_LINE.fullmatch(lines[0].strip(" "))):
         separator = match[1]
         lines = lines[1:]
-    lines = [x for x in lines if not x.lstrip(' "').startswith(_COMMENTS)]
+    lines = _omit_comments(lines)
     if not lines:
         raise BeamdaeError(f"{part}: {path} is empty; write a table with a header.")
+    if len(lines) > most + 1:
+        raise BeamdaeError(
+            f"{part}: {path} has {len(lines) - 1} rows, more than {most}; average or omit some of "
+            "them."
+        )
     separator = separator or next((x for x in _SEPARATORS if x in lines[0]), None)
     if separator is None:
         raise BeamdaeError(
             f"{part}: {path} has no separators of columns in its header {short_repr(lines[0])}; "
             "separate the columns by commas, semicolons or tabs."
         )
-    lines = lines[: most + 1]
     try:
-        cells = next(csv.reader(lines[:1], delimiter=separator, skipinitialspace=True))
+        cells, *rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
         headers = [unescape_cell(x.strip()) for x in cells]
         names = [x or f"\0{k}" for k, x in enumerate(headers)]
         if repeated := next((x for x in names if names.count(x) > 1), None):
             raise BeamdaeError(
                 f"{part}: {path} contains the column {short_repr(repeated)} twice; rename one."
             )
-        has_commas = separator != "," and _has_decimal_commas(part, path, lines[1:], separator)
+        # One empty cell is a separator at the end; more may come from decimal commas.
+        long = next((k for k, x in enumerate(rows, 1) if len(x) > len(headers) + 1), None)
+        if long is not None:
+            raise _table_error(part, path, f"row {long} has more cells than the header")
+        numbers = [k for k, x in enumerate(headers) if x not in texts]
+        has_commas = separator != "," and _has_decimal_commas(part, path, rows, numbers)
         with warnings.catch_warnings():
             # Cells beyond those of the header are not dropped.
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -100,9 +111,22 @@ def read_csv_table(part: str, path: str, texts: tuple[str, ...], most: int) -> p
     return _drop_empty_columns(part, path, table)
 
 
-def _has_decimal_commas(part: str, path: str, lines: list[str], separator: str) -> bool:
+def _omit_comments(lines: list[str]) -> list[str]:
+    """Return the header and the rows."""
+    first = next((k for k, x in enumerate(lines) if not _is_comment(x)), len(lines))
+    table = [x for x in lines[first:] if not _is_comment(x)]
+    if 0 < first < len(lines) and _ROW_OF_NUMBERS.fullmatch(table[0]):
+        table = [lines[first - 1].lstrip(' "#%/'), *table]
+    return table
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip(' "').startswith(_COMMENTS)
+
+
+def _has_decimal_commas(part: str, path: str, rows: list[list[str]], columns: list[int]) -> bool:
     """Return True if numbers have decimal commas; reject files that also have decimal points."""
-    cells = [cell.strip(' "') for line in lines for cell in line.split(separator)]
+    cells = [row[k].strip() for row in rows for k in columns if k < len(row)]
     comma = next((x for x in cells if _DECIMAL_COMMA.fullmatch(x)), None)
     point = None if comma is None else next((x for x in cells if _DECIMAL_POINT.fullmatch(x)), None)
     if point is not None:

@@ -207,7 +207,7 @@ def _read_series(
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
     texts = (_EXPERIMENT, _OBSERVABLE)
-    given = data if path is None else read_csv_table(part, path, texts, _MAX_DATA + 1)
+    given = data if path is None else read_csv_table(part, path, texts, _MAX_DATA)
     table = _as_columns(part, given, name)
     if _OBSERVABLE in table and _VALUE in table:
         table = _standardize_headers(part, table, name)
@@ -264,11 +264,13 @@ def _as_numbers(part: str, values: Any, column: str, name: str) -> Array:
     """Return a column (k,) as floats; missing values become NaN."""
     try:
         # Durations and dates would become counts of their own unit, such as nanoseconds.
-        is_duration = np.asarray(values).dtype.kind in "mM"
+        kind = np.asarray(values).dtype.kind
         numbers = np.asarray(values, float)
     except Exception:  # Of any kind in conversions of the user's objects.
         raise BeamdaeError(_describe_text(part, values, column, name)) from None
-    if is_duration:
+    if kind == "b":
+        raise BeamdaeError(_describe_text(part, values, column, name))
+    if kind in "mM":
         raise BeamdaeError(
             f"{part}: the column {column!r} of {name} must contain numbers, got durations or "
             "dates; convert them, for example with `Timedelta.total_seconds`."

@@ -63,11 +63,9 @@ static int OF(eliminate_dense)(Factors *f) {
     const Pattern *at = f->pattern;
     const size_t size = at->size;
     const NUMBER *nonzeros = (const NUMBER *)f->nonzeros;
-    if (!f->dense) {
-        f->dense = malloc(size * size * sizeof(NUMBER));
-        f->pivots = malloc(size * sizeof(Index));
-        if (!f->dense || !f->pivots) return 0;
-    }
+    if (!f->dense) f->dense = malloc(size * size * sizeof(NUMBER));
+    if (!f->pivots) f->pivots = malloc(size * sizeof(Index));
+    if (!f->dense || !f->pivots) return 0;
     NUMBER *a = (NUMBER *)f->dense;
     double *scale = f->terms;
     memset(a, 0, size * size * sizeof(NUMBER));
