@@ -50,7 +50,8 @@ def test_error_of_half_a_roll_up_falls_at_the_stated_order(frame, order, at_eigh
 def test_errors_agree_with_their_prediction(degrees, frame, strain, load):
     times = np.array([0.003, 0.02, 0.08, 0.12])
     settings = {"bodies": 1, "frame": frame, "strain": strain}
-    errors, _ = tip_errors(degrees, load, times, **settings)
+    # Relative to half the range, from the undeformed beam to the deflection.
+    errors = 2.0 * tip_errors(degrees, load, times, **settings)[0]
     equations = cantilever(create_curve(degrees), *load, **settings)
     estimates = np.array(
         [measure_beam_ranges(equations, q[None])[0].error for q in solve_path(equations, times)]

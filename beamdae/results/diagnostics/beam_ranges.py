@@ -44,7 +44,9 @@ _DEFECT_SAMPLE_COUNT = 16  # times of the largest rotations at which exact strai
 # 1e-4; the median estimate is 2.5 times the error.
 _ERROR_OF_MOTION = 4.0
 _ERROR_PER_OSCILLATION = 5.0
-_ERROR_OF_EQUILIBRIUM = 1.1  # measured by validation/strain_validity/run.py on cantilevers
+# Error of deflections in equilibrium over that change, relative to the largest deflection. Measured
+# by validation/strain_validity/run.py on cantilevers.
+_ERROR_OF_EQUILIBRIUM = 1.1
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,12 @@ class BeamRange:
     strain
         Largest axial strain at the outer fibers of a rectangular section, including bending [-].
     error
-        Estimated error of deflections due to the strain measure, relative to half their range in a
-        run or to the deflection in equilibrium. None if the strain measure does not limit the
-        rotation. In the mechanisms of validation/strain_validity with errors above 1e-4, estimates
-        below 0.5 are 1.1 to 15 times the error (median 2.5). The estimate is far too large for
-        flexures whose deformation is prescribed by heavier parts, and meaningless above 0.5.
+        Estimated error of deflections due to the strain measure, relative to half their range. In
+        equilibrium, the range includes the undeformed beam: for a load in one direction, half the
+        range is half the deflection. None if the strain measure does not limit the rotation. In the
+        mechanisms of validation/strain_validity with errors above 1e-4, estimates below 0.5 are 1.1
+        to 15 times the error (median 2.5). The estimate is far too large for flexures whose
+        deformation is prescribed by heavier parts, and meaningless above 0.5.
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam; may be
         empty.
@@ -139,9 +142,7 @@ def measure_beam_ranges_of_run(
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
     """Return the largest deformation of each floating-frame beam over the equilibria q (k, n)."""
-    deformations = [
-        _find_deformations(x, q, lambda _: _ERROR_OF_EQUILIBRIUM) for x in equations.ranges
-    ]
+    deformations = [_find_deformations(x, q, _error_factor_of_equilibria) for x in equations.ranges]
     return tuple(map(_beam_range, equations.ranges, deformations))
 
 
@@ -207,6 +208,15 @@ def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
 
 def _error_factor_of_run(rotations: Array) -> float:
     return _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
+
+
+def _error_factor_of_equilibria(rotations: Array) -> float:
+    """Return the factor of errors relative to half the range, as in runs and certificates."""
+    most = rotations[:, np.argmax(_largest_of_rows(rotations.T))]
+    half_range = 0.5 * np.ptp(np.append(most, 0.0))
+    if not half_range > 0.0:
+        return _ERROR_OF_EQUILIBRIUM
+    return float(_ERROR_OF_EQUILIBRIUM * np.abs(most).max() / half_range)
 
 
 def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
