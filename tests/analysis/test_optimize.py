@@ -467,3 +467,23 @@ def test_bounds_may_be_texts_with_units(read):
     ):
         with pytest.raises(bd.BeamdaeError, match=message):
             read({"stiffness": bounds})
+
+
+def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
+    """The message was that of mode_sensitivities, about an argument that optimize does not have."""
+
+    @bd.model(t_end=1.0)
+    def mass_under_load(stiffness=100.0):
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        anchor = mech.ground.at(0.0, 0.0)
+        mech.add(bd.Spring("spring", anchor, mass.point, stiffness, free_length=1.0))
+        mech.add(bd.Force("push", mass.point, (5.0, 0.0)))
+        return mech
+
+    arguments = "stiffness", (), {"stiffness": (50.0, 150.0)}
+    with pytest.raises(bd.BeamdaeError, match=r"^optimize: .*about='equilibrium'"):
+        bd.optimize(mass_under_load, bd.Frequency(1), *arguments)
+    result = bd.optimize(mass_under_load, bd.Frequency(1, about="equilibrium"), *arguments)
+    assert result.parameters["stiffness"] == pytest.approx(50.0)

@@ -39,7 +39,7 @@ def run(*arguments):
 @pytest.mark.slow(reason="one second")
 def test_files_and_json(here):
     limits = ["--at-most", "mass=2", "--bounds", "mass=500g:3kg", "--json"]
-    result = run("--by", "mass", "--minimize", "frequency:1", *limits)
+    result = run("--by", "mass", "--minimize", "frequency:1:equilibrium", *limits)
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert document["parameters"]["mass"] == pytest.approx(2.0)
@@ -59,6 +59,7 @@ def test_files_and_json(here):
         (["--by", "mass"], "either --minimize or --maximize"),
         (["--by", "mass", "--minimize", "masss"], "must be one of mass, frequency:NUMBER"),
         (["--by", "mass", "--minimize", "frequency:x"], "must be one of mass"),
+        (["--by", "mass", "--minimize", "frequency:1:drawn"], "must be one of mass"),
         (["--by", "mass", "--minimize", "mass", "--at-most", "mass"], "QUANTITY=LIMIT"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1:2 m"], "the unit m measures"),

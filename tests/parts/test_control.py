@@ -238,6 +238,9 @@ def test_invalid_blocks_are_rejected():
     with pytest.raises(bd.BeamdaeError, match="limits must ascend"):
         bd.pid(mech, "servo", value, 1.0, ki=1.0, limits=(1.0, 0.0))
     with pytest.raises(bd.BeamdaeError, match="tracking_time must be positive"):
+        bd.pid(mech, "servo", value, 0.0, ki=1.0, limits=(0.0, 1.0), tracking_time=0.0)
+    # A controller without a proportional part has no kp / ki.
+    with pytest.raises(bd.BeamdaeError, match="tracking_time has no default with limits, kp = 0 "):
         bd.pid(mech, "servo", value, 0.0, ki=1.0, limits=(0.0, 1.0))
     assert not mech.parts
     with pytest.raises(bd.BeamdaeError, match="pid: mechanism must be a Mechanism"):

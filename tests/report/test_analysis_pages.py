@@ -143,6 +143,9 @@ def test_the_page_of_modes_in_a_browser(column, show):
     assert tab.locator("#sliders output").inner_text() == "3"
     tab.locator("#frame").fill("8")
     assert tab.inner_text("#time") == "phase = 0.25 periods"
+    # Axes of low charts had one tick.
+    ticks = tab.evaluate("createLinearTicks(0.992, 1.0085, 1.7).map(({ text }) => text)")
+    assert ticks == ["0.995", "1", "1.005"]
 
 
 @pytest.fixture(scope="module")

@@ -322,6 +322,13 @@ class ModeAnalysis(Analysis):
     @cached_property
     def _sensitivities(self) -> Any:
         count = len(self.result)
+        if self.result._linearization.zero_square > 0.0:
+            raise BeamdaeError(
+                f"{_NAME}: frequencies about the {self._about} of {self._flat.name} cannot be "
+                "differentiated, because its loads are not balanced there; use "
+                "Frequency(number, about='equilibrium'), or frequency:NUMBER:equilibrium on the "
+                "command line."
+            )
         return mode_sensitivities(
             as_model(self._flat), list(self._flat.entries), self._about, count, damping=False
         )

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
     from beamdae.analysis.optimization.quantities import Limit, Quantity
     from beamdae.analysis.optimization.result import Optimization
 
-_KINDS = "mass, frequency:NUMBER, equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, integral:COLUMN"
+_KINDS = (
+    "mass, frequency:NUMBER[:equilibrium], equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, "
+    "integral:COLUMN"
+)
 
 
 def optimize_command(
@@ -119,8 +122,10 @@ def _parse_quantity(option: str, text: Any) -> Quantity:
     )
 
     kind, _, name = str(text).partition(":")
+    number, _, about = name.partition(":")
+    is_frequency = number.isdigit() and name in (number, f"{number}:equilibrium")
     kinds: dict[str, Any] = {
-        "frequency": lambda: Frequency(int(name)),
+        "frequency": lambda: Frequency(int(number), about or "reference"),
         "equilibrium": lambda: EquilibriumValue(name),
         "end": lambda: EndValue(name),
         "maximum": lambda: SmoothMaximum(name),
@@ -128,7 +133,7 @@ def _parse_quantity(option: str, text: Any) -> Quantity:
     }
     if kind == "mass" and not name:
         return Mass()
-    is_valid = kind in kinds and (name.isdigit() if kind == "frequency" else bool(name))
+    is_valid = kind in kinds and (is_frequency if kind == "frequency" else bool(name))
     if not is_valid:
         raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
     return as_quantity(option, kinds[kind]())

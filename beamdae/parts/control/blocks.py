@@ -212,7 +212,8 @@ def pid(
     limits
         Smallest and largest output.
     tracking_time
-        Time constant T_t [s] by which the integral leaves saturation. Defaults to kp / ki.
+        Time constant T_t [s] by which the integral leaves saturation. Defaults to kp / ki; required
+        with `limits` if kp = 0.
     scale
         Typical size of the states; see `Mechanism.state`.
 
@@ -249,6 +250,11 @@ def pid(
         bounds = [require_finite(name, "limits", x) for x in require_pair(name, "limits", limits)]
         if not bounds[0] < bounds[1]:
             raise BeamdaeError(f"{name}: limits must ascend, got {short_repr(limits)}.")
+        if ki and tracking_time is None and kp / ki <= 0.0:
+            raise BeamdaeError(
+                f"{name}: tracking_time has no default with limits, kp = {kp:g} and ki = {ki:g}; "
+                "pass the time constant [s] by which the integral leaves saturation."
+            )
         if ki:
             tracking = require_positive(
                 name, "tracking_time", kp / ki if tracking_time is None else tracking_time

@@ -51,6 +51,8 @@ function createLinearTicks(low, high, intervals) {
   const step = roundDownToNice((high - low) / intervals);
   const first = Math.ceil(low / step - 1e-9);
   const last = Math.floor(high / step + 1e-9);
+  // One tick states no scale.
+  if (last === first && intervals <= MAX_TICK_INTERVALS) return createLinearTicks(low, high, 2 * intervals);
   const digits = Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / step)) + 1, 1);
   return Array.from({ length: last - first + 1 }, (_, i) => {
     const value = (first + i) * step;
