@@ -47,10 +47,14 @@ class EigenSolution(NamedTuple):
         shape are represented by the growing one.
     shapes
         Mode shapes, (n, k), with x^H M x = 1.
+    others
+        Other motions, (n, j), whose stiffness is lost in rounding: of two slow modes of a thin beam
+        that nearly coincide, only one may be among the modes. None if there are no such motions.
     """
 
     values: Array
     shapes: Array
+    others: Array | None = None
 
 
 @single_threaded
@@ -69,8 +73,8 @@ def solve_eigenproblem(
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
         values += np.sqrt(np.maximum(-undamped.squares, 0.0))
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    values, shapes = QuadraticProblem(lin, undamped, count).solve(count)
-    return _normalize(lin, values, shapes, count)
+    values, shapes, others = QuadraticProblem(lin, undamped, count).solve(count)
+    return _normalize(lin, values, shapes, count)._replace(others=others)
 
 
 def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, Array]:

@@ -105,6 +105,12 @@ class QuadraticProblem:
         self._weighted_free = self.tangent.mass @ self._free
 
     @cached_property
+    def _has_rates(self) -> bool:
+        """True if the eigenvalue l itself occurs in the problem, not only its square."""
+        matrices = (self.tangent.damping, self.tangent.velocity_jacobian)
+        return any(np.any(matrix.data) for matrix in matrices)
+
+    @cached_property
     def _solve_shifted(self) -> Callable[[Array], Array]:
         """Solver of the saddle-point matrix at the shift, which dense matrices do not require.
 
@@ -140,8 +146,11 @@ class QuadraticProblem:
         zero_rates = quadratic_form_rounding(damping, free) + _ZERO_RATE_RATIO * self.shift
         return free[:, rates <= zero_rates]
 
-    def solve(self, count: int | None) -> tuple[Array, Array]:
+    def solve(self, count: int | None) -> tuple[Array, Array, Array]:
         """Return the eigenvalues nearest to the shift, (k,) [1/s], and their mode shapes, (n, k).
+
+        The third result contains other motions (n, j), whose stiffness is lost in rounding, but
+        which are no independent free motions.
 
         The modes are not sorted, and there are usually more than `count`. If `count` is None, only
         modes that are lost in rounding are missing. Each conjugate pair is represented by the
@@ -155,12 +164,14 @@ class QuadraticProblem:
         e, n = self.e, self.e.n
         available = 2 * (n - e.m - self._free.shape[1]) + len(e.nonholonomic_rows)
         if not available or (count is not None and self._free.shape[1] >= count):
-            return np.zeros(self._free.shape[1], complex), self._free.astype(complex)
+            values, none = np.zeros(self._free.shape[1], complex), np.zeros((n, 0))
+            return values, self._free.astype(complex), none
         # Twice the number, for conjugate pairs, and six more because ordering by 1 / (l - s)
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         if count is not None and n > MAX_DENSE_COORDINATES and number < n:
-            solution = self._solve_sparse(count - self._free.shape[1])
+            solve = self._solve_sparse if self._has_rates else self._solve_sparse_squares
+            solution = solve(count - self._free.shape[1])
             if solution is not None:
                 return self._select(*solution)
             if n > MAX_FALLBACK_COORDINATES:
@@ -223,6 +234,46 @@ class QuadraticProblem:
         (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
         return s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
 
+    def _solve_sparse_squares(self, count: int) -> tuple[Array, Array] | None:
+        """Return eigenvalues and shapes as `_solve_sparse` does, for problems without damping.
+
+        The eigenvalues of the inverse of K + s^2 M times M are 1 / (s^2 - l^2). This space has half
+        the size, and it converges with the squares of the frequencies.
+        """
+        n, s, tangent = self.e.n, self.shift, self.tangent
+        n_random = max(count, _MIN_RANDOM_VECTORS)
+        motions = np.random.default_rng(0).standard_normal((n_random, n))
+        zeros = np.zeros(self.e.m)
+
+        def apply_inverse(x: Array) -> Array:
+            image = self._solve_shifted(np.concatenate([tangent.mass @ x, zeros]))[:n]
+            return image - self._free @ (self._weighted_free.T @ image)
+
+        start = np.hstack([self._undamped_shapes, (self.e.position_scales * motions).T])
+        start = np.stack([apply_inverse(x) for x in start.T], axis=1)
+        krylov = BlockKrylov(apply_inverse, start, sp.csr_array(tangent.mass), is_symmetric=False)
+        for _ in range(_MIN_BLOCKS - 1):
+            krylov.expand()
+
+        def required_accuracy(inverses: Array) -> Array:
+            squares = s**2 - 1.0 / inverses
+            sizes = np.abs(squares)
+            highest = np.sort(sizes)[min(count, len(sizes)) - 1]
+            # No eigenvalue outside this circle about the square of the shift is smaller.
+            is_near = np.abs(squares - s**2) <= highest + s**2
+            accuracy = np.where(is_near, _LOCATION_ACCURACY, np.inf)
+            return np.where(sizes <= highest, 0.0, accuracy)
+
+        def rounding(inverses: Array, shapes: Array) -> Array:
+            inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes))
+            squares = inertia * (s**2 + np.abs(s**2 - 1.0 / inverses))
+            return quadratic_form_rounding(tangent.stiffness, shapes) / squares
+
+        if not converge(krylov, required_accuracy, rounding):
+            return None
+        (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
+        return _roots_of_squares(s**2 - 1.0 / krylov.values[wanted], krylov.vectors(wanted))
+
     def _solve_projected(self) -> tuple[Array, Array]:
         """Return eigenvalues and shapes from dense matrices, projected onto admissible motions.
 
@@ -251,14 +302,8 @@ class QuadraticProblem:
             inverses, vectors = la.eig(-by_rate)
             is_accurate = _is_accurate(inverses)
             inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
-            squares = s**2 - s / inverses
-            is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
-            values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
-            # Either sign of the root is an eigenvalue; of complex ones, the upper of each pair.
-            values = np.where(values.imag < 0.0, -values, values)
-            decaying = values.imag == 0.0
-            values = np.concatenate([values, -values[decaying]])
-            return values, basis @ np.hstack([vectors, vectors[:, decaying]])
+            values, vectors = _roots_of_squares(s**2 - s / inverses, vectors)
+            return values, basis @ vectors
         by_position = by_rate - la.lu_solve(factors, damping)
         matrix = np.block(
             [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
@@ -280,11 +325,12 @@ class QuadraticProblem:
         image -= self._free @ (self._weighted_free.T @ image)
         return image.T.ravel()
 
-    def _select(self, values: Array, shapes: Array) -> tuple[Array, Array]:
+    def _select(self, values: Array, shapes: Array) -> tuple[Array, Array, Array]:
         """Remove rounding errors; keep one eigenvalue of each conjugate pair.
 
         Nearly zero eigenvalues are replaced by one zero for each independent free motion. The free
-        motions that are treated separately are added.
+        motions that are treated separately are added. The third result contains the motions (n, j)
+        that remain.
         """
         tangent = self.tangent
         stiffness, mass, damping = tangent.stiffness, tangent.mass, tangent.damping
@@ -325,11 +371,10 @@ class QuadraticProblem:
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)
         is_real = np.abs(values.imag) <= _IMAGINARY_TOLERANCE * size
         values = real + 1j * np.where(is_real, 0.0, values.imag)
-        free = np.hstack(
-            [self._free, self._independent_free_motions(shapes[:, is_zero], zero_square)]
-        )
+        independent, others = self._separate_free_motions(shapes[:, is_zero], zero_square)
+        free = np.hstack([self._free, independent])
         values = np.concatenate([np.zeros(free.shape[1], complex), values[is_upper]])
-        return values, np.hstack([free, shapes[:, is_upper]])
+        return values, np.hstack([free, shapes[:, is_upper]]), others
 
     def _undamped_free_share(self, shapes: Array) -> Array:
         """Return the share (k,) of the inertia of each mode that is in undamped free motions."""
@@ -357,13 +402,13 @@ class QuadraticProblem:
         nearest = roots[np.argmin(distances, axis=0), np.arange(len(values))]
         return np.where(np.isfinite(nearest), nearest, values)
 
-    def _independent_free_motions(self, shapes: Array, zero_square: float) -> Array:
-        """Return a basis of the motions without stiffness in the span of these shapes.
+    def _separate_free_motions(self, shapes: Array, zero_square: float) -> tuple[Array, Array]:
+        """Return a basis of the motions without stiffness in the span of shapes, and other motions.
 
-        Squared frequencies up to `zero_square` are treated as zero.
+        Together, they span the shapes. Squared frequencies up to `zero_square` are treated as zero.
         """
         if not shapes.shape[1]:
-            return shapes
+            return shapes, shapes.real
         scales = self.e.position_scales[:, None]
         parts = np.hstack([shapes.real, shapes.imag]) / scales
         parts = parts / np.maximum(np.linalg.norm(parts, axis=0), _TINY)
@@ -376,7 +421,7 @@ class QuadraticProblem:
         )
         squares, vectors = la.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
         is_zero = np.abs(squares) <= max(_ZERO_RATIO * self.shift**2, zero_square)
-        return (basis @ vectors[:, is_zero]).astype(complex)
+        return (basis @ vectors[:, is_zero]).astype(complex), basis @ vectors[:, ~is_zero]
 
 
 def _singular_error() -> BeamdaeError:
@@ -384,6 +429,19 @@ def _singular_error() -> BeamdaeError:
         "modes: the linearized equations are singular; add mass or stiffness to the parts that can "
         "move."
     )
+
+
+def _roots_of_squares(squares: Array, shapes: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues with these squares, and their shapes.
+
+    Either sign of a root is an eigenvalue; complex ones are represented by the upper of each pair.
+    """
+    is_real = np.abs(squares.imag) <= _IMAGINARY_TOLERANCE * np.abs(squares)
+    values = np.sqrt(np.where(is_real, squares.real, squares).astype(complex))
+    values = np.where(values.imag < 0.0, -values, values)
+    decaying = values.imag == 0.0
+    values = np.concatenate([values, -values[decaying]])
+    return values, np.hstack([shapes, shapes[:, decaying]])
 
 
 def _is_accurate(inverses: Array) -> Array:

@@ -134,6 +134,8 @@ def refine_modes(
     is_refined = squares <= _SQUARE_MARGIN * np.max(squares[is_inaccurate])
     shapes = modes.shapes[:, is_refined]
     parts = np.hstack([shapes.real, shapes.imag])
+    if modes.others is not None:
+        parts = np.hstack([parts, modes.others])
     refined = None
     if np.max(rounding / np.maximum(squares, _TINY)) > _MAX_MIXING:
         refined = _refine_shapes(system, x, mu, tangent, parts)
