@@ -172,3 +172,13 @@ def test_path_is_independent_of_the_scale_of_the_load(scale):
     assert branch.kind == "branch point"
     # Rounding: the axial stiffness is 1e7 times the bending stiffness.
     assert branch.factor * scale == pytest.approx(1.0, rel=2e-6)
+
+
+def test_path_of_the_deep_arch_passes_both_limit_points_and_the_reversal():
+    # Control of the displacement ends at 5.6 EI / R^2, where the crown turns back.
+    path = bd.equilibrium(equilibria.deep_arch(), to={"crown.y": -40.0}, control="arc length")
+    assert path.status.success, path.status.sentence
+    assert [point.kind for point in path.critical] == ["limit point", "limit point"]
+    # On 32 elements, the loads are 8.97275 and -0.7304.
+    assert path.critical[0].factor == pytest.approx(8.9728, rel=1e-4)
+    assert path.critical[1].factor == pytest.approx(-0.7304, rel=1e-3)
