@@ -332,7 +332,7 @@ def verify(solution: Solution, integrator: Integrator | None = None) -> pd.DataF
         verified" if the second run stopped early, the run has a single row or the column is not
         finite. For columns in other units, whose errors rtol
         does not control, and for all columns if the first run stopped early, the verdict is
-        "known to ..." with the difference.
+        "time error ..." with the difference, which contains no error of the mesh or the model.
 
     Raises
     ------
@@ -392,7 +392,7 @@ def _judge(error: float, allowed_error: float) -> str:
     if np.isnan(error):
         return "not verified"
     if np.isnan(allowed_error):
-        return f"known to {error:.1%}"
+        return f"time error {error:.1%}"
     return "agrees" if error <= allowed_error else "differs"
 
 

@@ -48,9 +48,9 @@ _MIN_SLOPE_JUMP = 1e-12
 # Slopes that change the values of both adjacent intervals less, relative to the values at their
 # ends, are rounding errors.
 _SLOPE_ROUNDING = 1e-14
-# Splines that leave the range of the values by more, relative to this range, are hardly intended.
-# Splines of equidistant rows leave it by at most 0.3.
-_MAX_OVERSHOOT = 0.5
+# Splines that leave the values of two successive rows by more between them, relative to the range
+# of all values, are hardly intended. A sine with four rows per period leaves them by 0.21.
+_MAX_OVERSHOOT = 0.3
 # Smaller overshoots, relative to the largest value, are rounding errors of constant values.
 _MIN_OVERSHOOT = 1e-12
 
@@ -492,7 +492,7 @@ def _fit_axis(knots: Array, values: Array, kind: str) -> Array:
 
 
 def _warn_about_overshoot(result: Table) -> None:
-    """Warn if a spline is far outside the values of its rows.
+    """Warn if a spline is far outside the values of two rows between them.
 
     In tables of two arguments, this is checked along the rows and the columns.
     """
@@ -500,22 +500,23 @@ def _warn_about_overshoot(result: Table) -> None:
         return
     low, high = float(result.values.min()), float(result.values.max())
     limit = max(_MAX_OVERSHOOT * (high - low), _MIN_OVERSHOOT * max(abs(low), abs(high)))
-    worst, excess, place = 0.0, limit, 0.0
-    argument = ""
+    excess, sentence = limit, ""
+    kinds = "kind='linear'" if len(result.axes) > 1 else "kind='pchip' or kind='linear'"
     for axis, (name, knots) in enumerate(zip(result.arguments, result.axes, strict=True)):
         rows = np.moveaxis(result.values, axis, 0).reshape(len(knots), -1)
         arguments, extrema = _find_extrema(knots, rows)
-        outside = np.maximum(extrema - high, low - extrema)
+        lower, upper = np.minimum(rows[:-1], rows[1:]), np.maximum(rows[:-1], rows[1:])
+        outside = np.maximum(extrema - upper, lower - extrema)
         k = np.unravel_index(np.argmax(outside), outside.shape)
         if outside[k] > excess:
-            worst, excess, place = float(extrema[k]), float(outside[k]), float(arguments[k])
-            argument = name
-    if argument:
-        kinds = "kind='linear'" if len(result.axes) > 1 else "kind='pchip' or kind='linear'"
-        warn_user(
-            f"{result.name}: the spline reaches {worst:.3g} at {argument} = {place:.6g}, far "
-            f"outside the values {low:.6g} to {high:.6g} of its rows; use {kinds}, or add rows."
-        )
+            excess = float(outside[k])
+            sentence = (
+                f"{result.name}: the spline reaches {extrema[k]:.3g} at {name} = "
+                f"{arguments[k]:.6g}, far outside the values {lower[k[1:]]:.6g} to "
+                f"{upper[k[1:]]:.6g} of the rows beside it; use {kinds}, or add rows."
+            )
+    if sentence:
+        warn_user(sentence)
 
 
 def _find_extrema(knots: Array, values: Array) -> tuple[Array, Array]:
@@ -579,8 +580,8 @@ def table(
     Warns
     -----
     BeamdaeWarning
-        If a spline leaves the range of `y` by more than half of this range; for two arguments, this
-        is checked along the rows and columns of the grid.
+        If a spline leaves the values of two rows between them by more than 0.3 of the range of `y`;
+        for two arguments, this is checked along the rows and columns of the grid.
 
     Examples
     --------

@@ -195,6 +195,23 @@ def test_resonances_of_a_campbell_diagram():
     assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
 
 
+@pytest.mark.parametrize("speeds", [[0.0, 60.0, 120.0], [0.0, 100.0, 200.0]])
+def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
+    """Linear interpolation of the frequencies was up to 4 % off."""
+    mech = bd.Mechanism()
+    steel = bd.Material(E=70e9, nu=0.3, rho=2700.0)
+    strip = bd.Section.rectangle(steel, width=0.03, height=0.003)
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), strip, 3))
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.1))
+    mech.add(bd.Revolute("axis", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Driver("drive", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), lambda t: 0.0 * t))
+    mech.add(bd.Weld("root", hub.at(0.1, 0.0), blade.start))
+    first = bd.campbell(mech, speeds, n=1).resonances([1])["speed [rad/s]"]
+    fine = bd.campbell(mech, np.linspace(80.0, 90.0, 6), n=1).resonances([1])["speed [rad/s]"]
+    # The shape of the mode changes, so that the squares are not exactly linear.
+    assert_allclose(first, fine, rtol=1e-2)
+
+
 def test_campbell_diagram_follows_modes_through_crossings():
     mech = with_driver(*particle_in_rotor())
     diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)

@@ -480,8 +480,8 @@ STEP_PLACES, STEP = [0.0, 0.0199, 0.0201, 0.1], [0.0, 0.0, 1.0, 1.0]
 def test_regression_splines_far_outside_their_values_have_a_warning(tmp_path):
     # A force of 0 to 1 N was 78 N without a warning.
     sentence = (
-        r"the spline reaches 78.1 at x = 0.0538697, far outside the values 0 to 1 of its rows; "
-        r"use kind='pchip' or kind='linear', or add rows\.$"
+        r"the spline reaches 78.1 at x = 0.0538697, far outside the values 1 to 1 of the rows "
+        r"beside it; use kind='pchip' or kind='linear', or add rows\.$"
     )
     with pytest.warns(bd.BeamdaeWarning, match=f"^table: {sentence}"):
         curve = bd.table(STEP_PLACES, STEP)
@@ -497,10 +497,18 @@ def test_regression_splines_far_outside_their_values_have_a_warning(tmp_path):
         ):
             bd.table(axes, values)
     path = write(tmp_path, "time [ms],force [kN]\n0,0\n19.9,0\n20.1,1\n100,1\n")
-    expected = "table .*csv: the spline reaches 7.81e.04 at time = 0.0538697, .* 0 to 1000 of"
+    expected = "table .*csv: the spline reaches 7.81e.04 at time = 0.0538697, .* 1000 to 1000 of"
     with pytest.warns(bd.BeamdaeWarning, match=expected) as issued:
         bd.table_from_csv(path)
     assert len(issued) == 1
+
+
+def test_regression_splines_far_outside_two_rows_have_a_warning():
+    """The force of a press was 24 kN where 0 was measured, since it reaches 66 kN elsewhere."""
+    travel = [0.0, 80.0, 84.0, 86.0, 88.0, 90.0, 92.0, 95.0, 100.0]
+    force = [0.0, 0.0, 10.0, 38.0, 60.0, 66.0, 50.0, 8.0, 0.0]
+    with pytest.warns(bd.BeamdaeWarning, match=r"far outside the values 0 to 0 of the rows"):
+        bd.table(travel, force)
 
 
 def test_tables_near_their_values_have_no_warning():

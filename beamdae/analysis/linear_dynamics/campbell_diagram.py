@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -99,7 +99,11 @@ class Campbell(HasTable, HasPage):
     def resonances(self, multiples: Sequence[int] = SPEED_MULTIPLES) -> pd.DataFrame:
         """Return the nonzero speeds at which frequencies are multiples of the rotation speed.
 
-        Frequencies are interpolated linearly between successive speeds.
+        Between successive speeds, the square of a frequency is interpolated linearly over the
+        square of the speed, as centrifugal stiffening changes it (R. Southwell), or the frequency
+        over the speed, as in whirling seen from the rotating frame: whichever reproduces the
+        frequencies of a mode at its inner speeds better. Where a mode changes its shape, only
+        closer speeds find its resonances accurately.
 
         Parameters
         ----------
@@ -124,25 +128,42 @@ class Campbell(HasTable, HasPage):
             for k in require_sequence("Campbell", "multiples", multiples, "a list of numbers")
         ]
         order = np.argsort(self.speeds)
-        speeds, frequencies = self.speeds[order], self.frequencies[order]
-        rows = [
-            (speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple)
-            for multiple in numbers
-            for mode, values in enumerate(frequencies.T, 1)
-            for speed in _find_zeros(speeds, values - multiple * np.abs(speeds) / (2.0 * np.pi))
-            # At rest, motions without stiffness have the same frequency as an excitation: zero.
-            if speed != 0.0
-        ]
+        speeds, rates = self.speeds[order], 2.0 * np.pi * self.frequencies[order]
+        squares = speeds * np.abs(speeds)
+        rows = []
+        for mode, values in enumerate(rates.T, 1):
+            by_squares = _error_at_inner_points(squares, values**2, np.sqrt)
+            is_squared = by_squares <= _error_at_inner_points(speeds, values, np.asarray)
+            for multiple in numbers:
+                if is_squared:
+                    zeros = _find_zeros(squares, values**2 - multiple**2 * np.abs(squares))
+                    zeros = np.copysign(np.sqrt(np.abs(zeros)), zeros)
+                else:
+                    zeros = _find_zeros(speeds, values - multiple * np.abs(speeds))
+                rows += [
+                    (speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple)
+                    for speed in zeros.tolist()
+                    # At rest, motions without stiffness have the frequency of an excitation: zero.
+                    if speed != 0.0
+                ]
         rows.sort(key=lambda row: abs(row[0]))
         names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
         return pd.DataFrame(rows, columns=names)
 
 
-def _find_zeros(x: Array, y: Array) -> list[float]:
+def _find_zeros(x: Array, y: Array) -> Array:
     """Return the x at which the linear interpolation between the points (x, y) changes sign."""
     (left,) = np.nonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
     shares = y[left] / (y[left] - y[left + 1])
-    return (x[left] + shares * np.diff(x)[left]).tolist()
+    return x[left] + shares * np.diff(x)[left]
+
+
+def _error_at_inner_points(x: Array, y: Array, restore: Callable[[Array], Array]) -> float:
+    """Return the largest error of `restore(y)` at points interpolated between their neighbors."""
+    spans = x[2:] - x[:-2]
+    shares = (x[1:-1] - x[:-2]) / np.where(spans > 0.0, spans, 1.0)
+    interpolated = (1.0 - shares) * y[:-2] + shares * y[2:]
+    return float(np.max(np.abs(restore(interpolated) - restore(y[1:-1])), initial=0.0))
 
 
 @interruptible
