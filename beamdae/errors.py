@@ -515,6 +515,12 @@ def suggest(value: Any, choices: Iterable[Any]) -> str:
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 
+def list_first(names: Sequence[str], most: int) -> str:
+    """Return the names separated by commas; of more than `most`, the others are counted."""
+    listed = ", ".join(names[:most])
+    return f"{listed} and {len(names) - most} more" if len(names) > most else listed
+
+
 def set_fields(instance: Any, **values: Any) -> None:
     """Set attributes of an instance, even of a frozen dataclass."""
     for name, value in values.items():

@@ -8,7 +8,7 @@ import casadi as ca
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm
-from beamdae.errors import warn_user
+from beamdae.errors import list_first, warn_user
 from beamdae.symbolic.force_kernel import ForceKernel
 
 # Arguments of a force kernel; see `ForceKernel.inputs`.
@@ -71,9 +71,7 @@ def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) 
     names = list(dict.fromkeys(gap.part for gap in gaps))
     if not names:
         return
-    contacts = ", ".join(names[:_MAX_NAMES])
-    if len(names) > _MAX_NAMES:
-        contacts += f" and {len(names) - _MAX_NAMES} more"
+    contacts = list_first(names, _MAX_NAMES)
     warn_user(
         f"{call}: fixed steps of {step:g} s are inaccurate where contacts ({contacts}) last only "
         'a few steps, and pass over shorter ones; use integrator="radau", or halve the step until '

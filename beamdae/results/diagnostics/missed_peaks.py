@@ -9,6 +9,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
+from beamdae.errors import list_first
 from beamdae.results.columns import Header, mark_resting_columns, remove_unit
 from beamdae.results.trajectory import Trajectory
 
@@ -117,7 +118,7 @@ def measure_step_extremes(
             is_selected,
             values.T.tolist(),
             times.T.tolist(),
-            squares.root_mean.tolist(),
+            squares.finish().tolist(),
             strict=True,
         )
         if selected and np.isfinite([low, high]).all()
@@ -147,9 +148,8 @@ class _SquareIntegral:
         self._sum += 0.5 * np.diff(nodes[:, 0]) @ (squares[1:] + squares[:-1])
         self._last = nodes[-1:]
 
-    @property
-    def root_mean(self) -> Array:
-        """Root mean squares (n,) from the first to the last row."""
+    def finish(self) -> Array:
+        """Add the remaining rows; return root mean squares (n,) from the first to the last row."""
         self._add(self._rows[self._next :])
         self._next = len(self._rows)
         duration = self._rows[-1, 0] - self._rows[0, 0]
@@ -237,12 +237,10 @@ def unknown_peak_warnings(
     """Yield a warning if peaks between rows are unknown because steps have not been stored."""
     columns = [remove_unit(x) for x in extremes if Header.of(x).unit in _IMPULSIVE_UNITS]
     if columns and any(interval.record is not None for interval in trajectory.intervals):
-        names = ", ".join(columns[:_MAX_NAMES])
-        if len(columns) > _MAX_NAMES:
-            names += f" and {len(columns) - _MAX_NAMES} more"
         yield (
-            f"{names}: this long run stores only some of its steps, so short peaks between the "
-            "output rows are unknown; set keep_steps=True, or reduce output_step= or the end time."
+            f"{list_first(columns, _MAX_NAMES)}: this long run stores only some of its steps, so "
+            "short peaks between the output rows are unknown; set keep_steps=True, or reduce "
+            "output_step= or the end time."
         )
 
 
@@ -252,9 +250,7 @@ def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
         return
     worst = max(peaks, key=lambda column: peaks[column].error)
     others = [remove_unit(column) for column in peaks if column != worst]
-    names = ", ".join(others[:_MAX_NAMES])
-    if len(others) > _MAX_NAMES:
-        names += f" and {len(others) - _MAX_NAMES} more"
+    names = list_first(others, _MAX_NAMES)
     yield (
         f"{peaks[worst].description}{names and f', also in {names}'}; reduce output_step=, or "
         "evaluate the run around this time with at_times."
