@@ -11,6 +11,8 @@ from typing import Any, NamedTuple, Self
 
 from beamdae.errors import BeamdaeError, as_real, as_text, short_repr, suggest, unbox_scalar
 
+_STANDARD_GRAVITY = Fraction("9.80665")  # m/s^2, ISO 80000-3
+_ACCELERATION: Mapping[str, int] = {"m": 1, "s": -2}
 # Factor and exponents of base units. The factor is exact; angles in degrees have a factor of pi.
 _UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
     "m": (Fraction(1), {"m": 1}),
@@ -28,7 +30,23 @@ _UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
     "rad": (Fraction(1), {"rad": 1}),
     "deg": (math.pi / 180.0, {"rad": 1}),
     "°": (math.pi / 180.0, {"rad": 1}),
+    "rev": (2.0 * math.pi, {"rad": 1}),
     "rpm": (math.pi / 30.0, {"rad": 1, "s": -1}),
+    "sec": (Fraction(1), {"s": 1}),
+    "min": (Fraction(60), {"s": 1}),
+    "h": (Fraction(3600), {"s": 1}),
+    "in": (Fraction("0.0254"), {"m": 1}),
+    "ft": (Fraction("0.3048"), {"m": 1}),
+    "lb": (Fraction("0.45359237"), {"kg": 1}),
+    "lbf": (Fraction("4.4482216152605"), {"kg": 1, "m": 1, "s": -2}),
+    "kgf": (_STANDARD_GRAVITY, {"kg": 1, "m": 1, "s": -2}),
+    "psi": (Fraction("6894.757293168361"), {"kg": 1, "m": -1, "s": -2}),
+    "bar": (Fraction(10**5), {"kg": 1, "m": -1, "s": -2}),
+    "Ncm": (Fraction(1, 100), {"kg": 1, "m": 2, "s": -2}),
+    "Nmm": (Fraction(1, 1000), {"kg": 1, "m": 2, "s": -2}),
+    "gn": (_STANDARD_GRAVITY, dict(_ACCELERATION)),
+    "ε": (Fraction(1), {}),
+    "strain": (Fraction(1), {}),
     "%": (Fraction(1, 100), {}),
     "1": (Fraction(1), {}),
     "-": (Fraction(1), {}),
@@ -44,14 +62,19 @@ _PREFIXES = {
     "μ": Fraction(1, 10**6),  # Greek letter, as many keyboards type it
     "n": Fraction(1, 10**9),
 }
-_WITHOUT_PREFIX = {"deg", "°", "rpm", "%", "1", "-"}
+_WITHOUT_PREFIX = {"deg", "°", "rev", "rpm", "sec", "min", "h", "in", "ft", "lb", "lbf", "kgf"}
+_WITHOUT_PREFIX |= {"psi", "%", "1", "-"}
 _FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
-_SUPERSCRIPTS = str.maketrans("²³", "23")
+_PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
+_SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
+# Spellings of rpm. A frequency per minute is a number of revolutions in practice.
+_PER_MINUTE = {"1/min", "/min", "min^-1", "min-1", "r/min", "U/min"}
 # The number is the longest one: "2.0" is no "2." with the unit "0".
 _VALUE = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 # Header that ends with a unit in brackets or parentheses.
 _UNIT_AT_END = re.compile(r"(\S(?:.*\S)?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MAX_UNIT_LENGTH = 40
+_MAX_SPELLINGS = 4  # in a hint
 
 _PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
 # A line "radius : float" of a numpydoc section, or "radius [m]: radius of the arc".
@@ -250,21 +273,24 @@ def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, 
 def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
     """Return the factor to base units and the exponents of the base units; None if unknown.
 
-    The base units are m, kg, s, rad, K and A. A product is written with spaces, `*` or `·`, and a
-    quotient with `/`, as in "N m/rad"; each factor may have a prefix from n to G and an integer
-    exponent.
+    The base units are m, kg, s, rad, K and A. A product is written with spaces, `*`, `·`, `.` or
+    `-`, and a quotient with `/`, as in "N m/rad"; each factor may have a prefix from n to G and an
+    integer exponent. Numbers per minute are speeds of rotation.
     """
     if len(unit) > _MAX_UNIT_LENGTH:
         return None
+    unit = unit.translate(_SUPERSCRIPTS).replace("**", "^")
+    if unit in _PER_MINUTE:
+        unit = "rpm"
     factor: Fraction | float = Fraction(1)
     exponents: dict[str, int] = {}
-    numerator, *denominators = unit.translate(_SUPERSCRIPTS).split("/")
+    numerator, *denominators = unit.split("/")
     for sign, product in [(1, numerator), *((-1, x) for x in denominators)]:
         factors = product.strip()
         if factors.startswith("(") and factors.endswith(")"):
             factors = factors[1:-1]
         # Other parentheses are in no factor, so that units such as N/(m/s) are unknown.
-        for text in re.split(r"[ *·]+", factors):
+        for text in _PRODUCT.split(factors):
             match = _FACTOR.fullmatch(text)
             symbol = None if match is None else _parse_symbol(match[1])
             if match is None or symbol is None:
@@ -284,6 +310,45 @@ def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | Non
         return None
     factor, exponents = _UNITS[symbol]
     return prefix * factor, exponents
+
+
+def conversion_factor(unit: str, target: str) -> Fraction | float | None:
+    """Return the factor from one unit to another; None if they do not measure the same quantity.
+
+    The unit g is the standard gravity if the other unit is that of an acceleration.
+    """
+    source, wanted = parse_unit(unit), parse_unit(target)
+    if wanted is not None and unit in ("g", "mg") and wanted[1] == _ACCELERATION:
+        source = parse_unit(f"{unit}n")
+    if source is None or wanted is None or source[1] != wanted[1]:
+        return None
+    return source[0] / wanted[0]
+
+
+def suggest_unit(unit: str) -> str:
+    """Return the hint " (did you mean 'kN'?)" for an unknown unit such as "kn", or "" if none."""
+    spellings = _spellings()
+    parts = re.split(r"([^\W\d]+)", unit)
+    candidates = [""]
+    for part in parts:
+        known = [part] if not part or parse_unit(part) else spellings.get(part.casefold(), [part])
+        candidates = [first + x for first in candidates for x in known][:_MAX_SPELLINGS]
+    candidates = [x for x in candidates if parse_unit(x) is not None]
+    if not candidates:
+        return suggest(unit, _UNITS)
+    return f" (did you mean {' or '.join(map(repr, candidates))}?)"
+
+
+@lru_cache(maxsize=1)
+def _spellings() -> dict[str, list[str]]:
+    """Return the usual symbols with and without a prefix by their lower-case spelling."""
+    found: dict[str, list[str]] = {}
+    for symbol in _UNITS:
+        prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
+        for text in (prefix + symbol for prefix in prefixes):
+            # Of units that differ in upper and lower case only, all are listed.
+            found.setdefault(text.casefold(), []).append(text)
+    return found
 
 
 def split_unit(header: str) -> tuple[str, str]:
@@ -332,19 +397,17 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
             f"{call}: the model states no unit of this parameter; give the number alone, or add "
             "the unit to the docstring of the model function."
         )
-    if symbol == unit:
-        source = target = (Fraction(1), {})
-    if source is None or target is None or source[1] != target[1]:
+    ratio = Fraction(1) if symbol == unit else conversion_factor(symbol, unit)
+    if ratio is None:
         problem = "is unknown" if source is None else "measures another quantity"
         if source is not None and target is None:
             problem = f"cannot be converted to {unit}"
         advice = "the number alone" if unit == "-" else f"the value in {unit}"
-        hint = suggest(symbol, _UNITS) if source is None else ""
+        hint = suggest_unit(symbol) if source is None else ""
         raise BeamdaeError(f"{call}: the unit {symbol} {problem}{hint}; give {advice}.")
     value = float(number)
     if not math.isfinite(value) or value == 0.0:
         return value
-    ratio = source[0] / target[0]
     try:
         # The exact product: 850 mm are the float 0.85.
         return float(Fraction(number) * ratio) if isinstance(ratio, Fraction) else value * ratio

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -15,10 +14,10 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.csv_reader import parse_numbers, read_csv_table
 from beamdae.errors import (
     BeamdaeError,
     as_text,
-    format_message,
     is_valid_path,
     path_as_text,
     require_choice,
@@ -30,6 +29,7 @@ from beamdae.errors import (
     suggest,
     warn_user,
 )
+from beamdae.model_parameters import parse_unit, split_unit, standardize_header, suggest_unit
 from beamdae.read_only import read_only
 from beamdae.symbolic.signals import Signal, as_expression
 from beamdae.symbolic.statements import SX, Local
@@ -54,62 +54,12 @@ _MAX_OVERSHOOT = 0.3
 # Smaller overshoots, relative to the largest value, are rounding errors of constant values.
 _MIN_OVERSHOOT = 1e-12
 
-# Units that headers of CSV files may contain, in SI units.
-_SI_FACTORS = {
-    "-": 1.0,
-    "": 1.0,
-    "m": 1.0,
-    "mm": 1e-3,
-    "cm": 1e-2,
-    "um": 1e-6,
-    "µm": 1e-6,
-    "in": 0.0254,
-    "rad": 1.0,
-    "deg": np.pi / 180.0,
-    "°": np.pi / 180.0,
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "min": 60.0,
-    "m/s": 1.0,
-    "mm/s": 1e-3,
-    "km/h": 1.0 / 3.6,
-    "rad/s": 1.0,
-    "deg/s": np.pi / 180.0,
-    "rpm": np.pi / 30.0,
-    "1/min": np.pi / 30.0,
-    "Hz": 1.0,
-    "1/s": 1.0,
-    "m/s^2": 1.0,
-    "N": 1.0,
-    "kN": 1e3,
-    "MN": 1e6,
-    "mN": 1e-3,
-    "N m": 1.0,
-    "Nm": 1.0,
-    "N*m": 1.0,
-    "N mm": 1e-3,
-    "Nmm": 1e-3,
-    "kN m": 1e3,
-    "kNm": 1e3,
-    "N/m": 1.0,
-    "N/mm": 1e3,
-    "kN/m": 1e3,
-    "W": 1.0,
-    "kW": 1e3,
-    "Pa": 1.0,
-    "kPa": 1e3,
-    "MPa": 1e6,
-    "GPa": 1e9,
-    "bar": 1e5,
-    "kg": 1.0,
-    "g": 1e-3,
-}
-# A name, and a unit in brackets or parentheses at the end of a header.
-_UNIT_IN_HEADER = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+# Units with two usual meanings, whose columns would be wrong by many powers of ten, or by 9810.
+_AMBIGUOUS_UNITS = {"g": "kg or m/s^2 (gn, the standard gravity)", "nm": "m or N m"}
+_MAX_ROWS = 1_000_000
 # Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
 _WORD_SEPARATORS = re.compile(r"[\s_/,]+")
-_WORDS_LIKE_UNITS = ("min", "in", "g")
+_WORDS_LIKE_UNITS = ("min", "in", "g", "h", "us", "rev", "sec")
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 
 
@@ -671,8 +621,9 @@ def table_from_csv(
 ) -> Table:
     r"""Return a table from columns of a CSV file; units in the header are converted to SI units.
 
-    The file has a header, commas and decimal points; headers such as "force [kN]" or "force (kN)"
-    contain the unit. Columns without a unit are used as they are. Lines that begin with "#" are
+    The file has a header. Its columns are separated by semicolons, tabs or commas; unless these are
+    commas, decimal commas are accepted. Headers such as "force [kN]" or "force (kN)" contain the
+    unit; columns without a unit are used as they are. Lines that begin with "#", "%" or "//" are
     comments.
 
     Parameters
@@ -725,7 +676,8 @@ def table_from_csv(
             "characters; rename the file."
         )
     label = f"table {Path(text).name}"
-    columns = _read_columns(text)
+    columns = read_csv_table("table_from_csv", text, _MAX_ROWS)
+    rows = [k for k, row in enumerate(zip(*columns.values(), strict=True)) if any(row)]
     headers = list(columns)
     if x is None and y is not None and len(headers) == _MAX_AXES:
         value = _find_header(text, headers, y, "y")
@@ -758,8 +710,10 @@ def table_from_csv(
         value_header = others[0]
     else:
         value_header = _find_header(text, headers, y, "y")
-    arrays = [_convert_column(label, header, columns[header]) for header in chosen]
-    values = _convert_column(label, value_header, columns[value_header])
+    *arrays, values = (
+        _convert_column(label, header, {k + 1: columns[header][k] for k in rows})
+        for header in (*chosen, value_header)
+    )
     result = _create_table(*_as_grid(label, arrays, values), kind, outside)
     names = tuple(_split_header(header)[0] for header in chosen)
     result = Table(label, result.axes, result.values, kind, outside, names)
@@ -781,92 +735,28 @@ def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:
     return tuple(axes), grid
 
 
-def _read_columns(path: str) -> dict[str, list[str]]:
-    """Return the cells of a CSV file by header."""
-    try:
-        content = Path(path).read_text("utf-8-sig")
-    except OSError as problem:
-        reason = problem.strerror or format_message(problem)
-        raise BeamdaeError(
-            f"table_from_csv: {short_repr(path)} cannot be read: {reason}; check the path."
-        ) from None
-    except ValueError:
-        raise BeamdaeError(
-            f"table_from_csv: {path} is not a text file in UTF-8; write a CSV table."
-        ) from None
-    try:
-        lines = [line for line in content.splitlines() if not line.startswith("#")]
-        rows = [row for row in csv.reader(lines) if any(x.strip() for x in row)]
-    except csv.Error as problem:
-        raise BeamdaeError(
-            f"table_from_csv: {path} is not a CSV table ({problem}); write a header and rows."
-        ) from None
-    if not rows:
-        raise BeamdaeError(f"table_from_csv: {path} is empty; write a header and rows.")
-    # Spreadsheets write no-break spaces.
-    headers = [cell.replace("\xa0", " ").strip() for cell in rows[0]]
-    for header in headers:
-        if ";" in header or "\t" in header:
-            raise BeamdaeError(
-                f"table_from_csv: the columns of {path} are separated by semicolons or tabs; "
-                "separate them by commas, and write decimal points."
-            )
-        if not header.isprintable():
-            raise BeamdaeError(
-                f"table_from_csv: the header {short_repr(header)} of {path} contains unprintable "
-                "characters; rename the column."
-            )
-    if all(_is_number(header) for header in headers):
-        raise BeamdaeError(
-            f"table_from_csv: {path} has no header; write a first line such as 'travel [mm],force "
-            "[kN]'."
-        )
-    for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(headers):
-            raise BeamdaeError(
-                f"table_from_csv: row {number} of {path} has {len(row)} cells, but the header has "
-                f"{len(headers)}; write one cell per column."
-            )
-    if len(set(headers)) < len(headers):
-        raise BeamdaeError(
-            f"table_from_csv: {path} has two columns of the same name; rename one of them."
-        )
-    return {header: [row[k] for row in rows[1:]] for k, header in enumerate(headers)}
-
-
 def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> str:
     text = as_text(wanted)
-    matches = [x for x in headers if text is not None and text in (x, _split_header(x)[0])]
+    matches = []
+    if text is not None:
+        standard = standardize_header(text)
+        matches = [x for x in headers if standard in (standardize_header(x), _split_header(x)[0])]
     if not matches:
         raise BeamdaeError(
             f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
             f"{suggest(wanted, headers)}; its columns are {', '.join(headers)}."
         )
-    if len(matches) > 1 and text not in matches:
+    if len(matches) > 1:
         raise BeamdaeError(
             f"table_from_csv: {name}={short_repr(wanted)} is the name of several columns of "
             f"{path}: {', '.join(matches)}; pass the header with its unit."
         )
-    return text if text in matches else matches[0]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    return matches[0]
 
 
 def _split_header(header: str) -> tuple[str, str]:
-    """Return name and unit of a header 'name [unit]' or 'name (unit)'; '' without a unit.
-
-    Text in parentheses is part of the name if it is not a unit.
-    """
-    match = _UNIT_IN_HEADER.fullmatch(header)
-    if match is None or (header.endswith(")") and match[2].strip() not in _SI_FACTORS):
-        return header, ""
-    return match[1].strip(), match[2].strip()
+    """Return name and unit of a header 'name [unit]' or 'name (unit)'; '' without a unit."""
+    return split_unit(standardize_header(header))
 
 
 def _find_unit_in_name(name: str) -> str:
@@ -878,11 +768,11 @@ def _find_unit_in_name(name: str) -> str:
     *first, last = _WORD_SEPARATORS.split(name)
     if first and (last not in _WORDS_LIKE_UNITS or not name.endswith(f"_{last}")):
         inside.append(last)
-    return next((x for x in inside if _SI_FACTORS.get(x, 1.0) != 1.0), "")
+    return next((x for x in inside if (unit := parse_unit(x)) and unit[0] != 1), "")
 
 
-def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
-    """Return the numbers of a column in SI units."""
+def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
+    """Return the numbers of a column, which is given by rows, in SI units."""
     name, unit = _split_header(header)
     hidden = "" if unit else _find_unit_in_name(name)
     if hidden:
@@ -890,18 +780,21 @@ def _convert_column(label: str, header: str, cells: Sequence[str]) -> Array:
             f"{label}: the header {header!r} seems to contain the unit {hidden}; write it in "
             "brackets at the end, such as 'travel [mm]', or rename the column."
         )
-    if unit not in _SI_FACTORS:
+    if unit in _AMBIGUOUS_UNITS:
         raise BeamdaeError(
-            f"{label}: the unit of {header!r} is unknown{suggest(unit, _SI_FACTORS)}; use "
-            f"{', '.join(x for x in ('m', 'mm', 'rad', 'deg', 's', 'N', 'kN', 'N m'))} or another "
-            "unit of the reference, or omit the unit."
+            f"{label}: the unit {unit} of {header!r} is ambiguous; write the values in "
+            f"{_AMBIGUOUS_UNITS[unit]}."
         )
-    numbers = []
-    for row, cell in enumerate(cells, 2):
-        try:
-            numbers.append(float(cell))
-        except ValueError:
+    parsed = parse_unit(unit) if unit else (1.0, {})
+    if parsed is None:
+        raise BeamdaeError(
+            f"{label}: the unit of {header!r} is unknown{suggest_unit(unit)}; write a unit such as "
+            "mm, deg, ms, rpm, kN or N m, or omit it for values in SI units."
+        )
+    for row, cell in cells.items():
+        number = parse_numbers([cell])
+        if not (isinstance(number, np.ndarray) and np.isfinite(number[0])):
             raise BeamdaeError(
-                f"{label}: row {row} of {header!r} must be a number, got {short_repr(cell)}."
-            ) from None
-    return np.array(numbers, float) * _SI_FACTORS[unit]
+                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}."
+            )
+    return np.asarray(parse_numbers([*cells.values()]), float) * float(parsed[0])

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.fit.data import read_data, read_series
+from beamdae.analysis.fit.data import convert_units, read_data, read_series
 from beamdae.model_parameters import split_unit, standardize_header
 from beamdae.results.columns import Header, remove_unit
 
@@ -47,6 +47,7 @@ REJECTED = {
     ),
     "points and commas": ("t [s];y [m]\n0.5;1,5\n", "the numbers 1,5 and 0.5"),
     "thousands": ("t [s];y [m]\n0;1.234,5\n", "must contain numbers, got '1.234,5' in row 1"),
+    "numbers only": ("0,1\n1,2\n", "has no header; write a first line such as 't .s.,force"),
     "no header": ("t [s],y [m],\n0,1,2\n", "column 3 has values but no header"),
     "repeated header": ("t [s],y (m),y [m]\n0,1,2\n", r"the column 'y \[m\]' twice"),
     "empty": ("# nothing\n\n", "is empty"),
@@ -83,6 +84,29 @@ def test_other_encodings_are_read(write, encoding):
 def test_regression_other_files_are_rejected_with_the_reason(write, text, message):
     with pytest.raises(bd.BeamdaeError, match=f"^fit: .*{message}"):
         read_data(write(text))
+
+
+@pytest.mark.parametrize("header", ["t", "Time"])
+def test_regression_times_without_a_unit_are_seconds_with_a_warning(write, header):
+    """The columns t and time were rejected in wide tables, and had no warning in long ones."""
+    message = f"the times '{header}' of .* have no unit and are taken as seconds; name the column"
+    for text in (
+        f"{header},y [m]\n0,1\n0.5,2\n",
+        f"{header},observable,value\n0,y [m],1\n0.5,y [m],2\n",
+    ):
+        with pytest.warns(bd.BeamdaeWarning, match=message):
+            (series,) = read_data(write(text)).series
+        assert_allclose(series.times, [0.0, 0.5])
+
+
+def test_regression_accelerations_may_be_in_g():
+    """The unit was known as gram only."""
+    data = {"t [s]": [0.0, 1.0], "tip.x_ddot [g]": [1.0, 2.0], "tip.y_ddot [mg]": [1.0, 2.0]}
+    for series, factor in zip(read_data(data, 1.0).series, (9.80665, 9.80665e-3), strict=True):
+        converted = convert_units("fit", series, ["tip.x_ddot [m/s^2]", "tip.y_ddot [m/s^2]"])
+        assert_allclose(converted.values, [factor, 2.0 * factor], rtol=1e-14)
+    with pytest.raises(bd.BeamdaeError, match=r"is in kn \(did you mean 'kN'\?\), but the model o"):
+        convert_units("fit", read_data({"t [s]": [0.0], "F [kn]": [1.0]}).series[0], ["F [N]"])
 
 
 def test_tables_in_memory_may_have_units_in_parentheses():

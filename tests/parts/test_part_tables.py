@@ -321,6 +321,57 @@ def test_regression_csv_units_in_parentheses_are_converted(tmp_path):
     assert plain(1.0) == 3.0
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "travel [mm];force [kN]\n0;0\n1,5;3,5\n3;7\n",
+        "sep=;\ntravel (mm);force (kN)\n0;0\n1,5;3,5\n3;7\n",
+        "travel [mm]\tforce [kN]\n0\t0\n1,5\t3,5\n3\t7\n",
+        "% press 3\n// raw\ntravel [mm],force [kN],\n0,0,\n1.5,3.5,\n,,\n3,7,\n",
+        "# travel [mm],force [kN]\n0,0\n1.5,3.5\n3,7\n",
+    ],
+)
+def test_regression_tables_read_the_files_that_fit_reads(tmp_path, text):
+    """Semicolons, decimal commas, tabs, and other comments than "#" were rejected."""
+    for encoding in ("utf-8", "utf-8-sig", "utf-16"):
+        path = tmp_path / "pad.csv"
+        path.write_text(text, encoding)
+        table = bd.table_from_csv(path, kind="linear")
+        assert_allclose(table(1.5e-3), 3500.0, rtol=1e-15)
+        assert table.arguments == ("travel",)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("N·m", 1.0),
+        ("N.m", 1.0),
+        ("N-m", 1.0),
+        ("kNm", 1e3),
+        ("Nmm", 1e-3),
+        ("deg/s", np.pi / 180),
+        ("°/s", np.pi / 180),
+        ("rpm", np.pi / 30),
+        ("1/min", np.pi / 30),
+        ("min⁻¹", np.pi / 30),
+        ("um", 1e-6),
+        ("μm", 1e-6),
+        ("%", 1e-2),
+        ("m/s²", 1.0),
+        ("m/s2", 1.0),
+        ("gn", 9.80665),
+        ("km/h", 1 / 3.6),
+        ("µm/m", 1e-6),
+        ("psi", 6894.757293168361),
+        ("N/mm²", 1e6),
+    ],
+)
+def test_units_of_tables(tmp_path, unit, factor):
+    path = tmp_path / "pad.csv"
+    path.write_text(f"t [s],y [{unit}]\n0,0\n1,2\n", "utf-8")
+    assert_allclose(bd.table_from_csv(path, kind="linear")(1.0), 2.0 * factor, rtol=1e-14)
+
+
 def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
     rows = ["x [mm],speed [m/s],F [N]", "0,1,3", "1,0,2", "1,1,4", "0,0,1", "2,0,5", "2,1,6"]
     path = write(tmp_path, "\n".join(rows))
@@ -336,18 +387,23 @@ def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty; write a header and rows"),
+        ("", "is empty; write a table with a header"),
         ("x [mm],F [stone]\n0,1\n1,2\n2,3\n", r"unit of 'F \[stone\]' is unknown"),
-        ("x,F\n0,1\n1\n", "row 3 of .* has 1 cells, but the header has 2"),
-        ("x,F\n0,1\n1,two\n2,3\n", "row 3 of 'F' must be a number, got 'two'"),
-        ("x,F\n0,1\n1,nan\n2,3\n", "y must be finite, got nan"),
-        ("x,x\n0,1\n", "two columns of the same name"),
+        ("x,F\n0,1\n1\n", "row 2 of 'F' must be a finite number, got ''"),
+        ("x,F\n0,1\n1,two\n2,3\n", "row 2 of 'F' must be a finite number, got 'two'"),
+        ("x,F\n0,1\n1,nan\n2,3\n", "row 2 of 'F' must be a finite number, got 'nan'"),
+        ("x,F\n0,1\n1,1_000\n2,3\n", "row 2 of 'F' must be a finite number, got '1_000'"),
+        ("x,x\n0,1\n", "contains the column 'x' twice; rename one"),
         ("x,F\a\n0,1\n", r"the header 'F\\x07' of .* contains unprintable characters"),
-        ("x\n0\n1\n2\n", "the file has 0 columns beside x; pass y="),
+        ("x\n0\n1\n2\n", "no separators of columns in its header 'x'; separate the columns by com"),
+        ("x,\n0,\n1,\n2,\n", "the file has 0 columns beside x; pass y="),
         ("t,x,F\n0,0,0\n1,1,2\n", "the file has 3 columns: t, x, F; pass x= and y="),
-        ("x [mm];F [kN]\n0;0\n1,5;3,5\n", "separated by semicolons or tabs; separate them by com"),
-        ("x [mm]\tF [kN]\n0\t0\n", "separated by semicolons or tabs"),
-        ("0,0\n1,3\n2,4\n", "has no header; write a first line such as 'travel"),
+        ("x [mm];F [kN]\n0.5;0\n1,5;3,5\n", "it contains the numbers 1,5 and 0.5; write a header"),
+        ("x [mm],F [kn]\n0,1\n1,2\n", r"unit of 'F \[kn\]' is unknown \(did you mean 'kN'\?\);"),
+        ("x [mm],p [mpa]\n0,1\n1,2\n", r"\(did you mean 'MPa' or 'mPa'\?\); write a unit such"),
+        ("t [s],a [g]\n0,1\n1,2\n", r"unit g of 'a \[g\]' is ambiguous; write the values in kg or"),
+        ("t [s],M [nm]\n0,1\n1,2\n", r"unit nm of .* is ambiguous; write the values in m or N m"),
+        ("0,0\n1,3\n2,4\n", "has no header; write a first line such as 't"),
         (
             "x_mm,F\n0,1\n1,2\n2,3\n",
             r"the header 'x_mm' seems to contain the unit mm; write it in br",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.fit.csv_reader import read_csv_table
+from beamdae.csv_reader import parse_numbers, read_csv_table
 from beamdae.equations import measures
 from beamdae.errors import (
     BeamdaeError,
@@ -20,9 +20,18 @@ from beamdae.errors import (
     require_mapping,
     require_positive,
     short_repr,
+    warn_user,
 )
-from beamdae.model_parameters import convert_text, parse_unit, split_unit, standardize_header
+from beamdae.model_parameters import (
+    conversion_factor,
+    convert_text,
+    parse_unit,
+    split_unit,
+    standardize_header,
+    suggest_unit,
+)
 from beamdae.read_only import read_only_data
+from beamdae.results.storage.files import unescape_cell
 
 Array = np.ndarray
 
@@ -178,19 +187,19 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
         observed, observed_unit = split_unit(header)
         if column != observed:
             continue
-        source, target = parse_unit(unit), parse_unit(observed_unit)
-        if source is None or target is None or source[1] != target[1]:
+        factor = conversion_factor(unit, observed_unit)
+        if factor is None:
+            hint = suggest_unit(unit) if parse_unit(unit) is None else ""
             raise BeamdaeError(
-                f"{part}: the column {column!r} of data is in {unit}, but the model observes it in "
-                f"{observed_unit}; convert the values and name the column {header!r}."
+                f"{part}: the column {column!r} of data is in {unit}{hint}, but the model observes "
+                f"it in {observed_unit}; convert the values and name the column {header!r}."
             )
-        factor = float(source[0] / target[0])
         return replace(
             series,
             column=header,
             name_in_data=name,
-            values=series.values * factor,
-            sigma=series.sigma * factor,
+            values=series.values * float(factor),
+            sigma=series.sigma * float(factor),
         )
     return series
 
@@ -207,7 +216,7 @@ def _read_series(
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
     name = "data" if path is None else path
     texts = (_EXPERIMENT, _OBSERVABLE)
-    given = data if path is None else read_csv_table(part, path, texts, _MAX_DATA)
+    given = data if path is None else _read_file(part, path, texts)
     table = _as_columns(part, given, name)
     if _OBSERVABLE in table and _VALUE in table:
         table = _standardize_headers(part, table, name)
@@ -225,6 +234,15 @@ def _read_series(
             series += _read_wide_table(part, columns, place, experiment, known)
         return series, False, name
     return _read_wide_table(part, table, name, ONLY_EXPERIMENT, known), False, name
+
+
+def _read_file(part: str, path: str, texts: tuple[str, ...]) -> dict[str, Any]:
+    """Return the columns of a CSV file; those of numbers as arrays."""
+    columns = read_csv_table(part, path, _MAX_DATA, texts)
+    return {
+        unescape_cell(x): cells if x in texts else parse_numbers(cells)
+        for x, cells in columns.items()
+    }
 
 
 def _is_table(value: Any) -> bool:
@@ -325,12 +343,13 @@ def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
 def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str | None:
     """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
 
-    Without such a column, return one named "t" or "time" that has another unit, if there is one.
+    Without such a column, return one named "t" or "time" that has another unit or none, if there is
+    one.
     """
     units = {x: unit for x in table for name, unit in [split_unit(x)] if _is_time(name) and unit}
     candidates = [x for x in table if x in names or (x in units and _is_time_unit(units[x]))]
     if not candidates:
-        return next(iter(units), None)
+        return next(iter(units), next((x for x in table if _is_time(x)), None))
     if len(candidates) > 1:
         raise BeamdaeError(
             f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
@@ -351,7 +370,13 @@ def _is_time_unit(unit: str) -> bool:
 
 def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Array:
     """Return the column of times in seconds."""
-    numbers, unit = _as_numbers(part, table[time], time, name), split_unit(time)[1] or "s"
+    numbers, unit = _as_numbers(part, table[time], time, name), split_unit(time)[1]
+    if not unit:
+        warn_user(
+            f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
+            f"column '{time} [s]'."
+        )
+        return numbers
     parsed = parse_unit(unit)
     if parsed is None or not _is_time_unit(unit):
         raise BeamdaeError(
