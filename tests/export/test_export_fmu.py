@@ -825,6 +825,45 @@ def test_regression_wrong_calls_are_errors(any_fmu):
 
 
 @pytest.mark.slow(reason="compiles an FMU")
+def test_regression_times_of_the_experiment_are_enforced(any_fmu):
+    """Steps beyond the stop time and values after the end of a run were accepted."""
+    script = """
+    a = Instance("a")
+    a.fmu.reset()
+    if is_two:
+        a.fmu.setupExperiment(startTime=0.0, stopTime=2 * step)
+        a.fmu.enterInitializationMode()
+    else:
+        a.fmu.enterInitializationMode(startTime=0.0, stopTime=2 * step)
+    a.fmu.exitInitializationMode()
+    a.step(), a.step()
+
+    def start_later():
+        a.fmu.reset()
+        if is_two:
+            a.fmu.setupExperiment(startTime=1.0)
+        else:
+            a.fmu.enterInitializationMode(startTime=1.0)
+
+    def set_after_the_end():
+        b = Instance("b")
+        b.fmu.terminate()
+        b.set(torque=1.0)
+
+    for action in (a.step, start_later, set_after_the_end):
+        try:
+            action()
+            print("no error")
+        except Exception as problem:
+            assert "3" in str(problem) or "error" in str(problem)
+    """
+    lines = run_without_beamdae(ADAPTER + textwrap.dedent(script), any_fmu.path, STEP)
+    expected = ("t = 0.003 s, after the stop time", "start time must be 0", "is terminated")
+    assert len(lines) == len(expected), lines
+    assert all(words in line for words, line in zip(expected, lines, strict=True)), lines
+
+
+@pytest.mark.slow(reason="compiles an FMU")
 def test_coupling_error_of_two_fmus_is_of_first_order(tmp_path):
     pytest.importorskip("fmpy")
     from fmus import coupling

@@ -69,10 +69,12 @@ void fmi2FreeInstance(fmi2Component component) {
     free(c);
 }
 
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean with_tolerance, fmi2Real tolerance,
-                               fmi2Real start, fmi2Boolean with_stop, fmi2Real stop) {
-    (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
-    return start == 0.0 ? fmi2OK : report(c, "The start time must be 0.");
+fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean with_tolerance,
+                               fmi2Real tolerance, fmi2Real start, fmi2Boolean with_stop,
+                               fmi2Real stop) {
+    Component *c = component;
+    (void)with_tolerance, (void)tolerance;
+    return check(c, set_experiment(c->instance, start, with_stop, stop));
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component component) {

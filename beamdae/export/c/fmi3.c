@@ -87,9 +87,9 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean with_t
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean with_stop, fmi3Float64 stop) {
     Component *c = instance;
-    (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
-    if (start != 0.0) return report(c, "The start time must be 0.");
-    return check(c, enter_initialization(c->instance));
+    (void)with_tolerance, (void)tolerance;
+    const char *message = set_experiment(c->instance, start, with_stop, stop);
+    return check(c, message ? message : enter_initialization(c->instance));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {

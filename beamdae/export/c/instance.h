@@ -45,6 +45,8 @@ struct Instance {
     /* Work arrays. */
     double *p, *motion, *levels, *rate, *solution, *outputs, *numbers;
     int fixed_iterations, has_outputs;
+    /* End of the experiment [s]; not part of the state. */
+    double stop;
     Factors saddle_factors;
     Sum residual, matrix, motion_sum, saddle, output_sum, residual_direction, output_direction;
     Method *method;

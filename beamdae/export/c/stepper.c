@@ -16,6 +16,8 @@
 #define FRICTION_TOLERANCE 1e-10
 /* Largest communication step, relative to the step of the model. */
 #define MAX_STEPS 1e9
+/* Rounding errors of the stop time, relative to the step of the model. */
+#define SAME_END 1e-3
 
 /* Indices of the shared numbers of matrices; see beamdae.symbolic.local_symbols. */
 enum { TIME, BRANCH, C_Q, C_V, C_A, C_L, C_H, C_R };
@@ -331,6 +333,7 @@ int instance_reset(Instance *s) {
     memset(s->block, 0, s->n_state * sizeof(double));
     memset(&s->now, 0, sizeof(s->now));
     s->message[0] = 0;
+    s->stop = INFINITY;
     memcpy(s->q, model->q, model->n * sizeof(double));
     memcpy(s->v, model->v, model->n * sizeof(double));
     if (model->n_values) memcpy(s->values, model->values, model->n_values * sizeof(double));
@@ -398,9 +401,14 @@ int instance_advance(Instance *s, double end) {
     if (!(end - instance_time(s) <= MAX_STEPS * s->model->step))
         return fail(s, "The communication step at t = %.9g s is longer than 1e9 steps of the "
                        "model; use shorter communication steps.", instance_time(s));
+    if (end > s->stop + SAME_END * s->model->step)
+        return fail(s, "The communication step ends at t = %.9g s, after the stop time of the "
+                       "experiment; begin with a later stop time, or without one.", end);
     method_begin_step(s);
     return advance(s, end);
 }
+
+void instance_set_stop(Instance *s, double stop) { s->stop = stop; }
 
 double instance_time(const Instance *s) { return s->now.t + s->now.offset; }
 

@@ -89,6 +89,8 @@ int *instance_mode(Instance *instance);
 /* Compute accelerations and reactions from positions, velocities and values. */
 int instance_initialize(Instance *instance);
 int instance_advance(Instance *instance, double end);
+/* Reject steps that end after `stop`, until the next reset. */
+void instance_set_stop(Instance *instance, double stop);
 
 double instance_time(const Instance *instance);
 double instance_value(const Instance *instance, Index value);

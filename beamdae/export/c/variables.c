@@ -15,6 +15,7 @@
 enum { INSTANTIATED = 0, INITIALIZING, STEPPING, TERMINATED };
 
 static const char *const OUT_OF_MEMORY = "Out of memory.";
+static const char *const IS_TERMINATED = "The FMU is terminated; reset it to begin again.";
 static const char *const NO_STATE = "There is no saved state to restore.";
 
 const char *get_variables(Instance *instance, const Index references[], size_t count,
@@ -38,6 +39,7 @@ const char *get_variables(Instance *instance, const Index references[], size_t c
 
 const char *set_variables(Instance *instance, const Index references[], size_t count,
                           const double values[]) {
+    if (*instance_mode(instance) == TERMINATED) return IS_TERMINATED;
     for (size_t k = 0; k < count; k++) {
         if (references[k] >= model.n_values) return "Only inputs and parameters can be set.";
         if (instance_set_value(instance, references[k], values[k]))
@@ -116,6 +118,15 @@ const char *deserialize_state(const Instance *instance, const void *bytes, size_
     return NULL;
 }
 
+const char *set_experiment(Instance *instance, double start, int has_stop, double stop) {
+    if (*instance_mode(instance) != INSTANTIATED)
+        return "The times of the experiment are set before initialization; reset the FMU first.";
+    if (start != 0.0) return "The start time must be 0, where the model begins.";
+    if (has_stop && !(stop > 0.0)) return "The stop time must be positive.";
+    instance_set_stop(instance, has_stop ? stop : INFINITY);
+    return NULL;
+}
+
 const char *enter_initialization(Instance *instance) {
     int *mode = instance_mode(instance);
     if (*mode != INSTANTIATED)
@@ -139,7 +150,7 @@ const char *terminate(Instance *instance) {
 
 const char *do_step(Instance *instance, double t, double step) {
     const int mode = *instance_mode(instance);
-    if (mode == TERMINATED) return "The FMU is terminated; reset it to begin again.";
+    if (mode == TERMINATED) return IS_TERMINATED;
     if (mode != STEPPING) return "The FMU is not initialized; exit initialization mode first.";
     if (!(fabs(t - instance_time(instance)) <= SAME_POINT * model.step))
         return "The communication point is not the end of the last step.";

@@ -26,6 +26,9 @@ const char *serialize_state(const Instance *instance, const void *state, void *b
 const char *deserialize_state(const Instance *instance, const void *bytes, size_t size,
                               void **state);
 
+/* Set the range of times, [s]; the model begins at time zero. */
+const char *set_experiment(Instance *instance, double start, int has_stop, double stop);
+
 /* Transitions between modes. */
 const char *enter_initialization(Instance *instance);
 const char *exit_initialization(Instance *instance);
