@@ -5,6 +5,7 @@ import importlib
 import numpy as np
 import pytest
 from quick_return import quick_return
+from slider_crank import slider_crank
 
 import beamdae as bd
 from beamdae.analysis.gradients import number_derivatives
@@ -254,6 +255,25 @@ def test_all_parameters_of_the_models(name):
     method = bd.GeneralizedAlpha(step=1e-3)
     # The condition numbers of the iteration matrices of stiff beams reach 1e7.
     assert_agrees_with_forward(model, by, 0.01, method, values, positions=1e-9)
+
+
+@pytest.mark.slow(reason="runs at a small tolerance")
+@pytest.mark.parametrize("t_end", [0.3894, 0.4917])
+def test_regression_undamped_slider_crank_with_radau(t_end):
+    """Factors that had not been tested were unsuitable, and the transposed equations diverged."""
+    method, by = bd.Radau(1e-8), ["damping", "density"]
+    values = {"formulation": "exact", "damping": 0.0}
+    objective = bd.EndValue("slider.x")
+    forward = bd.sensitivities(
+        slider_crank, by, method, t_end, parameters=values, estimate_error=False
+    )
+    actual = bd.gradient(
+        slider_crank, objective, by, method, t_end, parameters=values, estimate_error=False
+    )
+    for name in by:
+        expected, size = chain_rule(forward, objective, name)
+        size = max(size, NEGLIGIBLE * abs(actual.value / (forward.parameters[name] or 1.0)))
+        assert abs(actual.derivatives[name] - expected) <= 1e-7 * size
 
 
 def flat_arm(**values):

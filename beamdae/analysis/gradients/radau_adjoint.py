@@ -15,6 +15,7 @@ from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_replay import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_replay import (
+    JUST_TESTED,
     StageMatrices,
     restore_stages,
     schedule_test,
@@ -187,10 +188,14 @@ def sweep_backwards(adjoint: RadauAdjoint) -> int:
         adjoint.tested = (adjoint.tested + 1) % STEPS_PER_TEST
         _set_seeds(adjoint, first, h)
         code = _solve_weights(adjoint, h)
-        if code != DONE:
+        if code == DONE:
+            _transpose_residuals(adjoint, first, h)
+            adjoint.step -= 1
+        elif adjoint.tested == JUST_TESTED:
             return code
-        _transpose_residuals(adjoint, first, h)
-        adjoint.step -= 1
+        else:
+            # Solutions with factors that were not tested may be inaccurate: test them.
+            adjoint.tested = 0
     return DONE
 
 

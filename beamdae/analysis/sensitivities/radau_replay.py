@@ -59,6 +59,8 @@ _POSITION_ROUNDING = 1e-16
 _MAX_ITERATIONS = 60
 # Factors are tested if the length of the step has changed by this factor since the last test.
 _MAX_STEP_RATIO = 1.5
+# Value of `tested` if the factors of the current step were tested.
+JUST_TESTED = 1
 _PROBLEMS = {
     NOT_CONVERGED: "the derivatives of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -137,8 +139,8 @@ class RadauReplay:
         Reciprocal scales of the coordinates, (n,), and of (q, h v), (2n,); ones (m,).
     results
         Derivatives of (q, v, a, lam) at all stages, (3 steps * k, 3n + m).
-    step
-        Number of completed steps.
+    step, direction
+        Number of completed steps, and number of directions that are completed in the next step.
     tested
         Number of steps since the last test of the factors; 0 if the next factors are tested.
     tested_step
@@ -161,6 +163,7 @@ class RadauReplay:
     unit_weights: Array
     results: Array
     step: int = 0
+    direction: int = 0
     tested: int = 0
     tested_step: float = 0.0
 
@@ -184,12 +187,19 @@ def replay_steps(replay: RadauReplay) -> int:
         replay.tested = (replay.tested + 1) % STEPS_PER_TEST
         combine(replay.weights[: run.form.n], (1.0,), (replay.scales,))
         combine(replay.weights[run.form.n :], (h,), (replay.scales,))
-        for k in range(count):
-            code = _differentiate_stages(replay, h, k)
-            if code != DONE:
-                return code
-            _store_derivatives(replay, k)
-        replay.step += 1
+        while replay.direction < count and code == DONE:
+            code = _differentiate_stages(replay, h, replay.direction)
+            if code == DONE:
+                _store_derivatives(replay, replay.direction)
+                replay.direction += 1
+        if code == DONE:
+            replay.direction = 0
+            replay.step += 1
+        elif replay.tested == JUST_TESTED:
+            return code
+        else:
+            # Solutions with factors that were not tested may be inaccurate: test them.
+            replay.tested = 0
     return DONE
 
 
