@@ -165,7 +165,8 @@ class Beam(Part):
         `deformation`.
     velocity, angular_velocity
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
-        as a rigid body; made consistent with the joints.
+        as a rigid body. Values other than zero are kept if the joints allow it; the connected
+        bodies move with them.
     kinematics
         Custom kinematics in place of `formulation`: a subclass of `Kinematics` (in the module
         beamdae.beams.kinematics), or a function of (name, mesh, section) that returns an instance

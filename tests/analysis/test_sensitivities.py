@@ -195,6 +195,37 @@ def test_driver_that_moves_at_the_start():
     assert_agree_with_runs(turning, ["speed"], 0.05)
 
 
+@bd.model(t_end=0.05)
+def towed(speed=30.0, mass=0.5):
+    """Crank that turns at a given speed and moves a flexible rod and a ram."""
+    mech = bd.Mechanism()
+    crank = bd.RigidBody.rod("crank", (0, 0), (0.02, 0.02), mass=mass, angular_velocity=speed)
+    mech.add(crank)
+    ram = mech.add(bd.PointMass("ram", 2.0, at=(0.3, 0.0)))
+    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.02, 0.02), (0.3, 0.0)), steel, elements=1))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(bd.Revolute("pin", crank.at(0.02, 0.02), rod.start))
+    mech.add(bd.Revolute("ram pin", rod.end, ram.point))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.3, 0.0), ram.point, direction=(1.0, 0.0)))
+    mech.observe("ram", ram.point)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_bodies_that_follow_a_given_velocity():
+    assert_agree_with_runs(towed, ["speed", "mass"], 0.05)
+    method = bd.GeneralizedAlpha(step=1e-3)
+    forward = bd.sensitivities(towed, ["speed", "mass"], method, estimate_error=False)
+    table = forward.table()
+    gradient = bd.gradient(
+        towed, bd.EndValue("ram.x"), ["speed", "mass"], method, estimate_error=False
+    )
+    for name in ("speed", "mass"):
+        (column,) = [x for x in table.columns if x.startswith(f"d(ram.x)/d({name})")]
+        assert gradient.derivatives[name] == pytest.approx(table[column].iloc[-1], rel=1e-9)
+
+
 @bd.model(t_end=0.5)
 def skater(offset=0.1, spin=1.0, push=3.0):
     """Body on a skate, a nonholonomic constraint."""

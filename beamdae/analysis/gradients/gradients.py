@@ -35,9 +35,9 @@ from beamdae.analysis.sensitivities.model_differences import (
 from beamdae.analysis.sensitivities.run_derivatives import (
     derive_states,
     differentiate_start,
-    drivers_move,
     find_stop,
     node_state,
+    start_adds_velocities,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -421,7 +421,9 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
     numbers = adjoint.seeds.numbers + sum(x[: len(equations.p)] for x in adjoint.numbers)
     if by_equilibrium is not None:
         numbers = numbers + by_equilibrium
-    starts_as_drawn = np.array_equal(at.q, equations.q0) and not drivers_move(equations, time)
+    starts_as_drawn = np.array_equal(at.q, equations.q0) and not start_adds_velocities(
+        equations, time
+    )
     if by_equilibrium is None and not starts_as_drawn:
         return _differentiate_one_by_one(run, names, objective)
     # The equilibrium of neighboring models is not needed if its adjoint is known.

@@ -20,7 +20,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     rounding_of_numbers,
     warn_of_idle_parameters,
 )
-from beamdae.analysis.sensitivities.run_derivatives import drivers_move
+from beamdae.analysis.sensitivities.run_derivatives import start_adds_velocities
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.model_functions import Model
@@ -252,7 +252,7 @@ class _Differencing:
             and all(map(_have_same_pattern, equations.observables, base.observables))
         ):
             raise _IrregularError
-        if drivers_move(equations, self._time):
+        if start_adds_velocities(equations, self._time):
             raise _IrregularError
         return _numbers_of(equations)
 

@@ -458,7 +458,7 @@ def differentiate_start(
     """
     base = derivatives.equations
     models = (base, *difference.equations)
-    if np.array_equal(at.q, base.q0) and not any(drivers_move(e, time) for e in models):
+    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
         dq, dv = difference.derivative(lambda e: e.q0), difference.derivative(lambda e: e.v0)
     else:
 
@@ -471,10 +471,12 @@ def differentiate_start(
     return dq, dv
 
 
-def drivers_move(equations: EquationsOfMotion, time: Array) -> bool:
-    """Return True if laws of constraints move at the start, see `ConsistencySolver.start_state`."""
+def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
     kernels = [joint.kernel for joint in equations.structure.joints]
-    if all(kernel.is_holonomic and not kernel.has_time for kernel in kernels):
+    if not np.any(equations.v0) and all(x.is_holonomic and not x.has_time for x in kernels):
         return False
-    levels = ConsistencySolver(equations).constraint_levels(time, equations.q0)
-    return bool(np.any(levels[1]))
+    solver = ConsistencySolver(equations)
+    return not np.array_equal(
+        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import spsolve
 
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
@@ -22,15 +23,18 @@ from beamdae.linear.factorizations import (
     SingularMatrixError,
     create_factorization,
 )
+from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
-# Bodies can begin to move rigidly if at most this fraction of the driver velocities remains as an
-# error.
+# Bodies can begin to move rigidly if at most this fraction of the velocities at which the joints
+# open remains as an error.
 _RIGID_START_TOLERANCE = 1e-6
+_OPENING_TOLERANCE = 1e-12  # velocity of a closed joint, relative to the largest velocity
+_ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
 _MAX_LAW_JUMP = 1e-3  # relative to min(1, length); allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
@@ -101,11 +105,9 @@ class ConsistencySolver(StateEvaluator):
     def start_state(self, time: Array, q: Array, v: Array) -> State:
         """Return the consistent state at the start of a run.
 
-        Drivers set bodies without velocity in rigid motion if the joints allow it, with the least
-        kinetic energy: a driver at constant speed turns a whole beam, not only its root, which
-        would make the beam whip. If any of the bodies that joints connect has a velocity in `v`,
-        the velocities of all of these bodies are projected as in `state`, because a joint may stop
-        a moving body by an impact.
+        Velocities follow `rigid_velocities`: bodies move rigidly with given velocities and drivers
+        if the joints allow it, because a driver or body that moves only the root of a beam would
+        make the beam whip. Other velocities are projected as in `state`.
 
         Raises
         ------
@@ -113,7 +115,7 @@ class ConsistencySolver(StateEvaluator):
             As `state`.
         """
         q = self._close_positions(time, np.array(q, float))
-        return self.state(time, q, self._add_rigid_velocities(time, q, np.array(v, float)))
+        return self.state(time, q, self.rigid_velocities(time, q, np.array(v, float)))
 
     def acceleration(
         self, time: Array, q: Array, v: Array, stiff_time: float = 0.0
@@ -258,29 +260,47 @@ class ConsistencySolver(StateEvaluator):
             "parts and the start values."
         )
 
-    def _add_rigid_velocities(self, time: Array, q: Array, v: Array) -> Array:
-        """Add rigid-body velocities that follow the drivers to groups of bodies at rest.
+    def rigid_velocities(
+        self, time: Array, q: Array, v: Array, prescribed: Sequence[int] = ()
+    ) -> Array:
+        """Return velocities (n,) with which the bodies move rigidly and the joints stay closed.
 
-        A group consists of bodies that joints connect. It stays at rest if joints prevent the
-        motion.
+        Velocities and angular velocities of bodies that are not zero in `v` are kept; others are
+        free, and their change has the least kinetic energy. Bodies that joints connect keep their
+        velocities in `v` if their joints stay closed, if bodies are deforming, or if no such motion
+        exists: a joint may stop a moving body by an impact.
+
+        Parameters
+        ----------
+        time
+            Time and branch, (2,).
+        q, v
+            Closed positions and requested velocities, (n,) each.
+        prescribed
+            Indices of velocities that never change.
         """
-        e, rest = self.equations, np.zeros(self.equations.n)
-        g_dot = self.constraint_levels(time, q, rest)[1]
-        if not np.any(g_dot):
+        e = self.equations
+        g_dot = self.constraint_levels(time, q, v)[1]
+        size = max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
+        is_open = np.abs(g_dot) > _OPENING_TOLERANCE * size
+        if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
         groups, groups_of_rows = self._connected_groups(gradients)
-        driven = np.setdiff1d(groups_of_rows[g_dot != 0.0], groups[v != 0.0])
-        if not len(driven):
-            return v
-        motions = e.position_scales[:, None] * compute_rigid_motions(e, q)
+        motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
         _, _, mass = self.linearize_forces(time, self.rest_state(q))
-        for group in driven:
-            moves, rows = groups == group, np.flatnonzero(groups_of_rows == group)
-            shapes = motions[:, np.any(motions[moves] != 0.0, axis=0)]
-            # Motions of rigid bodies are not altered by the projection of velocities.
-            if shapes.shape[1] < np.sum(moves):
-                v = v + _rigid_velocities(shapes, mass, gradients[rows], g_dot[rows])
+        for group in np.unique(groups_of_rows[is_open]):
+            rows = np.flatnonzero(groups_of_rows == group)
+            inside = sp.diags_array((groups == group).astype(float)) @ motions
+            shapes = inside[:, np.diff(inside.tocsc().indptr) > 0]
+            v = v + _rigid_change(
+                shapes,
+                mass,
+                gradients[rows],
+                g_dot[rows],
+                np.where(groups == group, v, 0.0),
+                np.array([k for k in prescribed if groups[k] == group], int),
+            )
         return v
 
     def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
@@ -410,20 +430,35 @@ def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
     return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
 
 
-def _rigid_velocities(
-    motions: Array, mass: sp.csc_array, gradients: sp.csr_array, g_dot: Array
+def _rigid_change(
+    shapes: sp.csc_array,
+    mass: sp.csc_array,
+    gradients: sp.csr_array,
+    g_dot: Array,
+    v: Array,
+    prescribed: Array,
 ) -> Array:
-    """Return the velocities (n,) in the span of `motions` with gradients @ v = -g_dot, or zeros.
+    """Return a change of v (n,) in the span of `shapes` by which g_dot vanishes, or zeros.
 
-    Of the possible velocities, these have the least kinetic energy.
+    Nonzero amplitudes of v do not change.
     """
-    weight, rows = motions.T @ (mass @ motions), gradients @ motions
+    none = np.zeros(len(v))
+    amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ v)
+    if np.max(np.abs(shapes @ amplitudes - v)) > _RIGID_START_TOLERANCE * np.max(np.abs(v)):
+        return none
+    weight, rows = shapes.T @ mass @ shapes, sp.csr_array(gradients @ shapes)
     # Independent of units; rows that no rigid motion affects are zero.
-    lengths = np.linalg.norm(rows, axis=1)
+    lengths = sp.linalg.norm(rows, axis=1)
     lengths[lengths == 0.0] = 1.0
-    weight, rows = weight / np.max(weight), rows / lengths[:, None]
-    v = motions @ solve_least_change(sp.csc_array(weight), sp.csc_array(rows), -g_dot / lengths)
-    remaining = np.abs(gradients @ v + g_dot)
-    # False also if no solution was found, for which the velocities are not finite.
-    is_possible = np.max(remaining) <= _RIGID_START_TOLERANCE * np.max(np.abs(g_dot))
-    return v if is_possible else np.zeros(len(motions))
+    rows, values = sp.diags_array(1.0 / lengths) @ rows, -g_dot / lengths
+    given = np.flatnonzero(np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes)))
+    fixed = sp.vstack([shapes[prescribed], build_selection(given.tolist(), shapes.shape[1])])
+    change = shapes @ solve_least_change(
+        weight / abs(weight).max(),
+        sp.vstack([rows, fixed]),
+        np.concatenate([values, np.zeros(fixed.shape[0])]),
+    )
+    errors = np.abs(np.concatenate([gradients @ change + g_dot, change[prescribed]]))
+    # False also if no solution was found, for which the change is not finite.
+    is_possible = np.max(errors) <= _RIGID_START_TOLERANCE * np.max(np.abs(g_dot))
+    return change if is_possible else none

@@ -196,8 +196,12 @@ def _is_closed(e: EquationsOfMotion, gaps: Array) -> bool:
 def _project_velocities(
     e: EquationsOfMotion, time: Array, q: Array, requested: Array, prescribed: list[int]
 ) -> Array:
-    """Return the consistent velocities nearest to `requested` that keep prescribed velocities."""
+    """Return consistent velocities near `requested` that keep prescribed velocities.
+
+    Bodies move rigidly if possible; otherwise, the change has the least kinetic energy.
+    """
     solver, selection = ConsistencySolver(e), build_selection(prescribed, e.n)
+    requested = solver.rigid_velocities(time, q, requested, prescribed)
     _, _, mass = solver.linearize_forces(time, solver.rest_state(q))
     rows = sp.vstack([solver.constraint_matrix(time, q), selection])
     g_dot = solver.constraint_levels(time, q, requested)[1]

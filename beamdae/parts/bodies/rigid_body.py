@@ -100,8 +100,8 @@ class RigidBody(Part):
     center
         Center of mass (x, y) [m] in the reference configuration, in which the angle is zero.
     velocity, angular_velocity
-        Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]; made
-        consistent with the joints.
+        Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]. Values
+        other than zero are kept if the joints allow it; the connected bodies move with them.
     shape
         Points (x, y) of the outline in the reference configuration [m], for drawings and for the
         size of the body. If empty (default), drawings show a line through the points at which parts

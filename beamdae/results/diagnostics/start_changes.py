@@ -12,6 +12,7 @@ from beamdae.read_only import read_only_data
 Array = np.ndarray
 
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
+_MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
 _AS_DRAWN = "as drawn"
 
 
@@ -49,7 +50,8 @@ class StartSummary:
         Changes to satisfy the joints, one entry per part with coordinates.
     warning
         Warning if no positions were requested and a part was displaced by more than a thousandth of
-        the length of the mechanism; otherwise empty.
+        the length of the mechanism, or if a requested velocity was changed by more than a hundredth
+        of it; otherwise empty.
     """
 
     request: str
@@ -76,7 +78,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         changes.append(
             StartChange(part.name, float(displacement.max()), float(velocity.max()), largest)
         )
-    summary = StartSummary(request, tuple(changes), "")
+    summary = StartSummary(request, tuple(changes), _warn_of_velocities(e, v, state.v, request))
     change = summary.largest
     if (
         is_moved
@@ -91,3 +93,28 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         "positions of the parts, or pass start= with positions by name."
     )
     return StartSummary(request, summary.changes, warning)
+
+
+def _warn_of_velocities(e: EquationsOfMotion, requested: Array, actual: Array, request: str) -> str:
+    """Return a sentence on the requested velocity that changed most, or an empty string."""
+    worst, largest = None, _MAX_UNREPORTED_VELOCITY_CHANGE
+    # Elastic coordinates adapt to the rigid motion.
+    for part in (x for x in e.parts if request == _AS_DRAWN and not x.is_state):
+        rows = range(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
+        given = [k for k in rows if requested[k] != 0.0]
+        # The translation of a turning body depends on where the joints let it turn.
+        given = [k for k in given if e.coordinates[k].unit == "rad"] or given
+        size = np.max(np.abs(requested[given]), initial=0.0)
+        for k in given:
+            change = abs(actual[k] - requested[k]) / size
+            if change > largest:
+                worst, largest = (part, k), change
+    if worst is None:
+        return ""
+    part, k = worst
+    unit = f"{e.coordinates[k].unit}/s"
+    return (
+        f"{part.name}: the joints do not allow the given velocities, and the run starts with "
+        f"{e.q_names[k]}_dot = {actual[k]:.4g} {unit} instead of {requested[k]:.4g} {unit}, as "
+        "after an impact of the connected bodies; give velocities that the joints allow."
+    )
