@@ -167,7 +167,7 @@ def certify_modes(
     >>> beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip))
     >>> clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     >>> certificate = bd.certify_modes(mech, accuracy=1e-3, n=2)
-    >>> certificate.success, bool(abs(certificate.values[0] - 3.34) < 0.01)
+    >>> certificate.status.success, bool(abs(certificate.values[0] - 3.34) < 0.01)
     (True, True)
     """
     count = require_count("certify_modes", "n", n)

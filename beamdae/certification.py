@@ -211,7 +211,7 @@ def certify(
     >>> rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
     >>> mech.observe("bob", bob.point)
     >>> certificate = bd.certify(mech, accuracy=0.001, t_end=1.0)
-    >>> certificate.success
+    >>> certificate.status.success
     True
     """
     require_choice("certify", "partial", partial, PARTIAL_RESULTS)
@@ -238,9 +238,9 @@ def certify(
         raise error.problem from None
     if certificate.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(certificate.status.sentence, certificate, "certify")
-    if not certificate.success:
+    if not certificate.status.success:
         name = description.get("name", "certify")
-        warn_user(f"{name}: not certified; {certificate.reason}.")
+        warn_user(f"{name}: not certified; {certificate.status.sentence}.")
     return certificate
 
 

@@ -18,8 +18,8 @@ import signal
 import sys
 import threading
 import time as clock
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from types import CodeType, FrameType, FunctionType
@@ -142,6 +142,15 @@ def attach_partial(problem: BaseException, partial: Any) -> None:
     # Exceptions with `__slots__` may have no further attributes.
     with suppress(AttributeError, TypeError):
         vars(problem).update(partial=partial, solution=getattr(partial, "solution", partial))
+
+
+@contextmanager
+def keep_result(result: Any, call: str, reason: str) -> Iterator[None]:
+    """Attach a finished result to interrupts of a `with` block in the public function `call`."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Interrupted(reason, result, call) from None
 
 
 def outermost_call(names: Collection[str]) -> str:

@@ -288,7 +288,7 @@ class WrittenFiles:
         if status is not None and status.kind == "interrupted":
             raise Interrupted(f"{status.sentence}; the results so far are in {self.paths[0]}")
         if status is not None and not success:
-            print_error(f"failed: {status.sentence}")
+            print_error(f"failed: {name_options(status.sentence)}")
         if self.failed or not success:
             raise typer.Exit(1)
 

@@ -226,8 +226,8 @@ def certify_run(
     budget = certificate.budget_columns()
     order = ("half the range", "total", "time", "mesh", "theory", "theory as written", "certified")
     run.errors = {name: budget[name] for name in order}
-    if not certificate.success:
-        run.accuracy_warning = f"{run.model.name}: not certified; {certificate.reason}."
+    if not certificate.status.success:
+        run.accuracy_warning = f"{run.model.name}: not certified; {certificate.status.sentence}."
     return certificate.solution
 
 

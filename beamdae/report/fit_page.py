@@ -100,7 +100,7 @@ def describe_fit(fit: Fit) -> dict[str, str]:
         if fit.is_sigma_known
         else f"t distribution with {fit.degrees_of_freedom} degrees of freedom, sigma is estimated"
     )
-    facts = {"status": "converged" if fit.converged else f"not converged: {fit.reason}"}
+    facts = {"status": fit.status.sentence}
     if fit.is_sigma_known:
         # Otherwise, both numbers are equal by construction.
         freedom = f"{fit.degrees_of_freedom} degrees of freedom"

@@ -96,7 +96,7 @@ class AnalysisCertificate(CertificateStatus):
         """Return status, meshes and any notes as strings by name."""
         beams = [f"{name} with {count} elements" for name, count in self.elements.items()]
         rows = {
-            "certificate": f"{self.status.kind}: {self.reason}",
+            "certificate": f"{self.status.kind}: {self.status.sentence}",
             "meshes": "; ".join([f"{self.meshes} meshes", *beams]),
         }
         return rows | ({"notes": " ".join(self.notes)} if self.notes else {})

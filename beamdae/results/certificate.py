@@ -30,20 +30,10 @@ class CertificateStatus:
 
     def __repr__(self) -> str:
         name = type(self).__name__
-        return f"<{name} of {self.accuracy:g}: {self.status.kind}, {self.reason}>"
+        return f"<{name} of {self.accuracy:g}: {self.status.kind}, {self.status.sentence}>"
 
     def _repr_html_(self) -> str:
         return load_views().summarize_certificate_as_html(self)
-
-    @property
-    def success(self) -> bool:
-        """True if all required columns are within the accuracy."""
-        return self.status.success
-
-    @property
-    def reason(self) -> str:
-        """The reason for the status."""
-        return self.status.sentence
 
 
 def describe_verdicts(errors: Array, accuracy: float, required: Array) -> list[str]:
@@ -212,7 +202,7 @@ class Certificate(CertificateStatus):
         ]
         rows = {
             "accuracy": f"{self.accuracy:g} of half the range of a column",
-            "certificate": f"{self.status.kind}: {self.reason}",
+            "certificate": f"{self.status.kind}: {self.status.sentence}",
             "settings": "; ".join([self.solution.label, *beams]),
             "cost": f"{len(self.runs)} runs, {self.cost:.2g} times the time of the last run",
             "scope": _SCOPE,
@@ -228,7 +218,7 @@ class Certificate(CertificateStatus):
         return {
             "accuracy": self.accuracy,
             "status": self.status.kind,
-            "reason": self.reason,
+            "reason": self.status.sentence,
             "good until [s]": self.good_until,
             "growth rate [1/s]": None if np.isnan(self.growth_rate) else self.growth_rate,
             "integrator": self.solution.label,

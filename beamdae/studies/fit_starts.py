@@ -54,7 +54,8 @@ class StartSearch:
             {
                 "values": result.evaluation.values.tolist(),
                 "chi_square": result.chi_square,
-                "converged": result.converged,
+                "status": result.status.kind,
+                "reason": result.status.sentence,
                 "evaluations": result.evaluations,
             }
         )
@@ -102,10 +103,10 @@ def run_starts(
     folder: Any,
     jobs: Any,
     progress: Any,
-) -> tuple[Array, pd.DataFrame]:
+) -> tuple[Array, pd.DataFrame, bool]:
     """Return the variables at the end of the best of several searches, and a table of all.
 
-    See `fit` for the arguments.
+    The third value is True if Ctrl-C ended the searches. See `fit` for the arguments.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def run_starts(
         If all searches fail, the folder cannot be written, or a value of a parameter cannot be
         reproduced in other processes.
     Interrupted
-        If Ctrl-C ends the searches.
+        If Ctrl-C ends the searches before one of them is finished.
     """
     require_progress("fit", progress)
     path = None if folder is None else require_folder("fit", folder)
@@ -138,17 +139,17 @@ def run_starts(
     )
     results = _run(study, path, executor, progress)
     table = _tabulate(problem, results, settings)
-    if results.interrupted:
+    finished = table[table["chi-square"].notna()]
+    if results.interrupted and not len(finished):
         hint = "; call fit with the same folder to resume" if path is not None else ""
         raise Interrupted(f"interrupted{hint}", None, "fit")
-    finished = table[table["status"] == "ok"]
     if not len(finished):
         raise BeamdaeError(
             f"fit: all {starts} searches failed, the first one because {table['reason'].iloc[0]}"
         )
     best = int(np.argmin(finished["chi-square"].to_numpy(float)))
     values = finished[list(problem.variables)].to_numpy(float)[best]
-    return scaling.variables(values), table
+    return scaling.variables(values), table, results.interrupted
 
 
 def _run(
@@ -191,7 +192,8 @@ def _tabulate(
         if outcome.status.success and text is not None:
             end = json.loads(text)
             row |= {
-                "reason": "converged" if end["converged"] else "not converged",
+                "status": end["status"],
+                "reason": end["reason"],
                 "chi-square": end["chi_square"],
                 "evaluations": end["evaluations"],
             }

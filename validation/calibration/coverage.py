@@ -31,7 +31,7 @@ def main(replicates=REPLICATES):
         times.append(time.process_time() - begin)
         names = list(fit.names)
         errors = (fit.values - truth) / fit.standard_deviations
-        rows.append([*errors, fit.chi_square, fit.evaluations, fit.converged])
+        rows.append([*errors, fit.chi_square, fit.evaluations, fit.status.success])
     table = pd.DataFrame(rows, columns=[*names, "chi-square", "evaluations", "converged"])
     errors = table[names].to_numpy()
     inside = np.abs(errors) <= fit.quantile

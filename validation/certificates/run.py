@@ -243,7 +243,7 @@ def run_case(case: ToleranceCase, references: Path | None = None) -> tuple[list[
                 "set": set_of(case),
                 "accuracy": accuracy,
                 "status": c.status.kind,
-                "reason": c.reason,
+                "reason": c.status.sentence,
                 "good until": c.good_until,
                 "growth rate": c.growth_rate,
                 "t_end": duration(case),

@@ -11,12 +11,19 @@ import numpy as np
 from beamdae import deferred
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
-from beamdae.analysis.fit.search import search
+from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.errors import BeamdaeError, kind_of_message, require_count, warn_user
+from beamdae.errors import BeamdaeError, kind_of_message, require_choice, require_count, warn_user
 from beamdae.integrators import Integrator
-from beamdae.interrupts import interruptible
+from beamdae.interrupts import (
+    PARTIAL_RESULTS,
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+)
 from beamdae.model_functions import Model
+from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
 
 _MAX_STARTS = 10_000
@@ -45,6 +52,7 @@ def fit(
     folder: str | Path | None = None,
     jobs: int | None = 1,
     progress: Callable[..., None] | None = None,
+    partial: PartialResult = "raise",
 ) -> Fit:
     """Estimate parameters of a model function from measured columns.
 
@@ -119,6 +127,9 @@ def fit(
     progress
         Function that is called with a progress object after each of several searches; see
         `bd.sweep`.
+    partial
+        "return" to return the best estimates so far if the call is interrupted, with the status
+        "interrupted", instead of raising `Interrupted`.
 
     Returns
     -------
@@ -131,15 +142,16 @@ def fit(
         If an argument is invalid, the first run fails, or the model cannot be differentiated; see
         `sensitivities`.
     Interrupted
-        If Ctrl-C ends the fit. Finished searches are stored in `folder`.
+        If Ctrl-C ends the fit; `Interrupted.partial` contains the best estimates so far, or None
+        during the first run. Finished searches are stored in `folder`.
     Exception
         Any exception of `progress`. Finished searches are stored in `folder`.
 
     Warns
     -----
     BeamdaeWarning
-        For each sentence in `Fit.warnings`, if the runs with the estimates have warnings, and if a
-        parameter has no effect on the model.
+        If the search did not converge, with the reason, for each sentence in `Fit.warnings`, if the
+        runs with the estimates have warnings, and if a parameter has no effect on the model.
 
     Examples
     --------
@@ -157,6 +169,7 @@ def fit(
     >>> print(f"{result.parameters['stiffness']:.2f} N/m")
     40.00 N/m
     """
+    require_choice("fit", "partial", partial, PARTIAL_RESULTS)
     max_evaluations = require_count("fit", "max_evaluations", max_evaluations)
     starts = require_count("fit", "starts", starts, most=_MAX_STARTS)
     seed = require_count("fit", "seed", seed, least=0, most=_MAX_SEED)
@@ -164,7 +177,7 @@ def fit(
         model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
     )
     scaling = Scaling(problem, bounds, log)
-    first, table = scaling.first, None
+    first, table, is_interrupted = scaling.first, None, False
     if starts > 1:
         if not all(name in (bounds or {}) for name in problem.names):
             missing = [name for name in problem.names if name not in (bounds or {})]
@@ -173,10 +186,28 @@ def fit(
                 "have none; pass bounds={name: (lower, upper)}."
             )
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
-        first, table = run_starts(
+        first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
         )
-    result = create_fit(problem, scaling, search(problem, scaling, first, max_evaluations), table)
+    if is_interrupted:
+        evaluation = problem.evaluate(scaling.values(first))
+        status = Status("interrupted", "interrupted before the end of all searches")
+        end = SearchResult(evaluation, 1, status, np.zeros(len(first), bool))
+    else:
+        try:
+            end = search(problem, scaling, first, max_evaluations)
+        except Interrupted as interrupt:
+            if interrupt.partial is None:
+                raise
+            acknowledge()
+            end = interrupt.partial
+    result = create_fit(problem, scaling, end, table)
+    if result.status.kind == "interrupted":
+        if partial == "raise":
+            raise Interrupted(result.status.sentence, result, "fit")
+        return result
+    if not result.status.success:
+        warn_user(f"fit: {result.status.sentence}.")
     _warn_of_parameters_without_effect(problem, result)
     for sentence in result.warnings:
         warn_user(f"fit: {sentence}")

@@ -148,6 +148,11 @@ class FitProblem:
         self._t_end = self._latest_times()
 
     @property
+    def weighted_square(self) -> float:
+        """Sum of the squares of the data in standard deviations."""
+        return float(np.sum((self._values * self._weights) ** 2))
+
+    @property
     def last_time(self) -> float:
         """Longest end time of the runs [s]."""
         return max(self._t_end.values())

@@ -20,9 +20,11 @@ from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, require_choice
+from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
 from beamdae.results.displays import Plot, load_views
+from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import require_file_path, write_escaped_table
 
@@ -89,10 +91,9 @@ class Fit:
     evaluations
         Number of evaluations, each with one run with derivatives per experiment, in the search from
         the best start.
-    converged
-        True if the search converged.
-    reason
-        Reason for the end of the search.
+    status
+        Status and reason of the end of the search: "ok" if it converged, "limited" if it ended
+        before a minimum, and "interrupted".
     undetermined
         Sentences that name combinations of parameters which the data do not determine: those with a
         relative standard deviation above 100 %, and those with correlations above 0.99.
@@ -114,8 +115,7 @@ class Fit:
     sigma: Mapping[str, float]
     is_sigma_known: bool
     evaluations: int
-    converged: bool
-    reason: str
+    status: Status
     undetermined: tuple[str, ...] = ()
     at_bounds: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -132,13 +132,13 @@ class Fit:
                 self.names, self.values, self.standard_deviations, strict=True
             )
         )
-        state = "converged" if self.converged else f"not converged ({self.reason})"
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
-        return " ".join([f"<Fit: {values}; {state}{bounds}>", *self.warnings, *self.undetermined])
+        end = f"<Fit: {values}; {self.status.sentence}{bounds}>"
+        return " ".join([end, *self.warnings, *self.undetermined])
 
     def _repr_html_(self) -> str:
-        state = "converged" if self.converged else f"not converged ({self.reason})"
-        lines = [f"Fit of {self.model_name}: {state}", *self.warnings, *self.undetermined]
+        end = f"Fit of {self.model_name}: {self.status.sentence}"
+        lines = [end, *self.warnings, *self.undetermined]
         return "<br>".join(map(html.escape, lines)) + self.table().to_html(float_format=_DIGITS)
 
     @property
@@ -566,7 +566,13 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         sigma = {name: x * estimate for name, x in sigma.items()}
     sizes, texts = _sizes(problem, all_names, estimates)
     information = Information.of(jacobian, sizes)
-    steps = _check_steps(problem, evaluation, estimate)
+    status, steps = search.status, ()
+    if status.kind != "interrupted":
+        try:
+            steps = _check_steps(problem, evaluation, estimate)
+        except KeyboardInterrupt:
+            acknowledge()
+            status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -578,8 +584,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         sigma=sigma,
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
-        converged=search.converged,
-        reason=search.reason,
+        status=status,
         undetermined=information.undetermined(texts),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         warnings=(

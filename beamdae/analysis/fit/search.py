@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_exception
+from beamdae.interrupts import Interrupted
+from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
@@ -17,6 +20,13 @@ Array = np.ndarray
 _TOLERANCE = 1e-8
 # Distance from a bound, in first values or logarithms, at which an estimate may be at the bound.
 _MAX_BOUND_DISTANCE = 1e-2
+# Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
+# of a search is a minimum.
+_MAX_NEXT_STEP = 0.1
+# Residuals below this ratio to the data are rounding errors, whose next step is arbitrary.
+_MIN_RELATIVE_RESIDUAL = 1e-6
+# Singular values below this ratio to the largest are rounding errors of the derivatives.
+_MIN_SINGULAR_RATIO = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +39,15 @@ class SearchResult:
         The runs and residuals at the last values.
     evaluations
         Number of evaluations, each with one run with derivatives per experiment.
-    converged
-        True if the search converged.
-    reason
-        Reason for the end of the search.
+    status
+        Status and reason of the end of the search, see `Fit`.
     at_bounds
         True (K,) for variables at a bound.
     """
 
     evaluation: Evaluation
     evaluations: int
-    converged: bool
-    reason: str
+    status: Status
     at_bounds: Array
 
     @property
@@ -64,14 +71,19 @@ def search(
     ------
     BeamdaeError
         If the first run fails or its residuals are not finite.
+    Interrupted
+        If Ctrl-C ends the search after its first evaluation, with the `SearchResult` at the best
+        values as partial result.
     """
     free = np.ones(len(first), bool) if free is None else free
     evaluations = 0
+    failures: list[str] = []
+    best: tuple[float, Evaluation] | None = None
     accepted: tuple[bytes, Evaluation] | None = None
     latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(x: Array) -> Evaluation | None:
-        nonlocal latest, evaluations
+        nonlocal latest, best, evaluations
         key = x.tobytes()
         for known in (latest, accepted):
             if known is not None and known[0] == key:
@@ -81,13 +93,18 @@ def search(
         whole[free] = x
         try:
             evaluation = problem.evaluate(scaling.values(whole))
-        except (ValueError, ArithmeticError):
+        except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             if accepted is None:
                 raise
             # The search continues with a shorter step.
+            is_ours = isinstance(failure, BeamdaeError)
+            failures.append(str(failure) if is_ours else format_exception(failure))
             return None
         latest = key, evaluation
+        chi_square = float(evaluation.residuals @ evaluation.residuals)
+        if best is None or chi_square < best[0]:
+            best = chi_square, evaluation
         return evaluation
 
     def residuals(x: Array) -> Array:
@@ -112,28 +129,69 @@ def search(
             "in parameters, or check the data."
         )
     if not free.any():
-        return SearchResult(start, 1, True, "all parameters are fixed", np.zeros(len(first), bool))
+        is_at_bound = np.zeros(len(first), bool)
+        return SearchResult(start, 1, Status("ok", "all parameters are fixed"), is_at_bound)
     lower, upper = (limit[free] for limit in scaling.limits)
-    # Kept within the bounds up to rounding, as the method requires.
-    result = least_squares(
-        residuals,
-        np.clip(begin, lower, upper),
-        jacobian,
-        bounds=(lower, upper),
-        x_scale="jac",
-        ftol=_TOLERANCE,
-        xtol=_TOLERANCE,
-        gtol=_TOLERANCE,
-        max_nfev=max_evaluations,
-    )
+    at_bounds = np.zeros(len(first), bool)
+    try:
+        # Kept within the bounds up to rounding, as the method requires.
+        result = least_squares(
+            residuals,
+            np.clip(begin, lower, upper),
+            jacobian,
+            bounds=(lower, upper),
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
+            max_nfev=max_evaluations,
+        )
+    except KeyboardInterrupt:
+        assert best is not None
+        reason = f"interrupted after {evaluations} evaluations"
+        status = Status("interrupted", reason)
+        partial = SearchResult(best[1], evaluations, status, at_bounds)
+        raise Interrupted(reason, partial) from None
     last = evaluate(result.x)
     assert last is not None
-    at_bounds = np.zeros(len(first), bool)
     at_bounds[free] = result.active_mask != 0
     if result.success:
         at_bounds[free] |= _find_bounds_ahead(result, lower, upper)
-    reason = str(result.message).rstrip(".")
-    return SearchResult(last, evaluations, bool(result.success), reason, at_bounds)
+        status = _judge_end(problem, last, result.jac[:, ~at_bounds[free]], failures)
+    else:
+        count = f"{max_evaluations} evaluation{'s' * (max_evaluations > 1)}"
+        sentence = f"stopped after {count}; increase max_evaluations="
+        status = Status("limited", sentence)
+    if failures and not status.success:
+        sentence = f"{status.sentence}; {len(failures)} runs failed, the last one: {failures[-1]}"
+        status = Status(status.kind, sentence)
+    return SearchResult(last, evaluations, status, at_bounds)
+
+
+def _judge_end(
+    problem: FitProblem, end: Evaluation, jacobian: Array, failures: Sequence[str]
+) -> Status:
+    """Return the status of a search whose steps have become short.
+
+    They also become short in front of values at which runs fail or columns jump.
+    """
+    residuals = end.residuals
+    freedom = max(residuals.size - jacobian.shape[1], 1)
+    left = float(residuals @ residuals)
+    if left <= _MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square:
+        return Status("ok", "converged")
+    directions, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    largest = singular.max(initial=0.0)
+    steps = (residuals @ directions)[singular > _MIN_SINGULAR_RATIO * largest]
+    next_step = float(np.linalg.norm(steps)) / np.sqrt(left / freedom)
+    if next_step <= _MAX_NEXT_STEP:
+        return Status("ok", "converged")
+    cause = "runs fail" if failures else "the columns jump or have a kink"
+    return Status(
+        "limited",
+        f"the search ended beside values at which {cause}, {next_step:.2g} standard deviations "
+        "before a minimum",
+    )
 
 
 def _find_bounds_ahead(result: Any, lower: Array, upper: Array) -> Array:

@@ -22,6 +22,7 @@ from beamdae.analysis.gradients.run_adjoint import (
     transpose_run,
 )
 from beamdae.analysis.sensitivities.differentiable_methods import (
+    INTERRUPTED_ESTIMATE,
     require_differentiable_method,
     require_estimate_error,
     warn_of_step_errors,
@@ -51,7 +52,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
-from beamdae.interrupts import interruptible
+from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model
@@ -172,6 +173,9 @@ def gradient(
     BeamdaeError
         If an argument is invalid, the run does not reach its end, or the model cannot be
         differentiated; see `sensitivities`.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` contains the result if only the estimate of
+        its error is missing.
 
     Warns
     -----
@@ -207,8 +211,6 @@ def gradient(
     value, derivatives = run.differentiate(objective)
     flat, solution = run.flat, run.solution
     warn_of_unreliable_run(flat.name, solution)
-    if estimate_error:
-        _warn_of_step_errors(run, objective, derivatives)
     shaped: dict[str, Any] = {}
     for (name, (key, k)), derivative in zip(flat.entries.items(), derivatives, strict=True):
         if k is None:
@@ -216,12 +218,16 @@ def gradient(
         else:
             shaped.setdefault(key, []).append(float(derivative))
     given = flat.parameters
-    return Gradient(
+    result = Gradient(
         value,
         {x: given[x] if isinstance(given[x], float) else tuple(given[x]) for x in shaped},
         {x: y if isinstance(y, float) else np.array(y) for x, y in shaped.items()},
         solution,
     )
+    if estimate_error:
+        with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
+            _warn_of_step_errors(run, objective, derivatives)
+    return result
 
 
 @dataclass(frozen=True, eq=False)

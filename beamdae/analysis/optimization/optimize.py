@@ -174,7 +174,7 @@ def optimize(
     # Name and call of a flat model are those of a model.
     flat: Any = problem.flat
     warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
-    messages = [] if result.converged else [f"optimize: {result.status.sentence}."]
+    messages = [] if result.status.success else [f"optimize: {result.status.sentence}."]
     of_analyses = list_warnings(result.analyses)
     messages += [
         x if x in of_analyses else f"optimize: {x}"

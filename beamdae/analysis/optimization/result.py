@@ -12,8 +12,13 @@ import numpy as np
 from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
 from beamdae.analysis.optimization.problem import DesignProblem, parameter_values
 from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity
-from beamdae.analysis.optimization.search import SearchResult, find_active_bounds
+from beamdae.analysis.optimization.search import (
+    INTERRUPTED_CHECKS,
+    SearchResult,
+    find_active_bounds,
+)
 from beamdae.errors import BeamdaeError
+from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -113,11 +118,6 @@ class Optimization:
         )
 
     @property
-    def converged(self) -> bool:
-        """True if the search converged to a design that satisfies the constraints."""
-        return self.status.success
-
-    @property
     def solution(self) -> Solution | None:
         """The run of the best design; None if no quantity needs a run."""
         return next((x for x in self.analyses if isinstance(x, Solution)), None)
@@ -194,15 +194,19 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         best.numbers.tolist(), problem.lower.tolist(), problem.upper.tolist(), strict=True
     )
     results = tuple(x.result for x in design.analyses.values() if x.result is not None)
-    messages: tuple[str, ...] = ()
+    status, messages = search.status, list_warnings(results)
     if not search.was_ended:
-        own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
-        messages = tuple(dict.fromkeys((*own, *list_warnings(results))))
+        try:
+            own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
+            messages = tuple(dict.fromkeys((*own, *messages)))
+        except KeyboardInterrupt:
+            acknowledge()
+            status = Status("interrupted", INTERRUPTED_CHECKS)
     return Optimization(
         parameter_values(problem.flat, best.numbers),
         float(best.values[0]),
         constraints,
-        search.status,
+        status,
         tuple(np.array(names)[at_lower | at_upper].tolist()),
         len(trials),
         float("nan") if stationarity is None else stationarity.residual,

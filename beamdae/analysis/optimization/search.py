@@ -27,6 +27,7 @@ _ACTIVE_TOLERANCE = 1e-4
 _STATIONARITY_TOLERANCE = 1e-3
 # The search ends after this number of failed analyses in a row.
 _MAX_FAILURES = 15
+INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,9 @@ class Search:
             stationarity = self._check_stationarity(best)
         except (BeamdaeError, ArithmeticError) as failure:
             status = Status("failed", f"{status.sentence}; {format_exception(failure)}")
+        except KeyboardInterrupt:
+            acknowledge()
+            return SearchResult(best, trials, Status("interrupted", INTERRUPTED_CHECKS), None)
         is_feasible = best.violation <= FEASIBILITY_TOLERANCE
         if not is_feasible:
             kind = "limited" if status.success else status.kind
@@ -257,9 +261,9 @@ class Search:
 
     def _evaluate(self, numbers: Array) -> Trial:
         if len(self._trials) >= self._max_evaluations:
-            raise _SearchEndError(
-                Status("limited", f"stopped after max_evaluations = {self._max_evaluations}")
-            )
+            count = f"{self._max_evaluations} evaluation{'s' * (self._max_evaluations > 1)}"
+            sentence = f"stopped after {count}; increase max_evaluations="
+            raise _SearchEndError(Status("limited", sentence))
         try:
             design = self._problem.design(numbers)
         except (ValueError, ArithmeticError) as failure:

@@ -29,6 +29,8 @@ _RTOL_RATIO = 10.0
 # Difference from derivatives by a looser tolerance of Radau, above which a tighter tolerance is
 # used. A difference of 1.6 % was the smallest for an error above 5 %.
 _MIN_SUSPECT_ERROR_OF_RADAU = 0.01
+# Reason of interrupts after which only the estimate of the error is missing.
+INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
 # Fraction of the rows that are not compared: those with the largest differences. Columns that jump
 # have derivatives with peaks of any height, e.g. where a mass slides over the end of an element.
 _OMITTED_ROWS = 0.01

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.analysis.sensitivities.differentiable_methods import (
+    INTERRUPTED_ESTIMATE,
     require_differentiable_method,
     require_estimate_error,
     warn_of_step_errors,
     warn_of_unreliable_run,
 )
 from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
+from beamdae.analysis.sensitivities.further_forces import locate_numbers
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
@@ -36,7 +38,13 @@ from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import Progress
-from beamdae.interrupts import Interrupted, PartialResult, acknowledge, interruptible
+from beamdae.interrupts import (
+    Interrupted,
+    PartialResult,
+    acknowledge,
+    interruptible,
+    keep_result,
+)
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import HasOrigin, Model, model_of
@@ -304,6 +312,9 @@ def sensitivities(
         the same time, an event acts at a breakpoint or at the end of the run, an event quantity
         only touches its value, or a parameter moves a breakpoint across the start or the end of the
         run.
+    Interrupted
+        If Ctrl-C ends the call; `Interrupted.partial` contains the result if only the estimate of
+        its error is missing.
 
     Warns
     -----
@@ -332,7 +343,8 @@ def sensitivities(
     )
     warn_of_unreliable_run(model.name, result.solution)
     if estimate_error:
-        _warn_of_step_errors(model.name, result, method)
+        with keep_result(result, "sensitivities", INTERRUPTED_ESTIMATE):
+            _warn_of_step_errors(model.name, result, method)
     return result
 
 
@@ -516,7 +528,7 @@ def _differentiate(
     redundant = RedundantConstraints.of(solution)
     trajectories: dict[str, Any] = {}
     with single_threaded:
-        for group in _group_by_structure(differences):
+        for group in _group_by_structure(solution.equations, differences):
             _require_memory(solution, len(group))
             if redundant is None:
                 trajectories |= RunDerivatives(solution, method, group).trajectories()
@@ -527,14 +539,26 @@ def _differentiate(
     return Sensitivities(solution, parameters, trajectories, differences)
 
 
-def _group_by_structure(differences: Mapping[str, Difference]) -> list[dict[str, Difference]]:
+def _group_by_structure(
+    run: EquationsOfMotion, differences: Mapping[str, Difference]
+) -> list[dict[str, Difference]]:
     """Group parameters by the structure of the equations in which their forces are present.
 
-    A parameter that moves operators is a group.
+    Parameters with the same further forces belong to those without. A parameter that moves
+    operators is a group.
     """
+    extended = {
+        x.base.structure
+        for x in differences.values()
+        if not moves_operators(x) and locate_numbers(run, x.base) is not None
+    }
+    # Steps are differentiated with the further forces of one structure.
+    shared = {run.structure, max(extended, key=lambda x: len(x.forces), default=run.structure)}
     groups: dict[Any, dict[str, Difference]] = {}
     for name, difference in differences.items():
-        key = name if moves_operators(difference) else difference.base.structure
+        structure = difference.base.structure
+        key: Any = run.structure if structure in shared else structure
+        key = name if moves_operators(difference) else key
         groups.setdefault(key, {})[name] = difference
     return list(groups.values())
 

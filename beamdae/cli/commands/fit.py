@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
     FixedStep,
     Jobs,
@@ -126,7 +127,8 @@ def fit_command(
 
     With several starts, finished searches are stored in the results folder: run the same command
     again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
-    if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.
+    if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C (the best
+    values so far are written).
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -161,7 +163,7 @@ def fit_command(
         if starts > 1:
             options |= {"folder": out / f"{stem}_starts", "jobs": jobs}
             options["progress"] = stack.enter_context(show_study_progress())
-        result = fit(model, data, integrator=method, **options)
+        result = fit(model, data, integrator=method, partial="return", **options)
     residuals = escape_table(result.residual_table()).to_csv(index=False)
     files = WrittenFiles(
         [result.to_csv(table_path), write_text(residuals_path, residuals)],
@@ -173,14 +175,11 @@ def fit_command(
 
 def _finish(result: Fit, files: WrittenFiles, page: Path | None, picture: Path | None) -> None:
     """Write the page and the picture, and end the command."""
-    from beamdae.results.outcome import Status
-
     if page is not None:
         files.write(page.name, lambda: [result.page(page)])
     if picture is not None:
         files.write(picture.name, lambda: [result.plot().save(picture)])
-    status = Status("ok" if result.converged else "limited", f"not converged: {result.reason}")
-    files.finish(status)
+    files.finish(result.status)
 
 
 def _split_names(text: str) -> list[str]:
@@ -244,7 +243,8 @@ def _print_results(result: Fit, name: str) -> None:
     from beamdae.report.fit_page import describe_fit
     from beamdae.report.terminal import text_tables
 
-    console = print_facts(name, describe_fit(result), lambda: _json_results(result))
+    facts = {key: name_options(text) for key, text in describe_fit(result).items()}
+    console = print_facts(name, facts, lambda: _json_results(result))
     console.print(text_tables.estimates_table(result.table(), result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
     # Warnings of the model are the same in all experiments.
@@ -253,8 +253,8 @@ def _print_results(result: Fit, name: str) -> None:
 
 def _json_results(result: Fit) -> dict[str, Any]:
     return {
-        "status": "ok" if result.converged else "limited",
-        "reason": result.reason,
+        "status": result.status.kind,
+        "reason": result.status.sentence,
         "estimates": result.table().assign(unit=list(result.units.values())).to_dict("index"),
         "chi-square": result.chi_square,
         "degrees of freedom": result.degrees_of_freedom,

@@ -252,7 +252,9 @@ def _report_end(run: Run, status: Status) -> None:
         raise typer.Exit(signals.exit_code())
     if not status.success:
         print_error(f"failed: {status.sentence}")
-    refusal = "" if run.certificate is None or run.certificate.success else run.certificate.reason
+    certificate = run.certificate
+    is_certified = certificate is None or certificate.status.success
+    refusal = "" if is_certified else certificate.status.sentence
     if refusal and status.success:
         print_error(f"not certified: {refusal}")
     if run.files.failed or not status.success or refusal:

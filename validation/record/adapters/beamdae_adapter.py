@@ -253,8 +253,8 @@ def solve(
             mech, inclinations = build_mechanism(problem, elements, formulation="exact")
         table, information = solve_static(problem, mech, inclinations)
         if setting.startswith("certify"):
-            information["success"] &= certificate.success
-            information["reason"] = certificate.reason
+            information["success"] &= certificate.status.success
+            information["reason"] = certificate.status.sentence
         information["wall_time"] = time.perf_counter() - clock
         information["processor_time"] = time.process_time() - processor
         return table, information
@@ -262,7 +262,10 @@ def solve(
         accuracy = float(setting.split()[1])
         certificate = bd.certify(mech, accuracy, t_end=end, output_step=step, time_limit=300.0)
         solution = certificate.solution
-        information["success"], information["reason"] = certificate.success, certificate.reason
+        information["success"], information["reason"] = (
+            certificate.status.success,
+            certificate.status.sentence,
+        )
         if certificate.budget is not None:
             information["budget"] = certificate.budget["total"].to_dict()
     else:

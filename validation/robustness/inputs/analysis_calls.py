@@ -601,6 +601,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "max_evaluations": 2,
             "seed": 0,
             "jobs": 1,
+            "partial": "raise",
         },
         lambda box, result: result.table(),
     ),
