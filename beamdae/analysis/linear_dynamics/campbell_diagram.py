@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -32,6 +33,59 @@ _EXTRA_MODES = 4
 # Weight of decaying modes in the assignment: if a vibration splits into a growing and a decaying
 # mode, the diagram follows the growing mode.
 _DECAY_WEIGHT = 0.5
+# Modes are computed at half the interval between two speeds if a mode at one speed has a smaller
+# MAC with each mode at the other one, up to this number of times.
+_MIN_MAC = 0.5
+_MAX_HALVINGS = 5
+# Resonances are improved until their speed changes less, relative to the speed.
+_SPEED_TOLERANCE = 1e-7
+_MAX_SOLUTIONS = 60  # of modes per resonance; bisections of the interval need 20
+# A larger deviation of the frequency, relative to that of the excitation, is a change from one mode
+# to another.
+_MAX_DEVIATION = 1e-3
+# Modes with a smaller one at two speeds have the frequency of the excitation at each speed.
+_EQUAL = 1e-9
+
+
+class _ModeSolver:
+    """Function that returns the modes at a speed, and computes those of each speed once."""
+
+    def __init__(self, diagram: Campbell) -> None:
+        self.equations = diagram.modes[0]._linearization.full_equations
+        self.center, self.damping = diagram.center, diagram.damping
+        self.count = max(map(len, diagram.modes))
+        self.known = dict(zip(diagram.speeds.tolist(), diagram.modes, strict=True))
+
+    def __call__(self, speed: float) -> Modes:
+        if speed not in self.known:
+            about = rotation(speed, self.center)
+            self.known[speed] = modes(self.equations, about, self.count, self.damping)
+        return self.known[speed]
+
+
+class _End(NamedTuple):
+    """End of an interval of speeds that contains a resonance.
+
+    Attributes
+    ----------
+    speed
+        Rotation speed [rad/s].
+    modes, mode
+        Modes at this speed, and the index of the mode of the resonance.
+    """
+
+    speed: float
+    modes: Modes
+    mode: int
+
+    @property
+    def rate(self) -> float:
+        """Frequency of the mode [rad/s]."""
+        return abs(float(self.modes.eigenvalues[self.mode].imag))
+
+    def deviation(self, multiple: int) -> float:
+        """Return the difference of the frequency and that of the excitation [rad/s]."""
+        return self.rate - multiple * abs(self.speed)
 
 
 @read_only_data
@@ -48,11 +102,17 @@ class Campbell(HasTable, HasPage):
         shape.
     modes
         Modes computed at each speed, (s,), including modes that are not in `eigenvalues`.
+    center
+        Center of rotation (x, y) in the reference configuration [m].
+    damping
+        False for undamped modes.
     """
 
     speeds: Array
     eigenvalues: Array
     modes: tuple[Modes, ...] = field(repr=False)
+    center: tuple[float, float] = (0.0, 0.0)
+    damping: bool = True
 
     def __repr__(self) -> str:
         count, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
@@ -99,11 +159,9 @@ class Campbell(HasTable, HasPage):
     def resonances(self, multiples: Sequence[int] = SPEED_MULTIPLES) -> pd.DataFrame:
         """Return the nonzero speeds at which frequencies are multiples of the rotation speed.
 
-        Between successive speeds, the square of a frequency is interpolated linearly over the
-        square of the speed, as centrifugal stiffening changes it (R. Southwell), or the frequency
-        over the speed, as in whirling seen from the rotating frame: whichever reproduces the
-        frequencies of a mode at its inner speeds better. Where a mode changes its shape, only
-        closer speeds find its resonances accurately.
+        Modes are computed at further speeds until the resonances are accurate to a relative error
+        below 1e-6. Resonances where a frequency passes a multiple of the speed and returns
+        between two successive speeds of the diagram are not found.
 
         Parameters
         ----------
@@ -127,43 +185,89 @@ class Campbell(HasTable, HasPage):
             require_count("Campbell", "multiples", k)
             for k in require_sequence("Campbell", "multiples", multiples, "a list of numbers")
         ]
-        order = np.argsort(self.speeds)
-        speeds, rates = self.speeds[order], 2.0 * np.pi * self.frequencies[order]
-        squares = speeds * np.abs(speeds)
         rows = []
-        for mode, values in enumerate(rates.T, 1):
-            by_squares = _error_at_inner_points(squares, values**2, np.sqrt)
-            is_squared = by_squares <= _error_at_inner_points(speeds, values, np.asarray)
+        for mode, ends in enumerate(self._followed_modes, 1):
             for multiple in numbers:
-                if is_squared:
-                    zeros = _find_zeros(squares, values**2 - multiple**2 * np.abs(squares))
-                    zeros = np.copysign(np.sqrt(np.abs(zeros)), zeros)
-                else:
-                    zeros = _find_zeros(speeds, values - multiple * np.abs(speeds))
-                rows += [
-                    (speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple)
-                    for speed in zeros.tolist()
+                for before, after in pairwise(ends):
+                    speed = self._find_resonance(before, after, multiple)
                     # At rest, motions without stiffness have the frequency of an excitation: zero.
-                    if speed != 0.0
-                ]
+                    if speed:
+                        rows.append((speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple))
         rows.sort(key=lambda row: abs(row[0]))
         names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
         return pd.DataFrame(rows, columns=names)
 
+    @cached_property
+    def _solver(self) -> _ModeSolver:
+        return _ModeSolver(self)
 
-def _find_zeros(x: Array, y: Array) -> Array:
-    """Return the x at which the linear interpolation between the points (x, y) changes sign."""
-    (left,) = np.nonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
-    shares = y[left] / (y[left] - y[left + 1])
-    return x[left] + shares * np.diff(x)[left]
+    @property
+    def _followed_modes(self) -> list[list[_End]]:
+        """The followed modes at ascending speeds, including rest if the diagram passes it."""
+        order = np.argsort(self.speeds, kind="stable")
+        result = []
+        for values in self.eigenvalues.T:
+            ends: list[_End] = []
+            for k in order.tolist():
+                nearest = int(np.argmin(np.abs(self.modes[k].eigenvalues - values[k])))
+                end = _End(float(self.speeds[k]), self.modes[k], nearest)
+                if ends and ends[-1].speed < 0.0 < end.speed:
+                    ends.append(self._match(0.0, ends[-1], end))
+                ends.append(end)
+            result.append(ends)
+        return result
 
+    def _match(self, speed: float, before: _End, after: _End) -> _End:
+        """Return the mode at a speed whose shape is closest to the modes at two other speeds."""
+        at_speed = self._solver(speed)
+        mac = before.modes.mac(at_speed)[before.mode] + after.modes.mac(at_speed)[after.mode]
+        return _End(speed, at_speed, int(np.argmax(mac)))
 
-def _error_at_inner_points(x: Array, y: Array, restore: Callable[[Array], Array]) -> float:
-    """Return the largest error of `restore(y)` at points interpolated between their neighbors."""
-    spans = x[2:] - x[:-2]
-    shares = (x[1:-1] - x[:-2]) / np.where(spans > 0.0, spans, 1.0)
-    interpolated = (1.0 - shares) * y[:-2] + shares * y[2:]
-    return float(np.max(np.abs(restore(interpolated) - restore(y[1:-1])), initial=0.0))
+    def _find_resonance(self, before: _End, after: _End, multiple: int) -> float | None:
+        """Return the speed at which a frequency is a multiple of the speed, if there is one.
+
+        The mode is followed by its shape, and the interval between both speeds is reduced by the
+        Illinois method (M. Dowell & P. Jarratt, BIT 11, 1971) for the squares of frequency and
+        speed, between which centrifugal stiffening gives a linear relation (R. Southwell).
+        """
+
+        def residual(end: _End) -> float:
+            return end.rate**2 - (multiple * end.speed) ** 2
+
+        left, right = residual(before), residual(after)
+        if (left < 0.0) == (right < 0.0) or all(
+            abs(x.deviation(multiple)) <= _EQUAL * multiple * abs(x.speed) for x in (before, after)
+        ):
+            return None
+        last = None
+        for k in range(_MAX_SOLUTIONS):
+            squares = before.speed * abs(before.speed), after.speed * abs(after.speed)
+            share = left / (left - right)
+            square = (1.0 - share) * squares[0] + share * squares[1]
+            speed = float(np.copysign(np.sqrt(abs(square)), square))
+            if speed == 0.0:
+                return None
+            is_narrow = after.speed - before.speed <= _SPEED_TOLERANCE * abs(speed)
+            if last is not None and (
+                is_narrow or abs(speed - last.speed) <= _SPEED_TOLERANCE * abs(speed)
+            ):
+                is_resonance = abs(last.deviation(multiple)) < _MAX_DEVIATION * multiple * abs(
+                    speed
+                )
+                return speed if is_resonance else None
+            if k > _MAX_SOLUTIONS // 2:
+                # A change of the mode: its frequency jumps.
+                speed = 0.5 * (before.speed + after.speed)
+            middle = self._match(speed, before, after)
+            value = residual(middle)
+            if (value < 0.0) == (left < 0.0):
+                right *= 0.5 if last is not None and (residual(last) < 0.0) == (left < 0.0) else 1.0
+                before, left = middle, value
+            else:
+                left *= 0.5 if last is not None and (residual(last) < 0.0) == (right < 0.0) else 1.0
+                after, right = middle, value
+            last = middle
+        return None
 
 
 @interruptible
@@ -228,13 +332,39 @@ def campbell(
     count = require_count("campbell", "n", n)
     if isinstance(model, Model):
         model = model()
-    all_modes = [
-        modes(model, rotation(speed, center), count + _EXTRA_MODES, damping) for speed in values
-    ]
+
+    def solve(speed: float) -> Modes:
+        return modes(model, rotation(speed, center), count + _EXTRA_MODES, damping)
+
+    all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
     rows = [all_modes[0].eigenvalues[order]]
-    for before, after in pairwise(all_modes):
-        weights = np.where(np.array(after.kinds) == DECAY, _DECAY_WEIGHT, 1.0)
-        _, order = linear_sum_assignment(-weights * before.mac(after)[order])
+    for (speed, before), (next_speed, after) in pairwise(zip(values, all_modes, strict=True)):
+        order = _follow(solve, order, (speed, before), (next_speed, after))
         rows.append(after.eigenvalues[order])
-    return Campbell(np.array(values), np.array(rows), tuple(all_modes))
+    place = rotation(0.0, center).center
+    return Campbell(np.array(values), np.array(rows), tuple(all_modes), place, damping)
+
+
+def _follow(
+    solve: Callable[[float], Modes],
+    order: Array,
+    start: tuple[float, Modes],
+    end: tuple[float, Modes],
+    halvings: int = _MAX_HALVINGS,
+) -> Array:
+    """Return the indices, among the modes at the second speed, of modes at the first speed.
+
+    If shapes differ much, the modes are followed through the speed in the middle.
+    """
+    (speed, before), (next_speed, after) = start, end
+    mac = before.mac(after)[order]
+    weights = np.where(np.array(after.kinds) == DECAY, _DECAY_WEIGHT, 1.0)
+    rows, matches = linear_sum_assignment(-weights * mac)
+    if halvings and np.min(mac[rows, matches], initial=1.0) < _MIN_MAC:
+        middle = 0.5 * (speed + next_speed)
+        at_middle = solve(middle)
+        if len(at_middle) >= len(order):
+            order = _follow(solve, order, start, (middle, at_middle), halvings - 1)
+            return _follow(solve, order, (middle, at_middle), end, halvings - 1)
+    return matches
