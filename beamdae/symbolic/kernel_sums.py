@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import casadi as ca
 import numpy as np
@@ -53,6 +54,10 @@ _ADD_END = 4
 _WEIGHTED_END = 5
 _PICK_TILE_END = 6
 _ADD_TILE_END = 7
+
+
+# Largest inputs of sums that are kept for later models.
+_MAX_IDLE_NUMBERS = 100_000
 
 
 @dataclass(frozen=True)
@@ -242,6 +247,8 @@ class SumPlan:
     _layouts: dict[str, dict[str, Array]] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
+    # Interpreted sums that `borrow` returned and that are no longer in use.
+    _idle: list[Sum] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def with_weights(self, decode: Callable[[Array], Array]) -> SumPlan:
         """Return the plan for other weights of operators.
@@ -278,8 +285,6 @@ class SumPlan:
         p
             Numbers of the model; `data_sources` selects the data of the copies.
         """
-        local = aligned_zeros(self.n_local)
-        local[self.data_targets] = p[self.data_sources]
         kernels: Any
         code_owners: tuple[Any, ...] = ()
         entries = self._layout(self._tiled_entries if native else self._untiled_entries)
@@ -288,9 +293,9 @@ class SumPlan:
             kernels = np.array([kernel.address for kernel in code_owners], np.int64)
         else:
             kernels = [_InterpretedKernel(batch) for batch in self.batches]
-        return Sum(
+        total = Sum(
             shared=np.zeros(self.n_shared),
-            local=local,
+            local=aligned_zeros(self.n_local),
             out=aligned_zeros(self.n_out),
             kernels=kernels,
             gather_targets=self.gather_targets,
@@ -302,6 +307,29 @@ class SumPlan:
             code_owners=code_owners,
             **entries,
         )
+        self.set_data(total, p)
+        return total
+
+    def borrow(self, borrower: Any, p: Array) -> Sum:
+        """Return an interpreted sum with the data of a model, as `sum`, for one object.
+
+        The sum is reused after `borrower` has been deleted, because creating a sum takes as long as
+        several evaluations.
+        """
+        try:
+            # Not a test of the length, because a concurrent thread may take the last one.
+            total = self._idle.pop()
+        except IndexError:
+            total = self.sum(False, p)
+        else:
+            self.set_data(total, p)
+        if self.n_local <= _MAX_IDLE_NUMBERS:
+            finalize(borrower, self._idle.append, total).atexit = False
+        return total
+
+    def set_data(self, total: Sum, p: Array) -> None:
+        """Set the data of a model in a sum of this plan."""
+        total.local[self.data_targets] = p[self.data_sources]
 
     def _layout(self, build: Callable[[], dict[str, Array]]) -> dict[str, Array]:
         key = build.__name__

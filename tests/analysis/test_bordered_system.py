@@ -1,5 +1,6 @@
 """Static equations of a load stage: machine code, load factor, bordered solution."""
 
+import warnings
 from dataclasses import replace
 
 import casadi as ca
@@ -220,3 +221,64 @@ def test_singular_systems_are_reported_and_later_systems_solved(native, monkeypa
         newton_change(bordered, x, 0.0, (np.zeros(1), 0.0), 0.0)
     change = newton_change(bordered, x, 0.0, (np.zeros(1), 1.0), 0.0)
     assert_allclose(change, [(1.0 - 0.5 - 0.125) / (1.0 + 3.0 * 0.25), 0.0], rtol=1e-14)
+
+
+def bent_cantilever(height, force, length=1.0):
+    """Return a cantilever with a force [EI / length^2] at its end."""
+    mech = bd.Mechanism()
+    steel = bd.Material.of("steel")
+    strip = bd.Section.rectangle(steel, width=0.02, height=height)
+    beam = mech.add(bd.Beam("b", bd.Line((0.0, 0.0), (length, 0.0)), strip, 3, formulation="exact"))
+    mech.add(bd.Weld("w", mech.ground.at(0.0, 0.0), beam.start))
+    load = force * steel.E * 0.02 * height**3 / 12.0 / length**2
+    mech.add(bd.Force("f", beam.end, (-0.6 * load, -load)))
+    return mech
+
+
+def equal_paths(one, other):
+    """Return True if the rows of two paths have equal bits."""
+    numbers = zip((one.factors, one.q, one.lam), (other.factors, other.q, other.lam), strict=True)
+    return all(map(np.array_equal, *zip(*numbers, strict=True)))
+
+
+def test_workspaces_of_earlier_paths_do_not_change_results(monkeypatch):
+    compile_now(monkeypatch)
+    first = bd.equilibrium(bent_cantilever(0.004, 3.0), step=0.25)
+    # The same equations with other numbers, natural sizes and load steps, also at the same time.
+    bd.equilibrium(bent_cantilever(0.002, 8.0, length=2.0), step=0.1)
+    bd.equilibrium(bent_cantilever(0.001, -5.0), control="arc length")
+    again = bd.equilibrium(bent_cantilever(0.004, 3.0), step=0.25)
+    assert equal_paths(first, again)
+
+
+@pytest.mark.parametrize(
+    "options", [{"to": 4.0}, {"to": [0.6, 2.0, 0.1], "step": 0.3}, {"step": 0.9, "max_points": 2}]
+)
+def test_load_steps_in_one_call_are_those_of_single_calls(options, monkeypatch):
+    compile_now(monkeypatch)
+    mech = bent_cantilever(0.003, 2.0)
+    with warnings.catch_warnings():
+        # One of the paths ends early.
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        in_one_call = bd.equilibrium(mech, **options)
+        monkeypatch.setattr(BorderedSystem, "follow_load", lambda *_: None)
+        one_by_one = bd.equilibrium(mech, **options)
+    assert equal_paths(in_one_call, one_by_one)
+    assert in_one_call.settings["iterations"] == one_by_one.settings["iterations"]
+    assert in_one_call.status == one_by_one.status
+
+
+def test_load_steps_in_one_call_find_the_same_critical_points(monkeypatch):
+    compile_now(monkeypatch)
+    mech = bd.Mechanism()
+    steel = bd.Material.of("steel")
+    strip = bd.Section.rectangle(steel, width=0.02, height=0.002)
+    column = mech.add(bd.Beam("b", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, 3, formulation="exact"))
+    mech.add(bd.Weld("w", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.Force("f", column.end, (-steel.E * 0.02 * 0.002**3 / 12.0, 0.0)))
+    in_one_call = bd.equilibrium(mech, to=30.0)
+    monkeypatch.setattr(BorderedSystem, "follow_load", lambda *_: None)
+    one_by_one = bd.equilibrium(mech, to=30.0)
+    assert [x.kind for x in in_one_call.critical] == ["branch point", "branch point"]
+    assert in_one_call.critical == one_by_one.critical
+    assert equal_paths(in_one_call, one_by_one)

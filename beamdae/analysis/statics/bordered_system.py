@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import weakref
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +24,8 @@ from beamdae.analysis.statics.newton_loop import (
     EVALUATE_FORCES,
     EVALUATE_TANGENT,
     EXTEND_SPACE,
+    FOLLOW_LOAD,
+    HALTED,
     ITERATE,
     LINEARIZE,
     PREDICT,
@@ -30,8 +34,14 @@ from beamdae.analysis.statics.newton_loop import (
     LoadPart,
     perform_task,
 )
-from beamdae.analysis.statics.path_controls import Control, LinearControl, PathDirection
+from beamdae.analysis.statics.path_controls import (
+    Control,
+    LinearControl,
+    LoadControl,
+    PathDirection,
+)
 from beamdae.analysis.statics.saddle_elimination import (
+    ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
     count_signs_by_scipy,
@@ -66,9 +76,11 @@ _KERNEL_SECONDS = 0.01
 _INSTRUCTION_SECONDS = 6e-5
 _LOOP_SECONDS = 3.0
 
-# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
-# small because a follower load is small compared with the axial stiffness of a thin beam.
-ASYMMETRY_TOLERANCE = 1e-13
+# Load steps in one call of the loop take at most this number of coordinates. Ctrl-C interrupts a
+# path between calls.
+_PATH_COORDINATES = 40_000
+_MAX_STEPS = 100
+
 # Differences of opposite entries up to this fraction of the largest entry are rounding errors, in
 # terms that the load factor scales.
 _LOAD_ROUNDING = 1e-10
@@ -115,6 +127,30 @@ class Correction(NamedTuple):
     direction: PathDirection | None
 
 
+class LoadSteps(NamedTuple):
+    """Result of steps of load control.
+
+    Attributes
+    ----------
+    x, mu, iterations
+        Equilibria (q, lam), (k, n + m), their load factors and numbers of Newton iterations, (k,).
+    direction
+        Derivative of (x, mu) with respect to the load factor at the last one.
+    step
+        Proposed size of the next step.
+    has_arrived, has_halted
+        True at the target, and true if the next step fails or needs further decisions.
+    """
+
+    x: Array
+    mu: Array
+    iterations: Array
+    direction: PathDirection
+    step: float
+    has_arrived: bool
+    has_halted: bool
+
+
 class NearestModes(NamedTuple):
     """Eigenvalues of Z^T S K S Z nearest to zero, see `Stability`.
 
@@ -154,6 +190,9 @@ class BorderedPlan(NamedTuple):
         Indices of the non-zeros of `pattern` in those of `bordered`, and the inverse.
     held_targets, row_targets
         Indices of the springs and of the last row in the non-zeros of `bordered`.
+    idle_loops
+        Compiled loop of a system that no longer exists, which the next system uses: building its
+        workspace takes as long as several load steps.
     """
 
     sums: tuple[PartPlan, ...]
@@ -163,6 +202,7 @@ class BorderedPlan(NamedTuple):
     tangent_sources: Array
     held_targets: Array
     row_targets: Array
+    idle_loops: deque[StepLoop[BorderedWorkspace]]
 
 
 @cache_on_owner
@@ -206,7 +246,16 @@ def _plan_bordered(
         tangent_sources=tangent_sources,
         held_targets=tangent_targets[diagonal].astype(np.uint32),
         row_targets=row_targets,
+        idle_loops=deque(maxlen=1),
     )
+
+
+def _keep_idle(
+    loop: StepLoop[BorderedWorkspace], idle_loops: deque[StepLoop[BorderedWorkspace]]
+) -> None:
+    # Pivots chosen by size would make later results depend on earlier paths.
+    if not len(loop.work.linear.plan.rows):
+        idle_loops.append(loop)
 
 
 def _has_entries(plan: SumPlan) -> bool:
@@ -229,31 +278,51 @@ def _usage_of(structure: Structure) -> Usage:
     return Usage()
 
 
-def _split_terms(
-    unloaded: EquationsOfMotion, loaded: EquationsOfMotion, kind: str
-) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+@cache_on_owner
+def _term_keys(structure: Structure) -> tuple[tuple[tuple[Any, ...], slice], ...]:
+    """Return keys of kernels and operators, and the data, of all terms: forces, then joints."""
+
+    def key(term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
+        # Forces and joints have different kernels, so that their keys differ.
+        return tuple(comparison_key(x) for name, x in vars(term).items() if name != "data")
+
+    terms: tuple[ForceTerm | ConstraintTerm, ...] = (*structure.forces, *structure.joints)
+    return tuple((key(term), term.data) for term in terms)
+
+
+def _split_structures(
+    unloaded: EquationsOfMotion, loaded: EquationsOfMotion
+) -> tuple[Structure, Structure, Structure]:
     """Return the common terms of both equations, and those of only one of them.
 
-    `kind` is "forces" or "joints". Common terms have equal kernels, operators and numbers.
+    Common terms have equal kernels, operators and numbers.
     """
-
-    def identify(e: EquationsOfMotion, term: ForceTerm | ConstraintTerm) -> tuple[Any, ...]:
-        values = (value for name, value in vars(term).items() if name != "data")
-        return (*map(comparison_key, values), e.p[term.data].tobytes())
-
-    def split(e: EquationsOfMotion, other: Counter[Any]) -> tuple[tuple[Any, ...], ...]:
-        common: list[Any] = []
-        only: list[Any] = []
-        for term in getattr(e.structure, kind):
-            key = identify(e, term)
-            (common if other[key] > 0 else only).append(term)
+    keys = [
+        [(key, e.p[data].tobytes()) for key, data in _term_keys(e.structure)]
+        for e in (unloaded, loaded)
+    ]
+    counts = [Counter(x) for x in keys]
+    is_common: list[tuple[bool, ...]] = []
+    for own, other in zip(keys, reversed(counts), strict=True):
+        flags = []
+        for key in own:
+            flags.append(other[key] > 0)
             other[key] -= 1
-        return tuple(common), tuple(only)
+        is_common.append(tuple(flags))
+    only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
+    return (
+        _select_terms(loaded.structure, is_common[1]),
+        _select_terms(unloaded.structure, only_unloaded),
+        _select_terms(loaded.structure, only_loaded),
+    )
 
-    keys = [Counter(identify(e, x) for x in getattr(e.structure, kind)) for e in (unloaded, loaded)]
-    _, only_unloaded = split(unloaded, keys[1])
-    common, only_loaded = split(loaded, keys[0])
-    return common, only_unloaded, only_loaded
+
+@cache_on_owner
+def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Structure:
+    count = len(structure.forces)
+    forces = tuple(compress(structure.forces, is_selected[:count]))
+    joints = tuple(compress(structure.joints, is_selected[count:]))
+    return intern_structure(Structure(structure.n, structure.m, forces, joints))
 
 
 def _iterate_inversely(inverse: Callable[[Array], Array], vectors: Array) -> Array:
@@ -295,14 +364,11 @@ class BorderedSystem:
         held: tuple[int, ...] = (),
     ) -> None:
         self._time, self._n, self._scales = time, loaded.n, loaded.position_scales
-        splits = [_split_terms(unloaded, loaded, kind) for kind in ("forces", "joints")]
-        common, only_unloaded, only_loaded = (
-            intern_structure(Structure(loaded.n, loaded.m, *terms))
-            for terms in zip(*splits, strict=True)
-        )
+        common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
         self._numbers = (loaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
         plan = _plan_bordered(common, only_unloaded, only_loaded, held)
+        self._idle_loops = plan.idle_loops
         self.pattern, self._bordered, self._plans = plan.pattern, plan.bordered, plan.sums
         self._tangent_targets = plan.tangent_targets
         self._tangent_sources = plan.tangent_sources
@@ -316,24 +382,48 @@ class BorderedSystem:
         self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
         self.increments = StrainIncrements.of(loaded)
         self.measure = DisplacementMeasure.of(loaded)
-        self._set_loop(compiles=False)
+        loop = self._take_idle_loop() or self._make_loop(compiles=False)
+        self._set_loop(loop)
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()
 
-    def _set_loop(self, compiles: bool) -> None:
-        self._loop = self._make_loop(compiles)
+    def _take_idle_loop(self) -> StepLoop[BorderedWorkspace] | None:
+        """Return a loop with a workspace of the same layout, if there is one."""
+        try:
+            loop = self._idle_loops.pop()
+        except IndexError:
+            return None
+        saddle, axes = loop.work.saddle, loop.work.axes
+        is_suitable = np.array_equal(saddle.scales[: self._n], self._scales)
+        if is_suitable and axes.plan is self.increments.axes.plan and is_native_enabled():
+            self.increments = replace(self.increments, axes=axes)
+            return loop
+        return None
+
+    def _set_loop(self, loop: StepLoop[BorderedWorkspace]) -> None:
+        """Use a loop, with the numbers of this system."""
+        self._loop, run = loop, loop.work
+        for part, plans, p in zip(
+            (run.common, run.unloaded, run.loaded), self._plans, self._numbers, strict=True
+        ):
+            for plan, total in zip(plans, (part.residual, part.tangent), strict=True):
+                plan.set_data(total, p)
+                set_time(total, *self._time)
+        run.points[:], run.distance_weights[:] = self.measure.point, self.measure.scale**-2.0
+        run.held[:] = 0.0
         self._evaluated_x[:] = np.nan
-        reference = self._run(self._initial_x, 0.0, EVALUATE_TANGENT)
-        reference.saddle.scale_by_reference(reference.nonzeros)
-        reference.held[:] = (reference.saddle.size or 1.0) / self._scales[self._held] ** 2
+        self._run(self._initial_x, 0.0, EVALUATE_TANGENT)
+        run.saddle.scale_by_reference(run.nonzeros)
+        run.held[:] = (run.saddle.size or 1.0) / self._scales[self._held] ** 2
+        if loop.is_native:
+            weakref.finalize(self, _keep_idle, loop, self._idle_loops).atexit = False
 
     def _make_loop(self, compiles: bool) -> StepLoop[BorderedWorkspace]:
         size, nnz = self.pattern.shape[0], self._bordered.nnz
         matrix = FactorizedMatrix.from_pattern(self._bordered)
+        rows = min(max(_PATH_COORDINATES // size, 1), _MAX_STEPS)
 
         def make_part(plans: tuple[SumPlan, SumPlan], p: Array, native: bool) -> LoadPart:
             residual, tangent = (plan.sum(native, p) for plan in plans)
-            for total in (residual, tangent):
-                set_time(total, *self._time)
             # The factors of damping and mass are not used.
             set_matrix_factors(tangent, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
             return LoadPart(residual, tangent, np.zeros(size), np.zeros(nnz))
@@ -376,8 +466,12 @@ class BorderedSystem:
                 begin=np.zeros(self._n),
                 squares=np.zeros(self._n),
                 distances=np.zeros(self._n),
-                points=self.measure.point.astype(np.uint32),
-                distance_weights=self.measure.scale**-2.0,
+                points=np.zeros(self._n, np.uint32),
+                distance_weights=np.zeros(self._n),
+                path=np.zeros((rows, size)),
+                path_factors=np.zeros(rows),
+                path_iterations=np.zeros(rows, np.int64),
+                direction=np.zeros(size + 1),
                 column_start=int(self._bordered.indptr[size]),
                 has_frames=int(len(self.increments.frame_axes) > 0),
             )
@@ -570,6 +664,7 @@ class BorderedSystem:
         x: Array,
         mu: float,
         step: PathDirection | None = None,
+        continues: bool = False,
     ) -> Correction:
         """Find the equilibrium at which the control equals `target`, by Newton's method.
 
@@ -580,8 +675,10 @@ class BorderedSystem:
         x, mu
             Start of the iteration, or start of `step`.
         step
-            Displacement with which the iteration begins. If it is given, signs of pivots and the
-            direction of the path are also computed if the machine code can.
+            Displacement with which the iteration begins, or None.
+        continues
+            True to compute also signs of pivots and the direction of the path, if the machine code
+            can.
         """
         self._compile_if_used(1)
         run, n = self._loop.work, self._n
@@ -589,7 +686,7 @@ class BorderedSystem:
         run.begin[:] = run.predicted[:] = x[:n]
         run.task, run.phase, run.iterations, run.last_size = CORRECT, ITERATE, 0, np.inf
         run.is_nonlinear = int(not control.is_linear)
-        can_continue = self.is_native and control.is_linear and step is not None
+        can_continue = self.is_native and control.is_linear and continues
         run.continues, run.has_direction = int(can_continue), 0
         if step is not None:
             run.solution[:-1], run.solution[-1] = step.x, step.mu
@@ -615,6 +712,59 @@ class BorderedSystem:
             direction = PathDirection(run.solution[:-1].copy(), float(run.solution[-1]))
         sizes = float(run.motion), float(run.correction)
         return Correction(end, float(run.mu), run.iterations, failure, *sizes, direction)
+
+    def follow_load(
+        self,
+        point: tuple[Array, float],
+        direction: PathDirection,
+        target: float,
+        steps: tuple[float, float],
+        negative_count: int,
+        max_steps: int,
+    ) -> LoadSteps | None:
+        """Take steps of load control on which the number of negative eigenvalues does not change.
+
+        They end before a step that fails or at which this number is another one or not certain.
+        The result is None without machine code and with beams in a floating frame.
+
+        Parameters
+        ----------
+        point
+            Equilibrium (x, mu) at which the path begins.
+        direction
+            Derivative of the path with respect to the load factor there.
+        target
+            Load factor at the end.
+        steps
+            Proposed and largest step.
+        negative_count
+            Number of negative eigenvalues of the stiffness there.
+        max_steps
+            Maximum number of steps.
+        """
+        run, (x, mu) = self._loop.work, point
+        if not self.is_native or run.has_frames:
+            return None
+        self._set_point(x, mu)
+        self._set_control(LoadControl().linearize(x, mu), target)
+        self._evaluated_x[:] = np.nan
+        run.task, run.is_nonlinear, run.continues = FOLLOW_LOAD, 0, 1
+        run.direction[:-1], run.direction[-1] = direction.x, direction.mu
+        (run.step, run.max_step), run.load_target = steps, target
+        run.negative_pivots = negative_count + len(x) - self._n
+        run.max_steps = min(max_steps, len(run.path))
+        code, k = self._call(), run.step_count
+        if code != HALTED:
+            self._evaluated_x[:] = self._point()
+        return LoadSteps(
+            run.path[:k].copy(),
+            run.path_factors[:k].copy(),
+            run.path_iterations[:k].copy(),
+            PathDirection(run.direction[:-1].copy(), float(run.direction[-1])),
+            run.step,
+            code == DONE,
+            code == HALTED,
+        )
 
     def _set_control(self, control: LinearControl, target: float) -> None:
         run = self._loop.work
@@ -653,7 +803,7 @@ class BorderedSystem:
             missing = self._missing_kernels()
             for kernel in missing:
                 kernel.load_native()
-            self._set_loop(compiles=not missing)
+            self._set_loop(self._make_loop(compiles=not missing))
             was_compiled = not self._missing_kernels() if missing else self.is_native
             self._compilation_seconds = self._estimate_compilation() if was_compiled else np.inf
 

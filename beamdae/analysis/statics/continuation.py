@@ -11,8 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from beamdae.analysis.statics.bordered_system import Correction, LoadSteps
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.critical_points import BRANCH, PathSegment, SegmentCriticalPoint
+from beamdae.analysis.statics.newton_loop import (
+    CORRECTION_ROUNDING,
+    MAX_CORRECTION_RATIO,
+    choose_step,
+    propose_step,
+)
 from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection, StepNorm
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -21,18 +28,6 @@ Array = np.ndarray
 # A failed step is multiplied by this factor, down to this fraction of the largest step.
 _CUT_FACTOR = 0.25
 MIN_STEP_RATIO = 1e-6
-# The step grows by this factor if the corrector takes at most the first number of Newton
-# iterations; or at most the second one, if it moves the point by less than this fraction of the
-# step. The iterations of thin beams in a floating frame depend on their axial stiffness more than
-# on the curvature of the path.
-_GROWTH_FACTOR = 1.5
-_MAX_ITERATIONS_TO_GROW = 4
-_MAX_STIFF_ITERATIONS_TO_GROW = 8
-_MAX_CORRECTION_TO_GROW = 0.1
-# If the corrector moves a point by more than this fraction of the step, the point lies on another
-# path. The allowance for rounding is in natural sizes.
-MAX_CORRECTION_RATIO = 0.5
-_CORRECTION_ROUNDING = 1e-7
 # Smallest permitted cosine of the angle between successive directions: for a step by arc length (a
 # crossing path leaves at a larger angle), and for the step to grow.
 _MIN_COSINE = 0.7
@@ -40,10 +35,6 @@ _MIN_COSINE_TO_GROW = 0.95
 # Steps below this fraction of the largest step may turn by any angle, because the path has a
 # corner.
 _CORNER_STEP_RATIO = 1e-3
-# A remaining distance of up to this multiple of the step is split in two, so that the last step is
-# not tiny. Up to the second multiple, which allows for rounding, one step covers the distance.
-_SPLIT_RATIO = 1.2
-_ROUNDING_RATIO = 1.001
 # A step that happens to end at a critical point, up to rounding, is multiplied by this factor: next
 # to the point, rounding determines the motion along the critical mode. Its smallest eigenvalue is
 # then below the fraction of that at the other end.
@@ -172,6 +163,7 @@ def follow_path(
     factors, and increases otherwise.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
+    by_load = isinstance(settings.target_control, LoadControl) and not settings.by_arc_length
     for target in targets:
         is_target_reached = settings.target_control.value(path.end.x, path.end.mu) == target
         while not is_target_reached:
@@ -183,6 +175,15 @@ def follow_path(
                 return
             before = len(path.branch_points)
             try:
+                if by_load:
+                    direction, steps = _take_regular_steps(
+                        corrector, path, settings, target, direction
+                    )
+                    if steps is not None and not steps.has_halted:
+                        is_target_reached = steps.has_arrived
+                        continue
+                    # A path on which each call halts at once would take each step twice.
+                    by_load = steps is not None and len(steps.mu) > 0
                 direction, is_target_reached = _take_step(
                     corrector, path, settings, target, direction
                 )
@@ -212,6 +213,29 @@ def _revisits_branch_point(path: StagePath, settings: ContinuationSettings, coun
     )
 
 
+def _take_regular_steps(
+    corrector: Corrector,
+    path: StagePath,
+    settings: ContinuationSettings,
+    target: float,
+    direction: PathDirection | None,
+) -> tuple[PathDirection, LoadSteps | None]:
+    """Append points of load control in one call of machine code, up to a possible critical point.
+
+    Return the final direction and details of the steps, see `Corrector.follow_load`.
+    """
+    begin = path.end
+    direction = direction or corrector.path_tangent(begin, settings.target_control)
+    room, steps = settings.max_points - len(path.points), (path.step, settings.max_step)
+    result = corrector.follow_load(begin, direction, target, steps, room)
+    if result is None:
+        return direction, None
+    points, details = result
+    path.points += points
+    path.step = details.step
+    return details.direction, details
+
+
 def _take_step(
     corrector: Corrector,
     path: StagePath,
@@ -231,10 +255,8 @@ def _take_step(
         direction = direction or corrector.path_tangent(begin, target_control)
         remaining = target - target_control.value(begin.x, begin.mu)
         sign, reach = float(np.sign(remaining)), abs(remaining)
-        size = min(path.step, reach, settings.max_step)
+        size = choose_step(path.step, reach, settings.max_step)
     first_value = control.value(begin.x, begin.mu)
-    if not settings.by_arc_length and size < reach < _SPLIT_RATIO * size:
-        size = reach if reach < _ROUNDING_RATIO * size else 0.5 * reach
     min_size = min(MIN_STEP_RATIO * settings.max_step, size)
     may_avoid = True
     while True:
@@ -242,8 +264,8 @@ def _take_step(
         value = target if is_last else first_value + sign * size
         try:
             step = direction.scale(sign * size)
-            end, correction, after = _correct_prediction(corrector, control, value, begin, step)
-            after = after or corrector.try_path_tangent(end, control)
+            end, result = _correct_prediction(corrector, control, value, begin, step)
+            after = result.direction or corrector.try_path_tangent(end, control)
             cosine = norm.cosine(direction, after or direction) if settings.by_arc_length else 1.0
             if cosine < _MIN_COSINE and size > _CORNER_STEP_RATIO * settings.max_step:
                 raise CorrectorError("the path turns too sharply for the step")
@@ -265,14 +287,12 @@ def _take_step(
             if size < min_size:
                 raise CorrectorError(str(error)) from None
     path.append(segment, critical)
-    grows = end.iterations <= _MAX_ITERATIONS_TO_GROW
-    grows |= (
-        correction < _MAX_CORRECTION_TO_GROW and end.iterations <= _MAX_STIFF_ITERATIONS_TO_GROW
-    )
-    grows &= cosine > _MIN_COSINE_TO_GROW
+    proposed = propose_step(size, end.iterations, result.correction, result.motion)
+    if cosine <= _MIN_COSINE_TO_GROW:
+        proposed = size
     arrived = truncated is not None or (not settings.by_arc_length and value == target)
     # A step that is shortened to meet a target does not shorten the next step.
-    path.step = max(size * (_GROWTH_FACTOR if grows else 1.0), path.step * arrived)
+    path.step = max(proposed, path.step if arrived else 0.0)
     return segment.directions[1], arrived
 
 
@@ -317,18 +337,18 @@ def _correct_prediction(
     value: float,
     begin: EquilibriumPoint,
     step: PathDirection,
-) -> tuple[EquilibriumPoint, float, PathDirection | None]:
-    """Return the equilibrium near begin + step at which the control equals `value`.
+) -> tuple[EquilibriumPoint, Correction]:
+    """Return the equilibrium near begin + step at which the control equals `value`, and details.
 
-    The second result is the motion from begin + step, relative to that from begin, and the third
-    one the direction of the path, or None if it has not been computed.
+    Raises
+    ------
+    CorrectorError
+        If Newton's method fails, or leads to another path.
     """
     point, result = corrector.follow(control, value, begin, step)
-    correction, displacement = result.correction, result.motion
-    if correction > MAX_CORRECTION_RATIO * displacement + _CORRECTION_ROUNDING:
+    if result.correction > MAX_CORRECTION_RATIO * result.motion + CORRECTION_ROUNDING:
         raise CorrectorError("the path turns too sharply for the step")
-    ratio = max(correction - _CORRECTION_ROUNDING, 0.0) / (displacement + _CORRECTION_ROUNDING)
-    return point, ratio, result.direction
+    return point, result
 
 
 def _arc_direction(

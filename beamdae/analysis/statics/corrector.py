@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from beamdae.analysis.statics.bordered_system import SINGULAR, Correction
+from beamdae.analysis.statics.bordered_system import SINGULAR, Correction, LoadSteps
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import stiffness_rounding
-from beamdae.analysis.statics.path_controls import Control, PathDirection
+from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection
 from beamdae.analysis.statics.slender_modes import ERROR_FLOOR
 from beamdae.analysis.statics.stability import Stability, assess_stability
 from beamdae.analysis.statics.strain_increments import StrainIncrements
@@ -42,12 +42,18 @@ class EquilibriumPoint:
         Load factor.
     iterations
         Number of Newton iterations; 0 for points found in another way.
+    certain_count
+        Number of negative eigenvalues of the stiffness, if it is known with certainty.
+    load_direction
+        Derivative of (x, mu) with respect to the load factor, if it is known.
     """
 
     system: LoadedEquations = field(repr=False)
     x: Array
     mu: float
     iterations: int = 0
+    certain_count: int | None = None
+    load_direction: PathDirection | None = field(default=None, repr=False)
 
     @cached_property
     def stability(self) -> Stability:
@@ -56,6 +62,8 @@ class EquilibriumPoint:
 
     @cached_property
     def _certain_count(self) -> int | None:
+        if self.certain_count is not None:
+            return self.certain_count
         return self.system.bordered.count_negative_eigenvalues(self.x, self.mu)
 
     def count_by_pivots(self) -> None:
@@ -169,20 +177,49 @@ class Corrector:
         return self._accept(self.system.bordered.correct(control, target, x, mu))
 
     def follow(
-        self, control: Control, target: float, begin: EquilibriumPoint, step: PathDirection
+        self, control: Control, target: float, begin: EquilibriumPoint, step: PathDirection | None
     ) -> tuple[EquilibriumPoint, Correction]:
         """Return the result of `correct` for the prediction begin + step, and details of it.
+
+        Without a step, the prediction is `begin`.
 
         Raises
         ------
         CorrectorError
             See `correct`.
         """
-        correction = self.system.bordered.correct(control, target, begin.x, begin.mu, step)
+        correction = self.system.bordered.correct(control, target, begin.x, begin.mu, step, True)
         point = self._accept(correction)
         if correction.direction is not None:
             point.count_by_pivots()
         return point, correction
+
+    def follow_load(
+        self,
+        begin: EquilibriumPoint,
+        direction: PathDirection,
+        target: float,
+        steps: tuple[float, float],
+        max_steps: int,
+    ) -> tuple[list[EquilibriumPoint], LoadSteps] | None:
+        """Return the points after steps of load control from `begin`, and details of the steps.
+
+        See `BorderedSystem.follow_load`. The result is None if it is, or if the number of negative
+        eigenvalues at `begin` is not certain.
+        """
+        count = begin.negative_count if begin.is_count_certain and begin.has_potential else None
+        if count is None:
+            return None
+        start = begin.x, begin.mu
+        bordered = self.system.bordered
+        result = bordered.follow_load(start, direction, target, steps, count, max_steps)
+        if result is None:
+            return None
+        columns = (result.mu.tolist(), result.iterations.tolist())
+        rows = zip(result.x, *columns, strict=True)
+        points = [EquilibriumPoint(self.system, x, mu, k, count) for x, mu, k in rows]
+        self.iterations += sum(columns[1])
+        return points, result
 
     def _accept(self, correction: Correction) -> EquilibriumPoint:
         self.iterations += correction.iterations
@@ -199,6 +236,8 @@ class Corrector:
             If the bordered matrix is singular: the control does not change along the path, or paths
             cross at the point.
         """
+        if point.load_direction is not None and isinstance(control, LoadControl):
+            return point.load_direction
         # The factors of this count are also used for the solution.
         point.count_by_pivots()
         _, by_factor = self.system.residual(point.x, point.mu)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -65,12 +66,15 @@ class KrylovSpace:
 
     def restart(self) -> None:
         """Remove all vectors; choose the first candidates."""
-        phases = np.arange(self.candidates.shape[1]) ** 2.0
-        # Deterministic vectors that are unlikely to be orthogonal to a mode.
-        for k in range(_BLOCK_SIZE):
-            self.candidates[k] = np.cos(phases + k)
+        self.candidates[:] = _first_candidates(self.candidates.shape[1])
         self.vectors = self.blocks = self.first = 0
         self.width = _BLOCK_SIZE
+
+
+@lru_cache(maxsize=8)
+def _first_candidates(n: int) -> Array:
+    # Deterministic vectors that are unlikely to be orthogonal to a mode.
+    return np.cos(np.arange(n) ** 2.0 + np.arange(_BLOCK_SIZE)[:, None])
 
 
 def begin_block(space: KrylovSpace) -> None:

@@ -17,6 +17,8 @@ import numpy as np
 
 from beamdae.analysis.statics.krylov_eigenvalues import KrylovSpace, begin_block, end_block
 from beamdae.analysis.statics.saddle_elimination import (
+    ASYMMETRY_TOLERANCE,
+    NEGLIGIBLE_STIFFNESS,
     SaddlePoint,
     count_signs,
     factorize_saddle_point,
@@ -38,7 +40,7 @@ from beamdae.native.loop_functions import (
     pick,
     solve,
 )
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE
+from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE
 from beamdae.symbolic.kernel_sums import Sum, evaluate_sum
 
 Array = np.ndarray
@@ -68,6 +70,23 @@ _MAX_REFINEMENTS = 3
 # Prevents division by zero if a solution is zero.
 _TINY = 1e-300
 
+# If the corrector moves a point by more than this fraction of the step, the point lies on another
+# path. The allowance for rounding is in natural sizes.
+MAX_CORRECTION_RATIO = 0.5
+CORRECTION_ROUNDING = 1e-7
+# The step grows by this factor if the corrector takes at most the first number of Newton
+# iterations; or at most the second one, if it moves the point by less than this fraction of the
+# step. The iterations of thin beams in a floating frame depend on their axial stiffness more than
+# on the curvature of the path.
+_GROWTH_FACTOR = 1.5
+_MAX_ITERATIONS_TO_GROW = 4
+_MAX_STIFF_ITERATIONS_TO_GROW = 8
+_MAX_CORRECTION_TO_GROW = 0.1
+# A remaining distance of up to this multiple of the step is split in two, so that the last step is
+# not tiny. Up to the second multiple, which allows for rounding, one step covers the distance.
+_SPLIT_RATIO = 1.2
+_ROUNDING_RATIO = 1.001
+
 # Tasks of `perform_task`.
 EVALUATE_FORCES = 0
 EVALUATE_TANGENT = 1
@@ -75,7 +94,8 @@ COUNT_SIGNS = 2
 SOLVE = 3
 EXTEND_SPACE = 4
 CORRECT = 5
-_SOLVE_NEWTON = 6
+FOLLOW_LOAD = 6
+_SOLVE_NEWTON = 7
 
 # Phases of `_correct`.
 PREDICT = 0
@@ -85,9 +105,11 @@ _ITERATED = 3
 CONVERGED = 4
 
 # Codes of `perform_task` besides those of the linear solver: beams in a floating frame must be
-# displaced, the control must be linearized again, or Newton's method diverges.
+# displaced, the control must be linearized again, the next load step needs further decisions, or
+# Newton's method diverges.
 DISPLACE = 3
 LINEARIZE = 4
+HALTED = 5
 DIVERGED = -5
 
 
@@ -163,7 +185,8 @@ class BorderedWorkspace:
         `EVALUATE_FORCES`; `EVALUATE_TANGENT` to evaluate also the tangent; `COUNT_SIGNS` to count
         also the negative pivots of `saddle`; `SOLVE` with the given `column` and `right`;
         `EXTEND_SPACE` to add blocks to `space` with the last factors of `saddle`; `CORRECT` to
-        find the equilibrium at which the control has its target value.
+        find the equilibrium at which the control has its target value; `FOLLOW_LOAD` to take load
+        steps.
     has_forces, has_tangent, has_signs
         1 if forces, tangent or signs of pivots have been evaluated at `inputs` and `mu`, else 0.
     has_factors
@@ -189,6 +212,16 @@ class BorderedWorkspace:
         Largest square of the derivatives of the tangent with respect to the load factor.
     motion, correction
         Largest displacements, in natural sizes, from `begin` and `predicted` to the equilibrium.
+    path, path_factors, path_iterations
+        Equilibria of `FOLLOW_LOAD`, (k, n + m), their load factors and numbers of iterations, (k,).
+    direction
+        Derivative of (x, mu) with respect to the load factor at the last one, (n + m + 1,).
+    step_count, max_steps
+        Number of load steps taken, and its limit.
+    step, max_step, load_target
+        Proposed and largest change of the load factor in a step, and the load factor at the end.
+    negative_pivots
+        Number of negative pivots at all equilibria.
     """
 
     common: LoadPart
@@ -225,6 +258,10 @@ class BorderedWorkspace:
     distances: Array
     points: Array
     distance_weights: Array
+    path: Array
+    path_factors: Array
+    path_iterations: Array
+    direction: Array
     column_start: int
     has_frames: int
     mu: float = 0.0
@@ -237,6 +274,9 @@ class BorderedWorkspace:
     load_stiffness: float = 0.0
     motion: float = 0.0
     correction: float = 0.0
+    step: float = 0.0
+    max_step: float = 0.0
+    load_target: float = 0.0
     task: int = EVALUATE_FORCES
     has_forces: int = 0
     has_tangent: int = 0
@@ -252,6 +292,9 @@ class BorderedWorkspace:
     iterations: int = 0
     continues: int = 0
     has_direction: int = 0
+    step_count: int = 0
+    max_steps: int = 0
+    negative_pivots: int = 0
 
 
 def perform_task(run: BorderedWorkspace) -> int:
@@ -261,6 +304,8 @@ def perform_task(run: BorderedWorkspace) -> int:
         return DONE
     if run.task == CORRECT:
         return _correct(run)
+    if run.task == FOLLOW_LOAD:
+        return _follow_load(run)
     return _solve_bordered(run, run.task)
 
 
@@ -283,6 +328,71 @@ def _apply_shifted_inverse(run: BorderedWorkspace, vector: Array, image: Array) 
     combine(work[:n], (1.0,), (vector,))
     substitute(run.saddle.factors, work)
     combine(image, (1.0,), (work[:n],))
+
+
+def choose_step(proposed: float, reach: float, largest: float) -> float:
+    """Return the size of the next step; `reach` is the distance to the target."""
+    size = min(proposed, reach, largest)
+    if size < reach < _SPLIT_RATIO * size:
+        size = reach if reach < _ROUNDING_RATIO * size else 0.5 * reach
+    return size
+
+
+def propose_step(size: float, iterations: int, correction: float, motion: float) -> float:
+    """Return the size of the step after one that took `iterations` for a `correction`.
+
+    `motion` and `correction` are the distances from the begin and from the prediction.
+    """
+    ratio = max(correction - CORRECTION_ROUNDING, 0.0) / (motion + CORRECTION_ROUNDING)
+    is_close = ratio < _MAX_CORRECTION_TO_GROW and iterations <= _MAX_STIFF_ITERATIONS_TO_GROW
+    return size * _GROWTH_FACTOR if is_close or iterations <= _MAX_ITERATIONS_TO_GROW else size
+
+
+def _follow_load(run: BorderedWorkspace) -> int:
+    """Take load steps from an equilibrium at which `direction` is known.
+
+    Return DONE at the target, FULL after `max_steps`, or HALTED before a step that fails, or after
+    which the number of negative eigenvalues changes or is not certain.
+    """
+    n = run.displaced.size
+    run.step_count = 0
+    while run.step_count < run.max_steps:
+        reach = abs(run.load_target - run.mu)
+        step = choose_step(run.step, reach, run.max_step)
+        change = step if run.load_target > run.mu else -step
+        value = run.load_target if step == reach else run.mu + change
+        combine(run.begin, (1.0,), (run.inputs[:n],))
+        combine(run.solution, (change,), (run.direction,))
+        run.excess, run.last_size, run.iterations = -value, np.inf, 0
+        run.phase, run.has_direction = PREDICT, 0
+        if _correct(run) != DONE or not _is_regular(run):
+            run.linear.singular, run.linear.needs_pivots = 0, 0
+            return HALTED
+        combine(run.direction, (1.0,), (run.solution,))
+        point, proposed = run.path[run.step_count], run.step
+        combine(point[:n], (1.0,), (run.inputs[:n],))
+        combine(point[n:], (1.0,), (run.inputs[2 * n :],))
+        run.path_factors[run.step_count] = run.mu
+        run.path_iterations[run.step_count] = run.iterations
+        run.step_count += 1
+        run.step = propose_step(step, run.iterations, run.correction, run.motion)
+        if value == run.load_target:
+            # A step that is shortened to meet a target does not shorten the next step.
+            run.step = max(run.step, proposed)
+            return DONE
+    return FULL
+
+
+def _is_regular(run: BorderedWorkspace) -> bool:
+    """Return True if the last step ends on the same path, without a critical point on the way."""
+    saddle = run.saddle
+    if run.has_direction == 0 or not max_norm(run.solution, run.weights) < np.inf:
+        return False
+    if saddle.below != run.negative_pivots or saddle.above != run.negative_pivots:
+        return False
+    if saddle.size <= NEGLIGIBLE_STIFFNESS or saddle.asymmetry > ASYMMETRY_TOLERANCE * saddle.size:
+        return False
+    return run.correction <= MAX_CORRECTION_RATIO * run.motion + CORRECTION_ROUNDING
 
 
 def _correct(run: BorderedWorkspace) -> int:

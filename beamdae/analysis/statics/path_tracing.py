@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.analysis.statics.continuation import (
-    MAX_CORRECTION_RATIO,
     MIN_STEP_RATIO,
     ContinuationSettings,
     StagePath,
@@ -20,6 +19,7 @@ from beamdae.analysis.statics.corrector import Corrector, CorrectorError, Equili
 from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
+from beamdae.analysis.statics.newton_loop import MAX_CORRECTION_RATIO
 from beamdae.analysis.statics.path_controls import (
     Control,
     DisplacementControl,
@@ -229,7 +229,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         )
         if begin.free_count and system.has_scaled_loads:
             system = hold_neutral_motions(system, begin.x)
-            corrector, begin = Corrector(system), replace(begin, system=system)
+            corrector = Corrector(system)
+            begin = replace(begin, system=system, load_direction=None)
         path = StagePath([begin])
         try:
             if system.has_scaled_loads and is_last:
@@ -308,10 +309,11 @@ def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoin
     system = corrector.system
     x = np.append(q, np.zeros(system.equations.m))
     try:
-        point = corrector.correct(LoadControl(), 0.0, x, 0.0)
+        drawn = EquilibriumPoint(system, x, 0.0)
+        point, correction = corrector.follow(LoadControl(), 0.0, drawn, None)
         motion = corrector.displacement_measure.farthest((point.x - x)[: len(q)])
         if motion <= _MAX_INITIAL_MOTION:
-            return point
+            return replace(point, load_direction=correction.direction)
     except CorrectorError:
         pass
     return _relax(corrector, q, 0.0 if system.has_scaled_loads else 1.0)

@@ -50,6 +50,9 @@ Array = np.ndarray
 # largest entry of the stiffness, and shifts as multiples of these errors.
 SPARSE_ZERO_TOLERANCE = 4e-15
 _SHIFT_MULTIPLE = 4.0
+# Asymmetry up to which the stiffness is treated as symmetric, relative to its largest entry. It is
+# small because a follower load is small compared with the axial stiffness of a thin beam.
+ASYMMETRY_TOLERANCE = 1e-13
 # If no entry of the stiffness exceeds this value [J], all are zeros or rounding errors, as without
 # loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
 NEGLIGIBLE_STIFFNESS = 1e-22

@@ -16,9 +16,9 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_mode, solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.statics.bordered_system import ASYMMETRY_TOLERANCE
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.saddle_elimination import (
+    ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
     SPARSE_ZERO_TOLERANCE,
     zero_tolerance,

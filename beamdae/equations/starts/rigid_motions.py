@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
@@ -17,6 +18,7 @@ _ROUNDING = 1e-9  # rounding error in a motion of size one
 _EQUAL_SIZE_TOLERANCE = 1e-6  # of bodies that move equally far, the first is named
 _MAX_NAMES = 9  # names or phrases in a sentence
 _FRAME_COORDINATES = (("x", "y", "angle"), ("x0", "y0", "theta"))
+_MAX_CACHED_COORDINATES = 20_000
 _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
@@ -52,21 +54,29 @@ class Body(NamedTuple):
 
 def collect_bodies(e: EquationsOfMotion) -> tuple[Body, ...]:
     """Return a `Body` for each part of the equations."""
+    parts = tuple((part.name, part.rows.start, part.rows.stop) for part in e.parts)
+    return _collect_bodies(e.q_names, parts)
+
+
+@bounded_cache(_MAX_CACHED_COORDINATES, lambda bodies: sum(len(x.others) for x in bodies))
+def _collect_bodies(
+    q_names: tuple[str, ...], parts: tuple[tuple[str, int, int], ...]
+) -> tuple[Body, ...]:
     bodies = []
-    for part in e.parts:
-        index = {e.q_names[k].rpartition(".")[2]: k for k in range(part.rows.start, part.rows.stop)}
+    for name, start, stop in parts:
+        index = {q_names[k].rpartition(".")[2]: k for k in range(start, stop)}
         nodes = _node_coordinates(index)
         if nodes is not None:
             x, y, angle = nodes[0].tolist()
             others = tuple(nodes[1:].ravel().tolist())
-            bodies.append(Body(part.name, (x, y), angle, others, nodes))
+            bodies.append(Body(name, (x, y), angle, others, nodes))
             continue
         x, y, angle = next(
             (names for names in _FRAME_COORDINATES if names[0] in index), _FRAME_COORDINATES[0]
         )
         position = (index.pop(x), index.pop(y)) if x in index and y in index else None
         rotation = index.pop(angle) if position is not None and angle in index else None
-        bodies.append(Body(part.name, position, rotation, tuple(index.values())))
+        bodies.append(Body(name, position, rotation, tuple(index.values())))
     return tuple(bodies)
 
 
