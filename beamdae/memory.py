@@ -141,7 +141,7 @@ def limit_memory(memory: float | None) -> Iterator[None]:
     beyond the limit raise MemoryError, even while a model is built and no run checks the memory. If
     `memory` is None or the system has no file /proc/self/status, no limit is set.
     """
-    present = _read_status("VmData")
+    present = None if memory is None else _read_status("VmData")
     if memory is None or present is None:
         yield
         return

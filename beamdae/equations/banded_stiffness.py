@@ -55,7 +55,7 @@ class BandedStiffness:
             Band (2 bandwidth + 1, k n), see `scipy.linalg.solve_banded`.
         """
         count, n, height = len(matrices), self.to_local.shape[1], 2 * self.bandwidth + 1
-        values = matrices.reshape(count, -1)[:, self.sources] * self.factors
+        values = np.take(matrices.reshape(count, -1), self.sources, axis=1) * self.factors
         band = np.zeros((count, n * height))
         for k in range(count):
             band[k] = np.bincount(self.entries, values[k], n * height)

@@ -74,8 +74,9 @@ class RangeTerm:
             values.append(self._largest_values(columns))
             block = self._rotations(columns)
             if not first:
-                # Not joined at the end, which would take twice the memory.
-                rotations = np.empty((len(q), block.shape[1]))
+                # Not joined at the end, which would take twice the memory. Stored by node, because
+                # NumPy reduces few long columns ten times as fast as many short rows.
+                rotations = np.empty((block.shape[1], len(q))).T
             rotations[first : first + len(block)] = block
             first += len(block)
         return np.max(values, axis=0), rotations

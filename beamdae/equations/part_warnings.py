@@ -157,7 +157,8 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
     kernel = statement.kernel
     x, evaluate = kernel.local, kernel.force_kernel.function
     state = np.random.default_rng(_SEED).standard_normal(3 * x.size + x.n_multipliers)
-    for numbers in np.unique(statement.data, axis=1).T if x.data.numel() else [np.zeros(0)]:
+    copies = statement.data if statement.data.shape[1] == 1 else np.unique(statement.data, axis=1)
+    for numbers in copies.T if x.data.numel() else [np.zeros(0)]:
         for branch in branches if kernel.has_branches else branches[:1]:
             time = np.array([branch, branch])
             if np.any(evaluate(time, np.concatenate([state, numbers])).full()):

@@ -37,9 +37,9 @@ from beamdae.integrators.compiled_run import (
 from beamdae.integrators.error_control import motion_scales
 from beamdae.integrators.limits import require_feasible_step
 from beamdae.integrators.method import (
+    FIXED_STEPS_PER_CHECK,
     MATRIX_SINGULAR,
     RESIDUAL_NOT_FINITE,
-    STEPS_PER_CHECK,
     StepError,
     allocate_rows,
     count_equal_steps,
@@ -277,7 +277,7 @@ class FixedStepMethod:
     """
 
     rows_per_step: ClassVar[int] = 1
-    steps_per_check: ClassVar[int] = STEPS_PER_CHECK
+    steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
     resolved_options: ClassVar[dict[str, Any]] = {}
 
     def __init__(
@@ -319,7 +319,7 @@ class FixedStepMethod:
                 newton_tolerance=newton_tolerance,
                 has_impulses=int(form.formulation.impulses),
                 residual=np.zeros(form.size),
-                rows=allocate_rows(1 + 3 * n + m),
+                rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
                 **{name: make_stage(matrix, native) for name, matrix in self._matrices.items()},
             )
 
@@ -358,7 +358,7 @@ class FixedStepMethod:
             getattr(run, name).rate = math.inf
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
+        """Take 1 to `most` steps, as the rows permit; return their rows (t, q, v, a, lam).
 
         Raises
         ------

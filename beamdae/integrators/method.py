@@ -21,6 +21,8 @@ MATRIX_SINGULAR = "the matrix is singular or not finite; check masses and joints
 
 # Number of steps between two checks of limits; methods with more expensive steps use fewer.
 STEPS_PER_CHECK = 64
+# Fixed steps cannot stall, and each call of a compiled loop takes as long as ten short steps.
+FIXED_STEPS_PER_CHECK = 256
 # Limit of the memory of the rows that a compiled loop fills [bytes], so that they are still in the
 # processor cache when they are stored, and least number of rows.
 _MAX_ROW_BYTES = 2 * 2**20
@@ -127,10 +129,10 @@ class StepError(ArithmeticError):
         self.residual = residual
 
 
-def allocate_rows(size: int) -> Array:
+def allocate_rows(size: int, steps_per_check: int = STEPS_PER_CHECK) -> Array:
     """Return rows of `size` numbers that a compiled loop fills between two checks of limits."""
     rows = _MAX_ROW_BYTES // (np.dtype(float).itemsize * size)
-    return np.zeros((min(max(rows, _MIN_ROWS), STEPS_PER_CHECK), size))
+    return np.zeros((min(max(rows, _MIN_ROWS), steps_per_check), size))
 
 
 def clip_step(step: float, remaining: float) -> float:

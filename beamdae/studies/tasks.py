@@ -214,6 +214,7 @@ def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> by
     gets a separate copy of the model.
     """
     if id(model) not in models:
+        model.origin  # noqa: B018 reads the units from the docstring once for all copies
         models[id(model)] = model, serialize_value(model)
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream)

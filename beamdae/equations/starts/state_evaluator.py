@@ -158,11 +158,11 @@ class StateEvaluator:
 
     @cached_property
     def _motion(self) -> Sum:
-        return self.sums.motion.sum(False, self.equations.p)
+        return self.sums.motion.borrow(self, self.equations.p)
 
     @cached_property
     def _levels(self) -> Sum:
-        return self.sums.levels.sum(False, self.equations.p)
+        return self.sums.levels.borrow(self, self.equations.p)
 
     @cached_property
     def _recent_motion(self) -> Recent:
@@ -170,11 +170,11 @@ class StateEvaluator:
 
     @cached_property
     def _gradients(self) -> Sum:
-        return self.sums.gradients.sum(False, self.equations.p)
+        return self.sums.gradients.borrow(self, self.equations.p)
 
     @cached_property
     def _saddle(self) -> Sum:
-        return self.sums.saddle.sum(False, self.equations.p)
+        return self.sums.saddle.borrow(self, self.equations.p)
 
     def rest_state(self, q: Array) -> State:
         """Return the state at rest at positions `q`, with zero accelerations and multipliers."""

@@ -23,6 +23,7 @@ from beamdae.integrators.alpha.step_loop import (
 from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.method import (
+    FIXED_STEPS_PER_CHECK,
     STEPS_PER_CHECK,
     StepError,
     allocate_rows,
@@ -109,7 +110,7 @@ class AlphaStepper:
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
-                rows=allocate_rows(1 + 3 * n + m),
+                rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
                 newton_tolerance=newton_tolerance,
                 min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
@@ -152,7 +153,7 @@ class AlphaStepper:
         )
 
     def advance(self, most: int) -> Array:
-        """Take 1 to `most` steps, but at most 64; return their rows (t, q, v, a, lam).
+        """Take 1 to `most` steps, as the rows permit; return their rows (t, q, v, a, lam).
 
         Raises
         ------
@@ -217,6 +218,7 @@ class AlphaStepper:
 class FixedAlphaStepper(AlphaStepper):
     """Stepper with equal steps of at most `step` [s] in each interval."""
 
+    steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
     resolved_options: ClassVar[dict[str, Any]] = {}
 

@@ -1,0 +1,44 @@
+"""Evaluation of forces, constraints and matrices at single states."""
+
+import gc
+
+import numpy as np
+from numpy.testing import assert_array_equal
+
+import beamdae as bd
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
+
+TIME = np.zeros(2)
+
+
+def build_pendulum(mass):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bob = mech.add(bd.PointMass("bob", mass, at=(1.0, 0.0)))
+    mech.add(bd.Distance("rope", mech.ground.at(0.0, 0.0), bob.point))
+    return bd.equations_of_motion(mech)
+
+
+def force_by_new_sum(equations, q):
+    evaluator = StateEvaluator(equations)
+    total = evaluator.sums.motion.sum(False, equations.p)
+    set_time(total, *TIME)
+    result = np.zeros(equations.n + 3 * equations.m)
+    evaluate_sum(total, np.concatenate([q, np.zeros(2 * equations.n + equations.m)]), result)
+    return result[: equations.n]
+
+
+def test_models_that_differ_in_numbers_reuse_sums_one_after_the_other():
+    light, heavy = build_pendulum(0.2), build_pendulum(3.0)
+    q, rest = light.q0 + 0.1, np.zeros(light.n)
+    gc.collect()
+    first, second = StateEvaluator(light), StateEvaluator(heavy)
+    for _ in range(2):
+        assert_array_equal(first.force(TIME, q, rest), force_by_new_sum(light, q))
+        assert_array_equal(second.force(TIME, q, rest), force_by_new_sum(heavy, q))
+    used = first._motion
+    assert used is not second._motion
+    del first
+    third = StateEvaluator(heavy)
+    assert_array_equal(third.force(TIME, q, rest), force_by_new_sum(heavy, q))
+    assert third._motion is used
