@@ -20,7 +20,7 @@ from beamdae.analysis.sensitivities.alpha_replay import (
     make_step_solver,
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.step_equations import (
     StepBuffers,
     StepPrediction,
@@ -195,6 +195,7 @@ def _plan_adjoint(structure: Structure) -> tuple[SumPlan, SumPlan, sp.csc_array]
 def transpose_alpha_steps(
     method: GeneralizedAlpha,
     start: StartAdjoint,
+    steps_of: EquationsOfMotion,
     interval: Interval,
     seeds: Array,
 ) -> State:
@@ -208,6 +209,9 @@ def transpose_alpha_steps(
         Transposed derivatives of the starting values and of the jerk, which corrects velocities
         where the length of the step changes. The derivatives with respect to p are added to
         `start.numbers`.
+    steps_of
+        Equations of the steps, perhaps without further forces of `start` that vanish in the run,
+        see `FurtherForces`.
     interval
         States of the run.
     seeds
@@ -221,14 +225,15 @@ def transpose_alpha_steps(
     equations, times, states = start.equations, interval.t, interval.state
     n, m, steps = equations.n, equations.m, len(times) - 1
     member = family_parameters(method.family, method.rho_inf)
-    form = formulate_step(equations, False)
-    plan, transposed_matrix, pattern = _plan_adjoint(equations.structure)
+    form = formulate_step(steps_of, False)
+    plan = _plan_adjoint(equations.structure)[0]
+    _, transposed_matrix, pattern = _plan_adjoint(steps_of.structure)
     moved_plan = start.moved_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
     matrix = FactorizedMatrix.from_pattern(pattern)
 
     def make_workspace(native: bool) -> AdjointWorkspace:
         buffers = form.buffers(native)
-        buffers.matrix = transposed_matrix.sum(native, equations.p)
+        buffers.matrix = transposed_matrix.sum(native, steps_of.p)
         q, v, ddq, a, a_predicted = np.zeros((5, n))
         at = np.zeros((4, n))
         linear, max_batch = make_step_solver(native, matrix)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -28,6 +29,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_step_errors,
     warn_of_unreliable_run,
 )
+from beamdae.analysis.sensitivities.further_forces import locate_numbers
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
@@ -48,6 +50,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    record_warnings,
     short_repr,
     suggest,
 )
@@ -88,12 +91,15 @@ class Gradient:
         the objective per unit of the parameter.
     solution
         The run.
+    warnings
+        Warnings that the call issued.
     """
 
     value: float
     parameters: Mapping[str, Any]
     derivatives: Mapping[str, Any]
     solution: Solution
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         by = ", ".join(self.derivatives)
@@ -106,6 +112,7 @@ class Gradient:
 
 
 @interruptible
+@record_warnings
 def gradient(
     model: Model,
     objective: Objective,
@@ -418,20 +425,28 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
         return _differentiate_one_by_one(run, names, objective)
     first = run.solution.trajectory.intervals[0]
     time, at = node_state(first, 0)
-    # A parameter without effect: others that need more than the numbers are irregular, see below.
-    unchanged = Difference("", equations, (equations, equations), (-0.5, 0.5), (-1.0, 1.0))
-    adjoint = transpose_run(objective, run.adjoint, RunPhases.of(run.adjoint, unchanged))
-    value, request = adjoint.seeds.value, equations.start
+    request = equations.start
     is_equilibrium = request is not None and request.description == EQUILIBRIUM
-    by_equilibrium = adjoint.start.equilibrium(time, at, adjoint.q) if is_equilibrium else None
-    numbers = adjoint.seeds.numbers + sum(x[: len(equations.p)] for x in adjoint.numbers)
-    if by_equilibrium is not None:
-        numbers = numbers + by_equilibrium
     starts_as_drawn = np.array_equal(at.q, equations.q0) and not start_adds_velocities(
         equations, time
     )
-    if by_equilibrium is None and not starts_as_drawn:
+    if not is_equilibrium and not starts_as_drawn:
         return _differentiate_one_by_one(run, names, objective)
+    # A parameter without effect: others that need more than the numbers are irregular, see below.
+    unchanged = Difference("", equations, (equations, equations), (-0.5, 0.5), (-1.0, 1.0))
+    phases, at_numbers = RunPhases.of(run.adjoint, unchanged), np.arange(len(equations.p))
+    if not is_equilibrium:
+        irregular = [names[k] for k in run.number_derivatives(run.start).irregular]
+        phases, at_numbers = _add_further_forces(run, irregular, phases)
+    adjoint = transpose_run(objective, run.adjoint, phases)
+    value, by_direct = adjoint.seeds.value, adjoint.seeds.numbers
+    numbers = by_direct + sum(x[: len(by_direct)] for x in adjoint.numbers)
+    numbers = numbers[at_numbers]
+    by_equilibrium = adjoint.start.equilibrium(time, at, adjoint.q) if is_equilibrium else None
+    if by_equilibrium is not None:
+        numbers = numbers + by_equilibrium
+    elif not starts_as_drawn:
+        return _differentiate_one_by_one(run, names, objective, {phases.key: adjoint})
     # The equilibrium of neighboring models is not needed if its adjoint is known.
     derivatives = run.number_derivatives(run.start if by_equilibrium is None else AS_DRAWN)
     operators = adjoint.seeds.by_operators(equations)
@@ -441,21 +456,43 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
         result += derivatives.q0 @ adjoint.q + derivatives.v0 @ adjoint.v
     irregular = list(derivatives.irregular)
     if irregular:
-        _, changes = _differentiate_one_by_one(run, [names[k] for k in irregular], objective)
+        known = {phases.key: adjoint}
+        _, changes = _differentiate_one_by_one(run, [names[k] for k in irregular], objective, known)
         result[irregular] = changes
     return value, result
 
 
+def _add_further_forces(
+    run: DifferentiableRun, names: Sequence[str], unchanged: RunPhases
+) -> tuple[RunPhases, Array]:
+    """Return phases with the further forces of irregular parameters, see `FurtherForces`.
+
+    Also return the indices of the numbers of the run in those of the phases. One backward sweep
+    then serves these parameters and all regular ones.
+    """
+    for name in names:
+        phases = run.phases(name)
+        at_numbers = locate_numbers(run.equations, phases.whole.base)
+        is_movable = phases.moves_breakpoints or phases.moves_operators
+        if at_numbers is not None and not is_movable:
+            return phases, at_numbers
+    return unchanged, np.arange(len(run.equations.p))
+
+
 def _differentiate_one_by_one(
-    run: DifferentiableRun, names: Sequence[str], objective: Objective
+    run: DifferentiableRun,
+    names: Sequence[str],
+    objective: Objective,
+    known: Mapping[Any, RunAdjoint] = MappingProxyType({}),
 ) -> tuple[float, Array]:
     """Return the value and the derivatives, with all equations of each neighboring model.
 
     Parameters in whose equations further forces are present, that move operators of joints, or that
-    move breakpoints need another backward sweep.
+    move breakpoints need another backward sweep. `known` are the results of sweeps by key of their
+    phases.
     """
     time, at = node_state(run.adjoint.intervals[0], 0)
-    adjoints: dict[Any, RunAdjoint] = {}
+    adjoints: dict[Any, RunAdjoint] = dict(known)
     result = np.zeros(len(names))
     for k, name in enumerate(names):
         phases = run.phases(name)

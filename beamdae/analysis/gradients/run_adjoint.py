@@ -36,6 +36,7 @@ from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
 from beamdae.analysis.gradients.redundant_adjoint import transpose_reactions
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
+from beamdae.analysis.sensitivities.further_forces import FurtherForces, locate_numbers
 from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase, interpolate
@@ -127,12 +128,25 @@ class RunPhases:
         return cls(difference, tuple(phases), impacts)
 
     @property
+    def moves_operators(self) -> bool:
+        """True if operators of joints depend on the parameter."""
+        return any(map(moves_operators, (self.whole, *(x.active for x in self.phases))))
+
+    @property
+    def moves_breakpoints(self) -> bool:
+        """True if breakpoints of laws depend on the parameter."""
+        return any(dt != 0.0 for x in self.phases for _, dt in breakpoint_derivatives(x.active))
+
+    @property
     def key(self) -> object:
         """Key that parameters share if one backward sweep serves all of them."""
-        if any(moves_operators(x.active) for x in self.phases) or moves_operators(self.whole):
+        if self.moves_operators:
             return self.whole.name
-        moves = any(dt != 0.0 for x in self.phases for _, dt in breakpoint_derivatives(x.active))
-        return (moves, self.whole.base.structure, *(x.active.base.structure for x in self.phases))
+        return (
+            self.moves_breakpoints,
+            self.whole.base.structure,
+            *(x.active.base.structure for x in self.phases),
+        )
 
 
 @dataclass(frozen=True)
@@ -325,9 +339,12 @@ class _RunSweep:
     def _transpose_steps(self, k: int, adjoint: StartAdjoint, by_nodes: Array) -> State:
         """Return the derivatives with respect to the state at the start of the steps."""
         interval, method = self._intervals[k], self._run.method
+        run = self._run.solution.equations
+        has_further_forces = locate_numbers(run, adjoint.equations) is not None
+        steps_of = run if has_further_forces else adjoint.equations
         if isinstance(method, Radau):
-            return transpose_radau_steps(adjoint, interval, by_nodes)
-        return transpose_alpha_steps(method, adjoint, interval, by_nodes[1:])
+            return transpose_radau_steps(adjoint, steps_of, interval, by_nodes)
+        return transpose_alpha_steps(method, adjoint, steps_of, interval, by_nodes[1:])
 
     def _transpose_consistency(
         self, k: int, adjoint: StartAdjoint, v: Array, by_steps: State, by_first: State
@@ -410,7 +427,10 @@ class _RunSweep:
             return result + _weigh(by_steps, first)
         h = float(interval.t[1] - interval.t[0])
         moved = forward.moved_state(time, at, v, zeros, zeros, dp, 1.0, h)
-        nodes = differentiate_alpha_steps(method, forward, interval, [moved], dp[None], [1.0])
+        none = FurtherForces.none(e, 1)
+        nodes = differentiate_alpha_steps(
+            method, forward, [forward], interval, [moved], dp[None], [1.0], none
+        )
         changes = nodes[1:, 0] - rates_at_steps(interval)[1:]
         return result + float(np.sum(by_nodes[1:] * np.delete(changes, _accelerations(e.n), 1)))
 

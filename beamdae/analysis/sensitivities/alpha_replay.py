@@ -5,6 +5,7 @@ The loop is plain Python over arrays; `native.loops` compiles it if possible.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
 from beamdae.equations.equations_of_motion import State
@@ -22,6 +24,7 @@ from beamdae.equations.formulations.step_equations import (
     evaluate_matrix_at_state,
     formulate_step,
 )
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
     JERK_INTERVAL,
@@ -41,7 +44,7 @@ from beamdae.native.batch_elimination import (
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_time
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
 
 Array = np.ndarray
 
@@ -70,6 +73,9 @@ class ReplayWorkspace:
         Equations of a step, and the linear solver and non-zeros of their matrix.
     directional, inputs
         Directional derivative of the residual, and its inputs (motion, its direction, dp).
+    further, further_inputs, residual, further_numbers, is_further
+        Directional derivative with further forces, its inputs and its result, and the numbers and
+        the directions that have them, see `FurtherForces`.
     alpha_m, alpha_f, gamma, beta
         Parameters of the method; see `family.AlphaParameters`.
     prediction, x
@@ -108,6 +114,11 @@ class ReplayWorkspace:
     nonzeros: Array
     directional: Sum
     inputs: Array
+    further: Sum
+    further_inputs: Array
+    residual: Array
+    further_numbers: Array
+    is_further: Array
     alpha_m: float
     alpha_f: float
     gamma: float
@@ -168,6 +179,8 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(inputs[motion + n : motion + 2 * n], (1.0,), (v,))
             combine(inputs[2 * motion :], (1.0,), (run.numbers[k],))
             evaluate_sum(run.directional, inputs, change)
+            if run.is_further[k] == 1:
+                _add_further_forces(run, t, k)
             combine(change[:n], (c[2],), (change[:n],))
             for i in run.form.velocity_rows:
                 change[i] /= c[0]
@@ -185,6 +198,16 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(result[3 * n :], (1.0,), (lam,))
         run.step += 1
     return DONE
+
+
+def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
+    """Add the derivatives of further forces along direction `k` to `change`."""
+    inputs, row = run.further_inputs, run.row
+    combine(inputs[: row.size], (1.0,), (row,))
+    combine(inputs[inputs.size - run.further_numbers.shape[1] :], (1.0,), (run.further_numbers[k],))
+    set_time(run.further, t, run.branch)
+    evaluate_sum(run.further, inputs, run.residual)
+    combine(run.change, (1.0, 1.0), (run.change, run.residual))
 
 
 def copy_state(states: State, k: int, row: Array) -> None:
@@ -263,11 +286,13 @@ def factorize_step(run: Any) -> int:
 
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
-    derivatives: StartDerivatives,
+    along: StartDerivatives,
+    derivatives: Sequence[StartDerivatives],
     interval: Interval,
     starts: list[State],
     numbers: Array,
     shifts: list[float],
+    further: FurtherForces,
 ) -> Array:
     """Return the derivatives of (q, v, q'', lam) at the start and the steps of a smooth interval.
 
@@ -280,9 +305,11 @@ def differentiate_alpha_steps(
     ----------
     method
         Settings of the run, in the index-3 form.
+    along
+        Derivatives of the equations of the steps.
     derivatives
         Derivatives of starting values and of the jerk, which corrects velocities where the length
-        of the step changes.
+        of the step changes, one per direction.
     interval
         States of the run.
     starts
@@ -291,6 +318,8 @@ def differentiate_alpha_steps(
         Derivatives of p, one direction a row, (k, n_p).
     shifts
         Derivatives of the time of the start, one per direction [s].
+    further
+        Forces that are missing in the equations of the steps.
 
     Returns
     -------
@@ -302,19 +331,29 @@ def differentiate_alpha_steps(
     BeamdaeError
         If the iteration matrix is singular at a step.
     """
-    equations, times, states = derivatives.equations, interval.t, interval.state
+    equations, times, states = along.equations, interval.t, interval.state
     form = formulate_step(equations, False)
     n, m, steps, count = equations.n, equations.m, len(times) - 1, len(numbers)
     groups = list(pairwise(group_equal_steps(times)))
     member = family_parameters(method.family, method.rho_inf)
-    start = AlphaStart(member, derivatives.solver, True, method.start == "cured")
+    all_numbers = [
+        x if present else y
+        for x, y, present in zip(further.numbers, numbers, further.is_present, strict=True)
+    ]
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     h = _step_length(times, *groups[0])
+    is_cured = method.start == "cured"
     motions = [
-        derivatives.initial_motion(start, time, at, along, dp, h, dt)
-        for along, dp, dt in zip(starts, numbers, shifts, strict=True)
+        x.initial_motion(AlphaStart(member, x.solver, True, is_cured), time, at, first, dp, h, dt)
+        for x, first, dp, dt in zip(derivatives, starts, all_numbers, shifts, strict=True)
     ]
-    plan = derivatives.directional_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+
+    def directional(x: StartDerivatives) -> SumPlan:
+        return x.directional_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+
+    plan = further_plan = directional(along)
+    if further.is_present.any():
+        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     matrix = FactorizedMatrix.from_pattern(form.pattern)
 
     results = np.zeros(((steps + 1) * count, 3 * n + m))
@@ -329,6 +368,11 @@ def differentiate_alpha_steps(
             nonzeros=matrix.nonzeros,
             directional=plan.sum(native, equations.p),
             inputs=np.zeros(2 * (4 * n + 2 * m) + numbers.shape[1]),
+            further=further_plan.sum(native, further.equations.p),
+            further_inputs=np.zeros(2 * (4 * n + 2 * m) + further.numbers.shape[1]),
+            residual=np.zeros(n + m),
+            further_numbers=np.ascontiguousarray(further.numbers),
+            is_further=further.is_present,
             alpha_m=member.alpha_m,
             alpha_f=member.alpha_f,
             gamma=member.gamma,
@@ -358,13 +402,14 @@ def differentiate_alpha_steps(
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
-    loop = StepLoop(replay_steps, make_workspace, matrices, form.is_native and plan.is_native)
+    is_native = form.is_native and plan.is_native and further_plan.is_native
+    loop = StepLoop(replay_steps, make_workspace, matrices, is_native)
     run = loop.work
     for first, last in groups:
         h = _step_length(times, first, last)
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
-            _change_step(run, member, derivatives, time, at, h)
+            _change_step(run, member, derivatives, all_numbers, time, at, h)
         c_f = h * h * member.beta
         run.prediction.coefficients[:] = (
             member.gamma / (h * member.beta),
@@ -414,16 +459,17 @@ def _step_length(times: Array, first: int, last: int) -> float:
 def _change_step(
     run: ReplayWorkspace,
     member: AlphaParameters,
-    derivatives: StartDerivatives,
+    derivatives: Sequence[StartDerivatives],
+    numbers: Sequence[Array],
     time: Array,
     at: State,
     h: float,
 ) -> None:
     """Convert the derivatives to the step length `h` [s], as the step loop converts the motion."""
     ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
-    for k, dp in enumerate(run.numbers):
+    for k, (x, dp) in enumerate(zip(derivatives, numbers, strict=True)):
         along = State(run.q[k], run.v[k], run.ddq[k], run.lam[k])
         dt, interval = float(run.shifts[k]), JERK_INTERVAL * h
-        jerk = derivatives.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt)
+        jerk = x.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt)
         run.v[k] += square * jerk
         run.a[k] = (1.0 - ratio) * run.ddq[k] + ratio * run.a[k]

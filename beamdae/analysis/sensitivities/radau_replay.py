@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.sensitivities.alpha_replay import STEPS_PER_TEST
+from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
@@ -25,6 +26,7 @@ from beamdae.equations.formulations.kinematic_reduction import (
     KinematicReduction,
     reduce_kinematics,
 )
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import MotionScales
@@ -124,6 +126,9 @@ class RadauReplay:
         equations.
     directional, inputs
         Directional derivative of the residual, and its inputs (y, y', dy, dy', dp).
+    further, further_inputs, further_residuals, further_numbers, is_further
+        Directional derivative with further forces, its inputs and its results at the stages,
+        (3, size), and the numbers and the directions that have them, see `FurtherForces`.
     stages, rates
         Stages Y and Y' of the run, (3, size).
     times, rows
@@ -150,6 +155,11 @@ class RadauReplay:
     run: RadauWorkspace
     directional: Sum
     inputs: Array
+    further: Sum
+    further_inputs: Array
+    further_residuals: Array
+    further_numbers: Array
+    is_further: Array
     stages: Array
     rates: Array
     times: Array
@@ -276,6 +286,8 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     combine(run.y, (1.0,), (replay.y[k],))
     combine(run.yp, (1.0,), (replay.yp[k],))
     combine(replay.inputs[4 * size :], (1.0,), (replay.numbers[k],))
+    if replay.is_further[k] == 1:
+        _evaluate_further_forces(replay, h, k)
     run.step_size.last_step = 0.0
     predict_stages(run, h)
     previous = math.inf
@@ -283,6 +295,9 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
         set_stages(run, h)
         for i in range(3):
             _evaluate_derivative(replay, run.t + C[i] * h, i)
+            if replay.is_further[k] == 1:
+                residual = run.stage_residuals[i]
+                combine(residual, (1.0, 1.0), (residual, replay.further_residuals[i]))
         correct_stages(run, h)
         change = _largest_change(run, 0, 2 * n, weights)
         reaction_change = _largest_change(run, 2 * n, 2 * n + m, replay.unit_weights)
@@ -307,6 +322,17 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
             return DONE
         previous = change
     return NOT_CONVERGED
+
+
+def _evaluate_further_forces(replay: RadauReplay, h: float, k: int) -> None:
+    """Evaluate the derivatives of further forces along direction `k` at all stages."""
+    run, size, inputs = replay.run, replay.run.form.size, replay.further_inputs
+    combine(inputs[4 * size :], (1.0,), (replay.further_numbers[k],))
+    for i in range(3):
+        combine(inputs[:size], (1.0,), (replay.stages[i],))
+        combine(inputs[size : 2 * size], (1.0,), (replay.rates[i],))
+        set_time(replay.further, run.t + C[i] * h, run.branch)
+        evaluate_sum(replay.further, inputs, replay.further_residuals[i])
 
 
 def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) -> float:
@@ -344,6 +370,7 @@ def differentiate_radau_steps(
     starts: list[State],
     numbers: Array,
     steps: Array,
+    further: FurtherForces,
 ) -> Array:
     """Return the derivatives of (q, v, a, lam) at the stages of a smooth interval.
 
@@ -360,6 +387,8 @@ def differentiate_radau_steps(
     steps
         Small changes of the parameters, (k,); derivatives that lead to changes of positions below
         rounding errors are negligible.
+    further
+        Forces that are missing in the equations of the steps.
 
     Returns
     -------
@@ -375,9 +404,15 @@ def differentiate_radau_steps(
     form = formulate_first_order(equations, STABILIZED_FORM, apart=True)
     n, size, count, n_steps = equations.n, form.size, len(numbers), len(interval.t) - 1
     matrices_of_stages = StageMatrices.of(form)
-    plan = derivatives.directional_plan(
-        lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
-    )
+
+    def directional(x: StartDerivatives) -> SumPlan:
+        return x.directional_plan(
+            lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
+        )
+
+    plan = further_plan = directional(derivatives)
+    if further.is_present.any():
+        further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     scales = equations.position_scales
     packed = [form.pack(x) for x in starts]
 
@@ -388,6 +423,11 @@ def differentiate_radau_steps(
             run=run,
             directional=plan.sum(native, equations.p),
             inputs=np.zeros(4 * size + numbers.shape[1]),
+            further=further_plan.sum(native, further.equations.p),
+            further_inputs=np.zeros(4 * size + further.numbers.shape[1]),
+            further_residuals=np.zeros((3, size)),
+            further_numbers=np.ascontiguousarray(further.numbers),
+            is_further=further.is_present,
             stages=np.zeros((3, size)),
             rates=np.zeros((3, size)),
             times=np.ascontiguousarray(interval.t),
@@ -409,7 +449,8 @@ def differentiate_radau_steps(
             (run.complex_solver, matrices_of_stages.complex_),
         ]
 
-    loop = StepLoop(replay_steps, make_replay, matrices, form.is_native and plan.is_native)
+    is_native = form.is_native and plan.is_native and further_plan.is_native
+    loop = StepLoop(replay_steps, make_replay, matrices, is_native)
     code = loop()
     if code != DONE:
         raise BeamdaeError(

@@ -13,12 +13,14 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
+from beamdae.analysis.sensitivities.further_forces import FurtherForces, locate_numbers
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
@@ -89,16 +91,20 @@ class RunDerivatives:
             else:
                 crossing = self._cross(phases, before, interval, rows[-1])
                 phases, derivatives, shifts, moved, firsts = crossing
-            numbers = _numbers(phases)
             active = with_active_multipliers(interval)
+            models = [x.equations for x in derivatives]
+            run = self._run_equations(models)
+            further, numbers = FurtherForces.of(run, models, _numbers(phases))
+            along = next((x for x in derivatives if x.equations.structure == run.structure), None)
+            along = along or StartDerivatives(ConsistencySolver(run))
             if isinstance(self._method, Radau):
                 stages = differentiate_radau_steps(
-                    derivatives, active, firsts, numbers, parameter_steps
+                    along, active, firsts, numbers, parameter_steps, further
                 )
                 nodes = np.concatenate([[[np.concatenate(x) for x in firsts]], stages])
             else:
                 nodes = differentiate_alpha_steps(
-                    self._method, derivatives, active, moved, numbers, shifts
+                    self._method, along, derivatives, active, moved, numbers, shifts, further
                 )
                 nodes[0] = [np.concatenate(x) for x in firsts]
                 if any(shifts):
@@ -111,6 +117,14 @@ class RunDerivatives:
             name: Trajectory(tuple(x[k] for x in rows)) for k, name in enumerate(self._differences)
         }
 
+    def _run_equations(self, models: Sequence[EquationsOfMotion]) -> EquationsOfMotion:
+        """Return the equations with which the steps of all parameters are differentiated."""
+        first = models[0]
+        run = self._equations
+        is_extended = first.structure != run.structure and locate_numbers(run, first) is not None
+        is_mixed = any(x.structure != first.structure for x in models)
+        return run if is_extended or is_mixed else first
+
     def _derivative_interval(self, interval: Interval, rows: Array) -> Interval:
         n, m = self._equations.n, self._equations.m
         q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
@@ -120,17 +134,17 @@ class RunDerivatives:
 
     def _differentiate_start(
         self, phases: list[Phase], interval: Interval
-    ) -> tuple[StartDerivatives, list[State]]:
-        """Return the derivatives of the consistent start."""
-        derivatives = derive_states(phases[0].active)
+    ) -> tuple[list[StartDerivatives], list[State]]:
+        """Return the derivatives of the consistent start, by parameter."""
+        derivatives = _derive_all(phases)
         time, at = node_state(with_active_multipliers(interval), 0)
         firsts = []
-        for phase, dp in zip(phases, _numbers(phases), strict=True):
+        for phase, along, dp in zip(phases, derivatives, _numbers(phases), strict=True):
             if self._starts is None:
-                dq, dv = differentiate_start(phase.active, derivatives, time, at, dp)
+                dq, dv = differentiate_start(phase.active, along, time, at, dp)
             else:
                 dq, dv = self._starts[phase.whole.name]
-            firsts.append(derivatives.consistent_state(time, at, at.v, dq, dv, dp))
+            firsts.append(along.consistent_state(time, at, at.v, dq, dv, dp))
         return derivatives, firsts
 
     def _cross(
@@ -139,7 +153,7 @@ class RunDerivatives:
         before: Interval,
         after: Interval,
         along: list[Interval],
-    ) -> tuple[list[Phase], StartDerivatives, list[float], list[State], list[State]]:
+    ) -> tuple[list[Phase], list[StartDerivatives], list[float], list[State], list[State]]:
         """Return the phases after a restart, and the derivatives of its time and of the state.
 
         The derivatives of the state are those along the moving time, and those at fixed time.
@@ -167,18 +181,21 @@ class RunDerivatives:
                 phase.after_event(number, after.configuration, time, dt, at.q, total.q)
                 for phase, dt, total in zip(phases, shifts, totals, strict=True)
             ]
-        new = derive_states(phases[0].active)
+        derivatives = _derive_all(phases)
         time, at = node_state(with_active_multipliers(after), 0)
-        directions = list(zip(totals, velocities, _numbers(phases), shifts, strict=True))
+        directions = list(
+            zip(derivatives, totals, velocities, _numbers(phases), shifts, strict=True)
+        )
         h = float(after.t[1] - after.t[0])
         moved = [
-            new.moved_state(time, at, v, total.q, dv, dp, dt, h) for total, dv, dp, dt in directions
+            new.moved_state(time, at, v, total.q, dv, dp, dt, h)
+            for new, total, dv, dp, dt in directions
         ]
         firsts = [
             new.consistent_state(time, at, v, total.q, dv, dp, dt)
-            for total, dv, dp, dt in directions
+            for new, total, dv, dp, dt in directions
         ]
-        return phases, new, shifts, moved, firsts
+        return phases, derivatives, shifts, moved, firsts
 
     def _jump(
         self,
@@ -425,9 +442,19 @@ def rates_at_steps(interval: Interval) -> Array:
     return np.hstack([interval.rows.v, interval.rows.a, rates.a, rates.lam])
 
 
-def _numbers(phases: list[Phase]) -> Array:
-    """Return the derivatives of p of the active parts, one parameter a row."""
-    return np.array([x.active.derivative(lambda e: e.p) for x in phases])
+def _numbers(phases: list[Phase]) -> list[Array]:
+    """Return the derivatives of p of the active parts, by parameter."""
+    return [x.active.derivative(lambda e: e.p) for x in phases]
+
+
+def _derive_all(phases: list[Phase]) -> list[StartDerivatives]:
+    """Return the derivatives of consistent states by parameter; equal structures share one."""
+    known: dict[Any, StartDerivatives] = {}
+    return [
+        known.get(x.active.base.structure)
+        or known.setdefault(x.active.base.structure, derive_states(x.active))
+        for x in phases
+    ]
 
 
 def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
