@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from decimal import Decimal
-from functools import lru_cache
+from functools import lru_cache, wraps
 from itertools import islice
 from numbers import Real
 from pathlib import Path
@@ -124,6 +124,22 @@ def record_messages() -> Iterator[list[str]]:
         yield messages
     finally:
         _message_lists.reset(token)
+
+
+def record_warnings(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate an analysis: its result lists the messages that the call issued in `warnings`.
+
+    They follow those that the result already contains.
+    """
+
+    @wraps(function)
+    def call(*arguments: Any, **settings: Any) -> Any:
+        with record_messages() as messages:
+            result = function(*arguments, **settings)
+        set_fields(result, warnings=tuple(dict.fromkeys([*result.warnings, *messages])))
+        return result
+
+    return call
 
 
 def kind_of_message(message: str) -> str:

@@ -22,6 +22,7 @@ from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments
 from beamdae.errors import (
     BeamdaeError,
+    record_warnings,
     require_choice,
     require_count,
     require_finite,
@@ -139,6 +140,8 @@ class ExportedFmu:
         Size of the file [bytes].
     step_times
         Measured times of a step; None if they were not measured.
+    warnings
+        Warnings that the call issued.
     """
 
     path: Path
@@ -151,9 +154,11 @@ class ExportedFmu:
     platforms: tuple[str, ...]
     size: int
     step_times: StepTimes | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @interruptible
+@record_warnings
 def export_fmu(
     model: Any,
     path: str | Path,

@@ -78,6 +78,11 @@ class AnalysisCertificate(CertificateStatus):
         return type(self.result).__name__
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reason if the accuracy is not reached, and warnings of the result."""
+        return (*self._reason, *self.result.warnings)
+
+    @property
     def budget(self) -> pd.DataFrame:
         """Table with value, scale, mesh error, accuracy, verdict and theory error per column."""
         import pandas as pd

@@ -35,6 +35,10 @@ class CertificateStatus:
     def _repr_html_(self) -> str:
         return load_views().summarize_certificate_as_html(self)
 
+    @property
+    def _reason(self) -> tuple[str, ...]:
+        return () if self.status.success else (f"not certified; {self.status.sentence}.",)
+
 
 def describe_verdicts(errors: Array, accuracy: float, required: Array) -> list[str]:
     """Return "yes" or "no" for each error, in parentheses if its column is not required."""
@@ -158,6 +162,11 @@ class Certificate(CertificateStatus):
     elements: dict[str, int] = field(default_factory=dict)
     runs: tuple[CertificateRun, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reason if the accuracy is not reached, and warnings of the run."""
+        return (*self._reason, *self.solution.warnings)
 
     @property
     def cost(self) -> float:

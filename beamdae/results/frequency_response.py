@@ -94,8 +94,13 @@ class FrequencyResponse(HasTable, HasPage):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the motions; of those that differ only in numbers, the first one."""
+        """Reason if the curve ended early, and warnings of the motions.
+
+        Of warnings that differ only in numbers, the first one.
+        """
         first: dict[str, str] = {}
+        if not self.status.success:
+            first[""] = f"frequency_response: {self.status.sentence}."
         for point in self.points:
             for sentence in point.solution.warnings:
                 text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"

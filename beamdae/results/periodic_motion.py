@@ -51,6 +51,8 @@ class PeriodicMotion(HasTable, HasPage):
         Number of Newton iterations.
     status
         Outcome of the search; `status.kind` is "ok" if the search converged.
+    warnings
+        Warnings of `solution`, and others that the call issued.
     """
 
     solution: Solution
@@ -60,6 +62,7 @@ class PeriodicMotion(HasTable, HasPage):
     off: float = np.inf
     iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after one period"))
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"

@@ -65,6 +65,18 @@ class ProfileLikelihood(HasTable):
         low, high = self.interval
         return f"<Profile likelihood of {self.name}: 95 % interval {low:.6g} to {high:.6g}>"
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warning if a limit of the interval was not found."""
+        limits = dict(zip(("lower", "upper"), self.interval, strict=True))
+        sides = [side for side, limit in limits.items() if np.isinf(limit)]
+        if not sides:
+            return ()
+        return (
+            f"profile: no {' and no '.join(sides)} limit of {self.name} was found; increase "
+            "max_points, or measure more.",
+        )
+
     def table(self) -> pd.DataFrame:
         """Return a table of the values, the increases and the other parameters."""
         import pandas as pd

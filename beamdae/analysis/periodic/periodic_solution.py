@@ -22,6 +22,7 @@ from beamdae.analysis.periodic.shooting import (
 )
 from beamdae.errors import (
     BeamdaeError,
+    record_warnings,
     require_count,
     require_finite,
     require_positive,
@@ -52,6 +53,7 @@ _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
 @single_threaded
 @interruptible
+@record_warnings
 def periodic(
     model: Any,
     period: float | None = None,
@@ -152,7 +154,12 @@ def periodic(
         run, iterations = solve_shooting(period_map, q, v, limits, is_free)
     except IncompleteRunError as error:
         sentence = str(error).removeprefix("periodic: ").rstrip(".")
-        motion = PeriodicMotion(error.solution, guess, status=Status("failed", sentence))
+        motion = PeriodicMotion(
+            error.solution,
+            guess,
+            status=Status("failed", sentence),
+            warnings=error.solution.warnings,
+        )
     else:
         status = _describe_outcome(run, iterations, limits, is_free)
         multipliers, error_estimate = _refine_multipliers(run)
@@ -164,6 +171,7 @@ def periodic(
             run.relative_deviation,
             iterations,
             status,
+            run.solution.warnings,
         )
     if not motion.status.success:
         warn_user(f"periodic: {motion.status.sentence}.")

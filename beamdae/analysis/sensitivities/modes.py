@@ -35,7 +35,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, differentiate_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
-from beamdae.errors import BeamdaeError, require_choice, short_repr, warn_user
+from beamdae.errors import BeamdaeError, record_warnings, require_choice, short_repr, warn_user
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -95,12 +95,15 @@ class ModeSensitivities(SensitivityResult):
     shapes
         Derivatives (k, n) of the complex mode shapes with respect to each parameter, by its name;
         NaN for free motions and repeated eigenvalues.
+    warnings
+        Warnings that the call issued.
     """
 
     modes: Modes
     parameters: Mapping[str, float]
     eigenvalues: Mapping[str, Array] = field(repr=False)
     shapes: Mapping[str, Array] = field(repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _summary(self) -> str:
@@ -164,6 +167,7 @@ class ModeSensitivities(SensitivityResult):
 
 @single_threaded
 @interruptible
+@record_warnings
 def mode_sensitivities(
     model: Model,
     by: Sequence[str] | str,
@@ -277,7 +281,11 @@ def mode_sensitivities(
         for k, pair in pairs.items():
             eigenvalues[name][k], shapes[name][k] = pair.derivative(change)
     return ModeSensitivities(
-        result, {name: float(values[name]) for name in names}, eigenvalues, shapes
+        result,
+        {name: float(values[name]) for name in names},
+        eigenvalues,
+        shapes,
+        result.warnings,
     )
 
 

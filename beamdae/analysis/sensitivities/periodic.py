@@ -28,6 +28,7 @@ from beamdae.equations.formulations.tangents import differentiate_tangent
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
+    record_warnings,
     require_positive,
     short_repr,
 )
@@ -76,6 +77,8 @@ class PeriodicSensitivities(SensitivityResult):
         Derivatives of the period [s per unit of the parameter] by parameter.
     trajectories
         Derivatives of (q, v, a, lam) at fixed times with respect to each parameter, by its name.
+    warnings
+        Warnings that the call issued.
     """
 
     motion: PeriodicMotion
@@ -83,6 +86,7 @@ class PeriodicSensitivities(SensitivityResult):
     periods: Mapping[str, float]
     trajectories: Mapping[str, Trajectory] = field(repr=False)
     _differences: Mapping[str, Difference] = field(repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _summary(self) -> str:
@@ -153,6 +157,7 @@ class PeriodicSensitivities(SensitivityResult):
 
 @single_threaded
 @interruptible
+@record_warnings
 def periodic_sensitivities(
     model: Model,
     by: Sequence[str] | str,

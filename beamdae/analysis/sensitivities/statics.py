@@ -30,6 +30,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
+    record_warnings,
     short_repr,
     warn_user,
 )
@@ -74,6 +75,8 @@ class EquilibriumSensitivities(SensitivityResult):
         (k, m) of the path with respect to each parameter, by its name, per unit of the parameter;
         NaN where they do not exist: in rows in which the mechanism can move without stiffness, and
         at branch points that the parameter does not preserve.
+    warnings
+        Warnings that the call issued.
     """
 
     equilibrium: Equilibrium
@@ -82,6 +85,7 @@ class EquilibriumSensitivities(SensitivityResult):
     q: Mapping[str, Array] = field(repr=False)
     lam: Mapping[str, Array] = field(repr=False)
     _differences: Mapping[str, Difference] = field(repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _summary(self) -> str:
@@ -380,6 +384,7 @@ class _PathPoints:
 
 
 @interruptible
+@record_warnings
 def equilibrium_sensitivities(
     model: Model,
     by: Sequence[str] | str,

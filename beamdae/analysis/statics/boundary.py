@@ -21,6 +21,7 @@ from beamdae.errors import (
     BeamdaeError,
     as_real,
     as_text,
+    record_warnings,
     require_choice,
     require_count,
     require_finite,
@@ -28,6 +29,7 @@ from beamdae.errors import (
     require_positive,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -114,6 +116,8 @@ class Boundary(HasTable):
         "ok" if the curve ends at a limit of the parameter, otherwise "limited" or "failed".
     loads
         Names of the scaled loads.
+    warnings
+        Warnings that the call issued.
     """
 
     kind: str
@@ -124,6 +128,7 @@ class Boundary(HasTable):
     q: Array = field(repr=False)
     status: Status
     loads: tuple[str, ...]
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         special = "".join(
@@ -148,6 +153,7 @@ class Boundary(HasTable):
 
 
 @interruptible
+@record_warnings
 def boundary(
     model: Any,
     kind: str,
@@ -202,6 +208,11 @@ def boundary(
     Interrupted
         If Ctrl-C ends the call.
 
+    Warns
+    -----
+    BeamdaeWarning
+        If the curve ends early, and as in `equilibrium` for the first path.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -255,6 +266,8 @@ def boundary(
         first = _first_point(family, path, rows[number - 1], limits[0])
         points, special, status = follow(family, first, limits, step, max_points)
         coordinates = [family.at(one.p).reference + one.u for one in points]
+    if not status.success:
+        warn_user(f"{_NAME}: {status.sentence}.")
     return Boundary(
         kind,
         name,

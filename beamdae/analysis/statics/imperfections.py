@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
+    record_warnings,
     require_finite,
     require_mapping,
     require_sequence,
@@ -193,12 +194,15 @@ class KnockDown(HasTable):
         Kind of each critical point, see `CriticalPoint`; "" if there is none.
     perfect
         Load factor of the first critical point without imperfection [-]; nan if there is none.
+    warnings
+        Warnings that the call issued.
     """
 
     amplitudes: Array
     factors: Array
     kinds: tuple[str, ...]
     perfect: float
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         pairs = zip(self.amplitudes.tolist(), self.factors.tolist(), strict=True)
@@ -224,6 +228,7 @@ class KnockDown(HasTable):
 
 
 @interruptible
+@record_warnings
 def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> KnockDown:
     """Compute the critical load factor as a function of the amplitude of an imperfection.
 

@@ -136,7 +136,7 @@ def _print_results(motion: PeriodicMotion, name: str) -> None:
     console = print_facts(name, periodic_facts(motion), lambda: _json_results(motion))
     if motion.solution.columns:
         console.print(text_tables.amplitudes_table(motion.amplitudes()))
-    print_warnings(console, motion.solution.warnings)
+    print_warnings(console, motion.warnings)
 
 
 def _json_results(motion: PeriodicMotion) -> dict[str, Any]:
@@ -147,5 +147,6 @@ def _json_results(motion: PeriodicMotion) -> dict[str, Any]:
         "stable": motion.stable,
         "stability": motion.stability,
         "multipliers": [[x.real, x.imag] for x in motion.multipliers.tolist()],
+        "warnings": list(motion.warnings),
         "observed": motion.amplitudes().to_dict("index"),
     }

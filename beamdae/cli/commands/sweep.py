@@ -322,5 +322,5 @@ def _print_results(swept: SweepResults) -> None:
                 table, swept.parameters, swept.response_columns, swept.sweep.units
             )
         )
-    print_warnings(console, swept.results.describe_warnings())
+    print_warnings(console, swept.warnings)
     print_failures(swept.results)

@@ -129,6 +129,11 @@ class SweepResults:
         """True if the sweep was interrupted. Run a sweep with a folder again to resume."""
         return self.results.interrupted
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence on each of the first five kinds of warnings of runs, with an example."""
+        return tuple(self.results.describe_warnings())
+
     @cached_property
     def _runs_by_row(self) -> dict[int, SweepRun]:
         runs = {}
