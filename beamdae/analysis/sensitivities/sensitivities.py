@@ -17,6 +17,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_unreliable_run,
 )
 from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
+from beamdae.analysis.sensitivities.further_forces import locate_numbers
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
@@ -34,7 +35,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, record_warnings, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.integrator import Progress
 from beamdae.interrupts import (
@@ -89,12 +90,15 @@ class Sensitivities(SensitivityResult):
     trajectories
         Derivatives of (q, v, a, lam) with respect to each parameter, by its name: at the steps of
         the run, with dense output, in the units of (q, v, a, lam) per unit of the parameter.
+    warnings
+        Warnings that the call issued.
     """
 
     solution: Solution
     parameters: Mapping[str, float]
     trajectories: Mapping[str, Trajectory] = field(repr=False)
     _differences: Mapping[str, Difference] = field(repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _summary(self) -> str:
@@ -236,6 +240,7 @@ def differentiate_observable(
 
 
 @interruptible
+@record_warnings
 def sensitivities(
     model: Model,
     by: Sequence[str] | str,
@@ -527,7 +532,7 @@ def _differentiate(
     redundant = RedundantConstraints.of(solution)
     trajectories: dict[str, Any] = {}
     with single_threaded:
-        for group in _group_by_structure(differences):
+        for group in _group_by_structure(solution.equations, differences):
             _require_memory(solution, len(group))
             if redundant is None:
                 trajectories |= RunDerivatives(solution, method, group).trajectories()
@@ -538,14 +543,26 @@ def _differentiate(
     return Sensitivities(solution, parameters, trajectories, differences)
 
 
-def _group_by_structure(differences: Mapping[str, Difference]) -> list[dict[str, Difference]]:
+def _group_by_structure(
+    run: EquationsOfMotion, differences: Mapping[str, Difference]
+) -> list[dict[str, Difference]]:
     """Group parameters by the structure of the equations in which their forces are present.
 
-    A parameter that moves operators is a group.
+    Parameters with the same further forces belong to those without. A parameter that moves
+    operators is a group.
     """
+    extended = {
+        x.base.structure
+        for x in differences.values()
+        if not moves_operators(x) and locate_numbers(run, x.base) is not None
+    }
+    # Steps are differentiated with the further forces of one structure.
+    shared = {run.structure, max(extended, key=lambda x: len(x.forces), default=run.structure)}
     groups: dict[Any, dict[str, Difference]] = {}
     for name, difference in differences.items():
-        key = name if moves_operators(difference) else difference.base.structure
+        structure = difference.base.structure
+        key: Any = run.structure if structure in shared else structure
+        key = name if moves_operators(difference) else key
         groups.setdefault(key, {})[name] = difference
     return list(groups.values())
 
