@@ -17,11 +17,17 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
-from beamdae.report.pictures.mode_shapes import ModeScenes
+from beamdae.report.pictures.mode_shapes import (
+    ModeScenes,
+    choose_frequency_limit,
+    describe_hidden_modes,
+    find_overdamped,
+)
 from beamdae.report.run_page import build_run_page, export_table
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
-from beamdae.report.scene.poses import CoordinatePoses
+from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses
+from beamdae.report.scene.run_scene import choose_scale
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.results.columns import Header
 from beamdae.results.equilibrium import Equilibrium
@@ -43,6 +49,7 @@ _FREQUENCY = "frequency [Hz]"
 _GROWTH_RATE = "growth rate [1/s]"
 _COUNTS = ("mode", "multiple")
 _GUIDE_POINTS = 101
+_VIEW_MARGIN = 0.05  # of the frequencies shown first, relative to the largest one
 # Columns with smaller half ranges, relative to the largest one in their unit, are rounding noise.
 _NOISE_RANGE = 1e-9
 # Transfer functions below this share of the bound by the norms of matrices are rounding noise.
@@ -78,7 +85,8 @@ def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
     elif isinstance(result, LinearModel):
         page = build_linear_page(result, title or f"linear model about {result.about}")
     else:
-        page = build_modes_page(result, title or f"modes about {result.about}")
+        noun = "buckling modes" if isinstance(result, Buckling) else "modes"
+        page = build_modes_page(result, title or f"{noun} about {result.about}")
     return write_page(path, page)
 
 
@@ -109,6 +117,8 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
         _settings_table(equilibrium.settings),
     ]
     lengths = [x for x in observed if Header.of(x).unit == "m"]
+    # The observed point that moves most.
+    largest = max(lengths or observed or [_LOAD_FACTOR], key=lambda x: np.ptp(columns[x]))
     return {
         "title": title,
         "subtitle": f"equilibria: {equilibrium.status.sentence}",
@@ -116,9 +126,9 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
         "notes": list(equilibrium.warnings),
         "groups": [{"id": _ID, "frames": _export_path_frames(equilibrium)}],
         "time": {"name": "point", "unit": ""},
+        "featured": [largest],
         "portrait": {
-            # The observed point that moves most.
-            "x": max(lengths or observed or [_LOAD_FACTOR], key=lambda x: np.ptp(columns[x])),
+            "x": largest,
             "y": _LOAD_FACTOR,
             "marks": [
                 {"t": float(point.row), "label": point.kind} for point in equilibrium.critical
@@ -144,12 +154,17 @@ def _export_path_frames(equilibrium: Equilibrium) -> dict[str, Any] | None:
         return None
     count = min(len(equilibrium.q), _MAX_FRAMES)
     rows = np.linspace(0, len(equilibrium.q) - 1, count).round().astype(int)
-    poses, times = CoordinatePoses(mechanism, equilibrium.q[rows]), rows.astype(float)
+    poses: Poses = CoordinatePoses(mechanism, equilibrium.q[rows])
+    times = rows.astype(float)
     try:
         scene = build_scene(mechanism, poses, times, is_hidden=lambda part: part.is_load)
+        scale = choose_scale(mechanism, poses, scene)
+        if scale != 1.0:
+            poses = EnlargedPoses(poses, scale)
+            scene = build_scene(mechanism, poses, times, is_hidden=lambda part: part.is_load)
     except BeamdaeError:
         return None  # There are no parts that can be drawn.
-    return export_frames(scene, times)
+    return export_frames(scene, times, scale=scale)
 
 
 def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
@@ -173,7 +188,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
         "columns": [
             {"key": "label", "label": "mode", "unit": "", "kind": "text"},
             *(_describe_mode_column(name, table[name]) for name in table.columns[1:]),
-            {"key": "mode", "label": "number", "unit": "", "kind": "number"},
+            {"key": "mode", "label": "mode number", "unit": "", "kind": "number"},
         ],
         "axes": {"x": "mode", "y": first},
         "sliders": [
@@ -297,7 +312,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
                     for x, y in points
                 ],
             },
-        ],
+        ][: 1 + any(peaks.values())],
         "cases": [
             {
                 "id": str(k),
@@ -359,9 +374,12 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     resonances = diagram.resonances()
     marks = resonances.to_dict("records")
     number = {"kind": "number"}
+    hidden, overdamped = describe_hidden_modes(diagram), find_overdamped(diagram)
+    limit = choose_frequency_limit(diagram)
     return {
         "title": title,
-        "subtitle": f"{_format_count(n_modes, 'mode')} at {_format_count(len(speeds), 'speed')}",
+        "subtitle": f"{_format_count(n_modes, 'mode')} at {_format_count(len(speeds), 'speed')}"
+        + (f"; {hidden} above the range shown first, Reset shows all" if hidden else ""),
         "made": versions(),
         "notes": list(diagram.warnings),
         "groups": [{"id": _ID}],
@@ -375,6 +393,9 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
             {"key": _GROWTH_RATE, "label": "growth rate", "unit": "1/s", **number},
         ],
         "axes": {"x": _SPEED, "y": _FREQUENCY},
+        "views": {"scatter": {"y": [-_VIEW_MARGIN * limit, (1.0 + _VIEW_MARGIN) * limit]}}
+        if hidden
+        else {},
         "overlays": [
             {
                 "x": _SPEED,
@@ -427,7 +448,8 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
                 "at": [i, k],
                 "values": {
                     _SPEED: float(speeds[i]),
-                    _FREQUENCY: float(frequencies[i, k]),
+                    # Overdamped modes have no frequency.
+                    _FREQUENCY: float(frequencies[i, k]) if not overdamped[k] else None,
                     _GROWTH_RATE: float(rates[i, k]),
                 },
                 "frames": frames.get((i, k)),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import find_violations, visible_labels
+from pages import find_violations, tool_buttons, visible_labels, visible_ranges
 
 import beamdae as bd
 from beamdae.report.analysis_pages import (
@@ -524,3 +524,80 @@ def test_pages_of_curves_have_no_violations(response, rotor, open_page, scheme):
             tab = open_page(page, viewport=size, color_scheme=scheme, bypass_csp=True)
             assert find_violations(tab) == []
             assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]
+
+
+def test_regression_modes_above_the_excitations_do_not_hide_the_resonances(show):
+    """Ten modes up to 1300 Hz pressed the multiples of the speed, up to 38 Hz, onto the axis."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.03))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    section = bd.Section.rectangle(
+        bd.Material.of("aluminum"), width=0.04, height=0.005, damping=1e-4
+    )
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), blade.start))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
+    diagram = bd.campbell(mech, [0.0, 60.0], n=6)
+    overdamped = ~diagram.frequencies.any(axis=0)
+    assert overdamped.sum() == 1
+    assert diagram.frequencies.max() > 500.0
+    axis = diagram.plot().figure.axes[0]
+    assert 100.0 < axis.get_ylim()[1] < 120.0
+    assert axis.get_title(loc="right") == "higher frequencies: modes 3 to 5"
+    page = build_campbell_page(diagram, "Campbell diagram")
+    assert [case["values"]["frequency [Hz]"] for case in page["cases"][-2:]] == [None, None]
+    tab = show(page)
+    assert "modes 3 to 5" in tab.inner_text("#subtitle")
+    low, high = visible_ranges(tab, "scatter")[1]
+    assert low < 0.0
+    assert high < 120.0
+    tool_buttons(tab, "scatter").nth(2).click()
+    assert visible_ranges(tab, "scatter")[1][1] > 500.0
+
+
+def test_small_displacements_of_equilibria_are_enlarged(column):
+    path = bd.equilibrium(column)
+    assert "scale" not in build_path_page(path, "column")["groups"][0]["frames"]
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
+    mech.add(bd.Weld("wall", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -1.0)))
+    mech.observe("tip", beam.end)
+    page = build_path_page(bd.equilibrium(mech), "cantilever")
+    assert page["groups"][0]["frames"]["scale"] == 100.0
+    # The chart over the points opens on the column that the path is drawn over.
+    assert page["featured"] == ["tip.y [m]"]
+
+
+def test_titles_name_the_kind_of_modes(column, tmp_path):
+    text = bd.buckling(column).page(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<title>buckling modes about" in text
+
+
+def test_responses_without_peaks_have_no_table_of_peaks(response):
+    points = response.points[:1]
+    titles = [
+        x["title"] for x in build_response_page(replace(response, points=points), "x")["tables"]
+    ]
+    assert titles == ["Response"]
+
+
+def test_regression_texts_of_modes_do_not_stretch_the_rows(show):
+    """A column of words filled the height of the table with two rows."""
+    mech = bd.Mechanism()
+    names = ("first mass", "second mass", "third mass", "fourth mass")
+    for k, name in enumerate(names):
+        mass = mech.add(bd.PointMass(name, 1.0, at=(1.0 + k, 0.0)))
+        for side, anchor in (("left", (0.0, 0.0)), ("lower", (1.0 + k, -1.0))):
+            mech.add(bd.Spring(f"{side} {name}", mech.ground.at(*anchor), mass.point, 100.0))
+    tab = show(build_modes_page(bd.modes(mech), "modes"))
+    heights = "rows => rows.map((row) => row.getBoundingClientRect().height)"
+    assert max(tab.locator("#table tbody tr").evaluate_all(heights)) < 60.0
+
+
+def test_phases_have_ticks_at_multiples_of_45_degrees(oscillator, show):
+    tab = show(build_linear_page(bd.linearize(oscillator, inputs=["push"]), "plant"))
+    ticks = tab.evaluate("state.charts.get('phase').y.ticks.map(({ value }) => value)")
+    assert len(ticks) > 2
+    assert all(x % 45 == 0 for x in ticks)

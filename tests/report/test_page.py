@@ -45,7 +45,7 @@ def decode(value):
         return value
     codes = np.frombuffer(base64.b64decode(value["u16"]), "<u2")
     numbers = value["low"] + value["step"] * codes
-    return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value["log"] else numbers)
+    return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value.get("log") else numbers)
 
 
 def test_pages_store_all_entries(tmp_path):

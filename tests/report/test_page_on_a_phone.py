@@ -2,7 +2,15 @@
 
 import pytest
 from numpy.testing import assert_allclose
-from pages import find_point, odd_page, screen_position, study_page, visible_ranges, wait_until
+from pages import (
+    find_point,
+    find_violations,
+    odd_page,
+    screen_position,
+    study_page,
+    visible_ranges,
+    wait_until,
+)
 
 FINGER = 40  # smallest height of a touch target [px]
 
@@ -97,3 +105,56 @@ def test_colors_of_dark_screens_and_print(open_page):
     assert tab.evaluate(color) == "rgb(255, 255, 255)"
     assert not tab.locator(".tools").first.is_visible()
     assert tab.locator(".plot").first.is_visible()
+
+
+def facts_page():
+    """Return a page with tables of facts of the widths that runs, fits and certificates have."""
+    number = "-0.00066501"
+    heads = {
+        "Observed": ["observed", "min", "max", "end"],
+        "Validity": ["beam", "deflection of length", "rotation [rad]", "strain [-]", "error [-]"],
+        "Estimates": ["parameter", "value", "standard deviation", "lower 95 %", "upper 95 %"],
+        "Budget": [
+            "observed",
+            *("total", "time", "mesh", "theory", "theory as written", "certified"),
+        ],
+    }
+    texts = {
+        "Observed": number,
+        "Validity": "0.00037",
+        "Estimates": "2.36842e+09",
+        "Budget": "1.9e-06",
+    }
+    tables = [
+        {
+            "title": x,
+            "head": head,
+            "rows": [["rocker.angle_dot [rad/s]", *[texts[x]] * (len(head) - 1)]],
+        }
+        for x, head in heads.items()
+    ]
+    tables.append(
+        {"title": "Run", "rows": [["integrator", "Auto rtol=1e-05 " * 9], ["steps", "1"]]}
+    )
+    return {"title": "facts", "tables": tables}
+
+
+@pytest.mark.parametrize("width", [390, 360])
+def test_regression_tables_of_facts_fit_the_screen_of_a_phone(phone, width):
+    """The last columns of the error table were beyond the edge of the screen."""
+    tab = phone(facts_page())
+    tab.set_viewport_size({"width": width, "height": 800})
+    overflow = """[...document.querySelectorAll(".facts .scroll")].map(
+        (box) => [box.getAttribute("aria-label"), box.scrollWidth - box.clientWidth])"""
+    assert [x for x in tab.evaluate(overflow) if x[1] > 0] == []
+    # Rows of wide tables are blocks with the names of the columns.
+    named = tab.locator(".cards").last.locator("td").last
+    assert named.evaluate("(cell) => getComputedStyle(cell, '::before').content") == '"certified"'
+    # Names are wrapped between words only.
+    count = """(cell) => {
+        const range = document.createRange();
+        range.selectNodeContents(cell);
+        return range.getClientRects().length;
+    }"""
+    assert tab.get_by_text("integrator", exact=True).evaluate(count) == 1
+    assert find_violations(tab) == []

@@ -1,10 +1,11 @@
 """Printed pages: no number is cut, and omitted columns are named."""
 
 import pytest
-from pages import study_page, sweep_page
+from pages import bar_frames, study_page, sweep_page
 
 # Size of the printed area at margins of 12 mm [px].
 A4_LANDSCAPE, A4_PORTRAIT = 1032, 703
+SHEET_HEIGHT = A4_PORTRAIT  # of a sheet in landscape
 
 CUT_CELLS = """() => {
     const cut = [];
@@ -74,3 +75,43 @@ def test_pages_print_to_a4_with_the_motion_on_the_first_sheet(show):
     tab = show(sweep_page())
     pdf = tab.pdf(prefer_css_page_size=True)
     assert pdf.count(b"/Type /Page\n") < 6
+
+
+def run_page():
+    """Return the page of a run with two columns, tables of facts and a long table."""
+    page = sweep_page()
+    names = [f"column {k} [m]" for k in range(14)]
+    table = {"title": "Observed", "head": ["observed", "min", "max"]}
+    facts = {"title": "Run", "rows": [["steps", "100"], ["status", "ok"]], "section": "solver"}
+    case = page["cases"][0] | {"values": {}, "at": None}
+    return page | {
+        "columns": [],
+        "sliders": [],
+        "map": None,
+        "groups": [{"id": "bar", "frames": bar_frames()}],
+        "tables": [table | {"rows": [[x, "-0.1234", "1.234"] for x in names]}, facts],
+        "cases": [case],
+    }
+
+
+def test_regression_curves_are_printed_beside_the_motion(show):
+    """The curves were on a second sheet, below half a sheet of empty space."""
+    tab = show(run_page())
+    print_on(tab, A4_LANDSCAPE)
+    motion, first = (tab.locator(x).first.bounding_box() for x in ("#motion", ".panel"))
+    assert first["x"] > motion["x"] + motion["width"]
+    boxes = [panel.bounding_box() for panel in tab.locator("#panels .panel").all()]
+    assert max(box["y"] + box["height"] for box in boxes) < SHEET_HEIGHT
+    assert tab.pdf(prefer_css_page_size=True).count(b"/Type /Page\n") == 2
+
+
+def test_regression_heads_of_tables_are_printed_on_each_sheet(show):
+    """Sheets after the first one had numbers without the names of their columns."""
+    tab = show(sweep_page())
+    print_on(tab, A4_LANDSCAPE)
+    # Chromium leaves out buttons when it repeats a head.
+    display = [
+        tab.locator(x).first.evaluate("(element) => getComputedStyle(element).display")
+        for x in ("#table thead", "#table th button")
+    ]
+    assert display == ["table-header-group", "contents"]

@@ -167,4 +167,5 @@ def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> d
     step = (high - low) / _QUANTIZATION_STEPS or 1.0
     codes = np.full(len(x), _MISSING_CODE, "<u2")
     codes[finite] = np.round((x[finite] - low) / step)
-    return {"u16": base64.b64encode(codes.tobytes()).decode(), "low": low, "step": step, "log": log}
+    packed = {"u16": base64.b64encode(codes.tobytes()).decode(), "low": low, "step": step}
+    return packed | {"log": True} if log else packed

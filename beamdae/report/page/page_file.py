@@ -91,6 +91,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "families": [],
     "time": {},
     "portrait": None,
+    "views": {},
     "overlays": [],
     "leads": False,
     "featured": [],
@@ -201,6 +202,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
           with "t" and "label"; None for no such chart.
         - "overlays" of the scatter plot, for pairs of axes "x" and "y" (keys of columns): "lines"
           and "marks" with "label", "x" and "y" (lists of numbers for lines, numbers for marks).
+        - "views": ranges that charts show first, by key of the chart ("scatter"), with "x" and "y"
+          as pairs of numbers; the button "Reset" shows all.
         - "leads": True if the scatter plot is the main result, shown first beside the motion.
         - "featured": names of the observed columns that the user measured or asked for. They are
           listed first; the page opens on the first one that moves.

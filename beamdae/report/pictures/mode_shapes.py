@@ -53,6 +53,10 @@ _PANEL_WIDTH = 3.2
 _MIN_PANEL_HEIGHT = 0.8
 _MAX_PANEL_HEIGHT = 3.6
 _PANEL_TITLE_HEIGHT = 0.35
+# Campbell diagrams show all modes unless the highest one exceeds this multiple of the first mode
+# above the excitations.
+_MAX_FREQUENCY_SHARE = 2.0
+_FREE_MOTION_RATE = 1e-9  # growth rate of free motions by rounding, relative to the fastest mode
 _DISPLAYED_PERIOD = 2.0  # duration of one period in an animation [s]
 
 
@@ -200,7 +204,8 @@ def animate_mode(
 def draw_campbell(diagram: Campbell) -> Plot:
     """Plot natural frequencies and multiples of the rotational speed over the rotational speed.
 
-    Circles mark the resonances where they are equal; see `Campbell.resonances`.
+    Circles mark the resonances where they are equal; see `Campbell.resonances`. The picture ends
+    above the first mode beyond the multiples; a note names modes of higher frequencies.
 
     Parameters
     ----------
@@ -220,6 +225,39 @@ def draw_campbell(diagram: Campbell) -> Plot:
     return Plot(create_campbell_figure(diagram))
 
 
+def choose_frequency_limit(diagram: Campbell) -> float:
+    """Return the largest frequency [Hz] that pictures of a Campbell diagram show.
+
+    It is that of the excitations and of the first mode above them if other modes have more than
+    twice this frequency, and the largest one otherwise.
+    """
+    highest = float(np.max(diagram.frequencies, initial=0.0))
+    fastest = float(np.max(np.abs(diagram.speeds), initial=0.0))
+    excitation = max(SPEED_MULTIPLES) * fastest / (2.0 * np.pi)
+    above = diagram.frequencies[:, np.min(diagram.frequencies, axis=0) > excitation]
+    if not excitation or not above.size:
+        return highest
+    limit = float(np.min(np.max(above, axis=0)))
+    return limit if highest > _MAX_FREQUENCY_SHARE * limit else highest
+
+
+def find_overdamped(diagram: Campbell) -> Array:
+    """Return a mask (k,) of the modes that decay without vibrating at all speeds."""
+    noise = _FREE_MOTION_RATE * float(np.max(np.abs(diagram.eigenvalues), initial=0.0))
+    return np.all((diagram.frequencies == 0.0) & (diagram.eigenvalues.real < -noise), axis=0)
+
+
+def describe_hidden_modes(diagram: Campbell) -> str:
+    """Return the names of the modes above the largest frequency shown, or an empty text."""
+    lowest = np.min(diagram.frequencies, axis=0)
+    numbers = np.flatnonzero(lowest > choose_frequency_limit(diagram)) + 1
+    if not len(numbers):
+        return ""
+    if len(numbers) > 1 and len(numbers) == numbers[-1] - numbers[0] + 1:
+        return f"modes {numbers[0]} to {numbers[-1]}"
+    return f"mode{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+
+
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
     """Create the figure of a Campbell diagram; see `draw_campbell` for errors."""
     if not isinstance(diagram, Campbell):
@@ -231,9 +269,11 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
         (6.4, 4.8), f"{title}; dashed: multiples of the speed, circles: resonances"
     )
     axis = figure.add_subplot()
+    if hidden := describe_hidden_modes(diagram):
+        axis.set_title(f"higher frequencies: {hidden}", loc="right", fontsize=9)
     order = np.argsort(diagram.speeds)
     speeds, frequencies = diagram.speeds[order], diagram.frequencies[order]
-    highest = 1.05 * float(np.max(frequencies, initial=0.0)) or 1.0
+    highest = 1.05 * choose_frequency_limit(diagram) or 1.0
     revolutions = np.abs(speeds) / (2.0 * np.pi)
     labels: list[LineLabel] = []
     for multiple in SPEED_MULTIPLES:
@@ -242,7 +282,9 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
         # From the right end, where the lines are farthest apart.
         path = np.column_stack([speeds, line])[::-1]
         labels.append(LineLabel(path, f"{multiple}\u00d7", "0.4", is_beside=False))
-    for k, values in enumerate(frequencies.T):
+    is_hidden = find_overdamped(diagram) | (np.min(frequencies, axis=0) > highest)
+    for k in np.flatnonzero(~is_hidden).tolist():
+        values = frequencies[:, k]
         color = COLORS[k % len(COLORS)]
         axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
         path = np.column_stack([speeds, values])

@@ -23,7 +23,7 @@ from beamdae.report.pictures.scene_artists import (
 )
 from beamdae.report.scene.beam_colors import BeamColors, available_colors, compute_beam_colors
 from beamdae.report.scene.frame_export import export_frames
-from beamdae.report.scene.run_scene import build_run_scene, choose_scale, frame_times
+from beamdae.report.scene.run_scene import build_run_scene, choose_run_scale, frame_times
 from beamdae.report.scene.scene import Scene
 from beamdae.results.displays import Animation
 from beamdae.results.solution import Solution
@@ -109,7 +109,7 @@ def animate(
     times = frame_times(solution, number)
     factor = 1.0 if scale is None else require_positive("animate", "scale", scale)
     scene = build_run_scene("animate", solution, times, trail, factor)
-    if scale is None and (factor := choose_scale(solution, times, scene)) != 1.0:
+    if scale is None and (factor := choose_run_scale(solution, times, scene)) != 1.0:
         scene = build_run_scene("animate", solution, times, trail, factor)
     if path is None:
         data = export_frames(scene, times, available_colors(solution, times, color), factor)

@@ -13,7 +13,7 @@ from beamdae.report.scene.beam_colors import BeamColors, available_colors
 from beamdae.report.scene.run_scene import (
     DEFAULT_FRAMES,
     build_run_scene,
-    choose_scale,
+    choose_run_scale,
     frame_times,
 )
 from beamdae.report.scene.scene import MovingCurve, Scene, Symbol
@@ -37,7 +37,7 @@ def export_run_frames(
     times = frame_times(solution, frames)
     try:
         scene = build_run_scene("animate", solution, times)
-        scale = choose_scale(solution, times, scene) if enlarges else 1.0
+        scale = choose_run_scale(solution, times, scene) if enlarges else 1.0
         if scale != 1.0:
             scene = build_run_scene("animate", solution, times, scale=scale)
     except BeamdaeError:

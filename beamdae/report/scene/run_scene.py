@@ -19,6 +19,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.parts.forces.contact import Contact
+from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import (
     build_scene,
     collect_drawings,
@@ -100,8 +101,8 @@ def build_run_scene(
     return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
 
 
-def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
-    """Return the factor of displacements that makes the motion of the scene of a run visible.
+def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
+    """Return the factor of displacements that makes the motion of a scene with these poses visible.
 
     It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
     if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
@@ -109,15 +110,14 @@ def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
     beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
     in enlarged motions.
     """
-    mechanism = solution.equations.mechanism
-    if mechanism is None or any(isinstance(x, Contact) for x in mechanism.parts.values()):
+    if any(isinstance(x, Contact) for x in mechanism.parts.values()):
         return 1.0
     drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
     moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
     places = [x for drawing in moving for x in drawing.places]
     limits = [_MAX_ENLARGED_ROTATION.get(x.kind, np.inf) for x in moving for _ in x.places]
-    poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)(places)
-    x, y, rotations = np.moveaxis(poses - poses[:1], -1, 0)
+    places_over_time = poses(places)
+    x, y, rotations = np.moveaxis(places_over_time - places_over_time[:1], -1, 0)
     low, high = scene.extent()
     ratio = float(np.nanmax(np.hypot(x, y), initial=0.0) / np.max(high - low))
     if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
@@ -128,6 +128,15 @@ def choose_scale(solution: Solution, times: Array, scene: Scene) -> float:
         scale = max(1.0 / rotation, 1.0)
     power = 10.0 ** np.floor(np.log10(scale))
     return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
+
+
+def choose_run_scale(solution: Solution, times: Array, scene: Scene) -> float:
+    """Return the factor of displacements for the scene of a run; see `choose_scale`."""
+    mechanism = solution.equations.mechanism
+    if mechanism is None:
+        return 1.0
+    poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)
+    return choose_scale(mechanism, poses, scene)
 
 
 def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:

@@ -7,7 +7,7 @@ const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have even
 const MAX_POWER_TICKS = 8;
 
 // Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
-function createScale([low, high], [start, end], isLog, givenTicks) {
+function createScale([low, high], [start, end], isLog, givenTicks, stepBase) {
   const forward = isLog ? Math.log10 : (value) => value;
   const [first, last] = [forward(low), forward(high)];
   const toPosition = (value) => start + ((end - start) * (forward(value) - first)) / (last - first);
@@ -21,7 +21,7 @@ function createScale([low, high], [start, end], isLog, givenTicks) {
     ? spaceTicks(givenTicks, intervals)
     : hasPowers
       ? createPowerTicks(low, high)
-      : createLinearTicks(low, high, intervals);
+      : createLinearTicks(low, high, intervals, stepBase);
   return { toPosition, toValue, start, end, ticks };
 }
 
@@ -47,12 +47,14 @@ function createPowerTicks(low, high) {
   }));
 }
 
-function createLinearTicks(low, high, intervals) {
-  const step = roundDownToNice((high - low) / intervals);
+// Steps larger than `stepBase` are this one times a power of two.
+function createLinearTicks(low, high, intervals, stepBase = Infinity) {
+  const wanted = (high - low) / intervals;
+  const step = wanted < stepBase ? roundDownToNice(wanted) : stepBase * 2 ** Math.floor(Math.log2(wanted / stepBase));
   const first = Math.ceil(low / step - 1e-9);
   const last = Math.floor(high / step + 1e-9);
   // One tick states no scale.
-  if (last === first && intervals <= MAX_TICK_INTERVALS) return createLinearTicks(low, high, 2 * intervals);
+  if (last === first && intervals <= MAX_TICK_INTERVALS) return createLinearTicks(low, high, 2 * intervals, stepBase);
   const digits = Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / step)) + 1, 1);
   return Array.from({ length: last - first + 1 }, (_, i) => {
     const value = (first + i) * step;
@@ -103,7 +105,7 @@ function createAxes(box, x, y, titles) {
     ...vertical,
     ...horizontal,
     createPlotArea(box, { class: "axis" }),
-    svg("text", { class: "title", x: middle, y: box.height - 3, "text-anchor": "middle" }, titles.x),
+    svg("text", { class: "title", x: middle, y: box.height - 5, "text-anchor": "middle" }, titles.x),
     svg("text", { class: "title", x: 2, y: 14 }, titles.y),
   ];
 }

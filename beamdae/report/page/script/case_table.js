@@ -2,6 +2,7 @@
 // Rows are created when they are scrolled into view or printed: thousands of rows take seconds to open.
 
 const ROWS_PER_STEP = 100;
+const LONG_TEXT = 16; // texts with more characters have a column of a minimum width
 
 function listTableColumns() {
   const getters = { error: displayedError, cost: (run) => run.cost };
@@ -98,7 +99,9 @@ function createRow(run) {
   const cells = shownColumns().map((column) => {
     const alarm = column.kind === "status" && hasFailed(run) ? "alarm" : "";
     const icon = column.kind === "label" ? [createFamilyIcon(run.family)] : [];
-    return html("td", { class: `${column.kind} ${alarm}` }, ...icon, formatCell(run, column));
+    const text = formatCell(run, column);
+    const long = column.kind === "text" && text.length > LONG_TEXT ? "long" : "";
+    return html("td", { class: `${column.kind} ${alarm}${long}` }, ...icon, text);
   });
   return html(
     "tr",

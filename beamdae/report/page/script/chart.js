@@ -13,7 +13,8 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  *
  * `spec` has
  *   id, label, name      id of the element, label for screen readers, name of exported files
- *   x, y                 axes: title, full range, log (true for a logarithmic axis), optional ticks
+ *   x, y                 axes: title, full range, log (true for a logarithmic axis), optional ticks and, for y,
+ *                        stepBase (larger steps between ticks are this one times a power of two)
  *   view                 visible ranges x and y; null shows the full range
  *   height               function of the width
  *   drawBackground, drawClipped, drawForeground
@@ -67,7 +68,7 @@ function drawChart(chart, width = chart.element.clientWidth) {
   const box = { width: Math.max(chart.width || 640, MIN_CHART_WIDTH), top: 24 };
   Object.assign(box, { right: box.width - 14, height: spec.height(box.width) });
   box.bottom = box.height - 34;
-  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log, spec.y.ticks);
+  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log, spec.y.ticks, spec.y.stepBase);
   const labelLength = Math.max(...y.ticks.map(({ text }) => text.length), 0);
   box.left = Math.max(14 + DIGIT_WIDTH * labelLength, MIN_LEFT_MARGIN);
   const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log, spec.x.ticks);

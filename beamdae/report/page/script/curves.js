@@ -18,6 +18,7 @@ const PANELS = [
   { key: "error", title: "Error over time", section: "error-panels" },
   { key: "drift", title: "Drift of the joints", section: "solver-panels" },
 ];
+const PHASE_STEP = 45; // ticks of phases are multiples of this angle [deg]
 const DIFFERENCE = "difference to the reference";
 
 function drawPanels() {
@@ -208,7 +209,7 @@ function describeCurveChart({ key, title, choice }, allLines) {
     name: quantity,
     label: `${title}, ${choice.label}: press the arrow keys to read values`,
     x: { title: timeTitle(), range: [begin, end > begin ? end : begin + 1], log: Boolean(timeAxis.log) },
-    y: { title: quantity, range: padRange(yExtent, log), log },
+    y: { title: quantity, range: padRange(yExtent, log), log, stepBase: key === "phase" ? PHASE_STEP : undefined },
     view: state.views[key],
     lines,
     height: (width) => clamp(0.36 * width, 215, 320),

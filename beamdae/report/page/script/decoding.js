@@ -29,7 +29,7 @@ function decodeEntries(object, keys) {
   for (const key of keys) object[key] = decodeValues(object[key]);
 }
 
-function decodeValues({ u16, low, step, log }) {
+function decodeValues({ u16, low, step, log = false }) {
   const bytes = Uint8Array.from(atob(u16), (letter) => letter.charCodeAt(0));
   const codes = new DataView(bytes.buffer);
   const values = Array.from({ length: bytes.length / 2 }, (_, i) => {

@@ -1,7 +1,9 @@
 // Printed tables. Paper does not scroll, so columns that do not fit its width are left out and named below the
 // table. The style sheet decides this in the browser's layout of the paper, whose size is not known before.
 
-const PRINTED_CHART_WIDTH = 500; // two charts side by side on A4 landscape [px]
+// Widths on A4 landscape: two charts side by side, and one beside the motion [px].
+const PRINTED_CHART_WIDTH = 500;
+const PRINTED_CURVE_WIDTH = 600;
 const PRINT_FONT_SIZE = 10; // [px], 7.5 points as in media.css
 const PRINT_PADDING = 12; // of a cell, both sides [px]
 const MAX_PRINTED_TEXT = 150; // longer texts are wrapped [px]
@@ -11,7 +13,10 @@ function preparePrint() {
   showRows(Infinity);
   byId("remarks").open = true;
   document.querySelectorAll(".printed").forEach(fitPrintedColumns);
-  state.charts.forEach((chart) => drawChart(chart, PRINTED_CHART_WIDTH));
+  state.charts.forEach((chart) => {
+    const isBesideMotion = !byId("motion").hidden && Boolean(chart.element.closest("#top, .without-curves #charts"));
+    drawChart(chart, isBesideMotion ? PRINTED_CURVE_WIDTH : PRINTED_CHART_WIDTH);
+  });
 }
 
 function fitPrintedColumns(box, number) {
