@@ -16,12 +16,12 @@ AMPLITUDE = 1e-4  # m or rad
 RUNS = bd.Radau(1e-5)
 
 
-def shaken_strip(law, rotates=False, damping=2e-4):
+def shaken_strip(law, rotates=False, damping=2e-4, elements=2):
     """Return a damped strip whose first section is driven, with its first resonance at 41 Hz."""
     mech = bd.Mechanism()
     steel = bd.Material.of("steel")
     section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
-    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.35, 0.0)), section, elements=2))
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.35, 0.0)), section, elements))
     base = mech.ground.at(0.0, 0.0)
     if rotates:
         mech.add(bd.Revolute("pin", base, beam.start))
@@ -255,3 +255,22 @@ def test_regression_warnings_of_motions_are_those_of_the_response():
     )
     response = FrequencyResponse("speed", points, Status("ok", "reached the end"))
     assert response.warnings == ("speed = 0: " + texts[0], "speed = 2: " + texts[2])
+
+
+@SLOW
+def test_regression_number_of_points_does_not_depend_on_the_mesh():
+    """The length was a sum over coordinates: 176 points instead of 58 with two elements."""
+    counts = []
+    for elements in (1, 4):
+
+        @bd.model(t_end=1.0)
+        def shaken(frequency=40.0, elements=elements):
+            return shaken_strip(bd.sine(AMPLITUDE, frequency), elements=elements)
+
+        response = bd.frequency_response(
+            shaken, "frequency", (38.0, 44.0), integrator=RUNS, settle=0
+        )
+        counts.append(len(response.points))
+    # The steps are limited by amplitudes, and by the curvature in the space of all states.
+    assert counts[1] == pytest.approx(counts[0], rel=0.25)
+    assert max(counts) < 60

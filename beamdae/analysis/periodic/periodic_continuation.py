@@ -112,9 +112,9 @@ def frequency_response(
     integrator
         Integrator. Defaults to Radau(1e-8).
     step, max_step
-        Length of the first step and largest permitted length of a step along the curve. Changes of
-        the state are measured relative to the amplitudes, changes of the parameter relative to its
-        range.
+        Length of the first step and largest permitted length of a step along the curve. The root
+        mean square change of the state is measured relative to the amplitudes, the change of the
+        parameter relative to its range.
     settle
         Number of periods to run before the first periodic motion is sought, 0 to 10 000.
     tolerance
@@ -291,9 +291,10 @@ class CurvePoint:
     def length(self, direction: Array) -> float:
         """Return the length of a direction (2 n + 1,) relative to the amplitudes, not by energy.
 
-        Deformations of a beam are measured relative to the largest scale of its deformations with
-        the same unit. Relative to the far smaller amplitudes of axial deformations, errors of the
-        integrator would dominate the length.
+        The states contribute their root mean square, so that steps hardly depend on the number of
+        elements. Deformations of a beam are measured relative to the largest scale of its
+        deformations with the same unit. Relative to the far smaller amplitudes of axial
+        deformations, errors of the integrator would dominate the length.
         """
         equations = self.run.solution.equations
         is_angle = np.array([c.unit == "rad" for c in equations.coordinates])
@@ -305,7 +306,8 @@ class CurvePoint:
                 deformations[~is_angle[deformations]],
             ):
                 scales[:, rows] = np.max(scales[:, rows], axis=1, initial=0.0)[:, None]
-        return float(np.linalg.norm(direction / np.append(scales, 1.0)))
+        states = np.sqrt(np.mean(np.square(direction[:-1] / scales.ravel())))
+        return float(np.hypot(states, direction[-1]))
 
     def as_response_point(self, sign: float) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
