@@ -389,7 +389,9 @@ def _require_function(build: Any) -> None:
         raise BeamdaeError(f"model: build must be a function, got {short_repr(build)}.")
 
 
-def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
+def model(
+    *misplaced: Any, t_end: Any = None, data: Sequence[str] = ()
+) -> Callable[[Callable[..., Any]], Model]:
     """Return a decorator that turns a function that builds a mechanism into a `Model`.
 
     Every parameter of the function needs a default value. The defaults define the parameters of the
@@ -413,9 +415,9 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     Raises
     ------
     BeamdaeError
-        If `t_end` is not positive. The decorator raises this error if it is not applied to a
-        function, a parameter has no default or is positional-only, the name of the function is not
-        a valid file name, or a file in `data` does not exist.
+        If `t_end` is missing or not positive. The decorator raises this error if it is not applied
+        to a function, a parameter has no default or is positional-only, the name of the function is
+        not a valid file name, or a file in `data` does not exist.
 
     Examples
     --------
@@ -428,6 +430,11 @@ def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., 
     >>> swing.parameters
     {'mass': 2.0}
     """
+    if misplaced or t_end is None:
+        raise BeamdaeError(
+            "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
+            "function."
+        )
     require_positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:

@@ -208,6 +208,8 @@ class Beam(Part):
     >>> mech.observe("tip", beam.end)
     """
 
+    point_syntax = "its .start, .end or .at(s)"
+
     def __init__(
         self,
         name: str,

@@ -16,6 +16,8 @@ from beamdae.errors import (
 # E [Pa], nu, rho [kg/m^3] at 20 °C. Sources: EN 1993-1-1:2005, 3.2.6 (density:
 # EN 1991-1-1, table A.4); EN 1999-1-1:2007, 3.2.5; EN 10088-1:2014, table E.1 and EN 1993-1-4;
 # ASM Handbook vol. 2 (1990).
+# Shorter beginnings of names are probably typing errors.
+_MIN_BEGINNING = 4
 _TABLE = {
     "steel": (210e9, 0.3, 7850.0),
     "stainless steel": (200e9, 0.3, 7900.0),
@@ -94,12 +96,12 @@ class Material:
         Parameters
         ----------
         name
-            One of the names in the table.
+            One of the names in the table, or its beginning if it is unique.
 
         Raises
         ------
         BeamdaeError
-            If the name is not in the table.
+            If the name is not in the table, or the beginning of several names.
 
         Examples
         --------
@@ -107,6 +109,9 @@ class Material:
         >>> bd.Material.of("steel").E
         210000000000.0
         """
+        if isinstance(name, str) and len(name) >= _MIN_BEGINNING and name not in _TABLE:
+            matches = [x for x in _TABLE if x.startswith(name)]
+            name = matches[0] if len(matches) == 1 else name
         if not isinstance(name, str) or name not in _TABLE:
             raise BeamdaeError(
                 f"Material.of: the name must be one of {', '.join(map(repr, _TABLE))}, "

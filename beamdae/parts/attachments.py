@@ -156,9 +156,17 @@ def require_attachment(part: str, name: str, value: Any) -> Attachment:
     """Return `value` if it is an attachment, or raise BeamdaeError."""
     if not isinstance(value, Attachment):
         raise BeamdaeError(
-            f"{part}: {name} must be an attachment such as beam.end, got {short_repr(value)}."
+            f"{part}: {name} must be an attachment such as beam.end, got {short_repr(value)}"
+            f"{suggest_point(value)}."
         )
     return value
+
+
+def suggest_point(value: Any) -> str:
+    """Return the advice to pass a point of a body, or "" for other values."""
+    syntax = as_text(read_attribute(value, "point_syntax"))
+    name = as_text(read_attribute(value, "name"))
+    return f"; pass a point of {name or 'it'}: {syntax}" if syntax else ""
 
 
 def require_angle(part: str, attachment: Attachment) -> None:

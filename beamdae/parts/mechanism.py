@@ -118,6 +118,8 @@ class Mechanism(HasOrigin):
     >>> hinge = mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bob.at(0.0, 0.0)))
     """
 
+    point_syntax = "mech.ground.at(x, y)"
+
     def __init__(
         self,
         gravity: tuple[Any, Any] = (0.0, 0.0),

@@ -11,7 +11,13 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_choice, short_repr
-from beamdae.parts.attachments import Attachment, require_angle, require_attachment, rotate
+from beamdae.parts.attachments import (
+    Attachment,
+    require_angle,
+    require_attachment,
+    rotate,
+    suggest_point,
+)
 from beamdae.parts.signals import Value
 from beamdae.symbolic.formula import (
     MAX_SHARED_KERNELS,
@@ -55,7 +61,7 @@ def as_quantity(name: str, what: Attachment | Quantity) -> Quantity:
     if not isinstance(what, Quantity):
         raise BeamdaeError(
             f"{name}: only attachments and quantities such as beam.strain(s=, offset=) can be "
-            f"observed, got {short_repr(what)}."
+            f"observed, got {short_repr(what)}{suggest_point(what)}."
         )
     return what.current
 

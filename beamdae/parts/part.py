@@ -86,6 +86,8 @@ class Part:
     is_load: ClassVar[bool] = False
     # One of the keys of the table in `beamdae.report.scene.symbols`.
     symbol: ClassVar[str] = "marker"
+    # How to write a point of a body, in messages about a body in place of its point.
+    point_syntax: ClassVar[str] = ""
 
     # True if the forces depend only on the motion of the attachments relative to each other, so
     # that a part between two points of one rigid body does nothing.

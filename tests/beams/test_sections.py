@@ -199,3 +199,11 @@ def test_mass_and_inertia_per_length_override_the_material():
 def test_invalid_sections_and_materials_are_rejected(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
+
+
+def test_regression_the_beginning_of_the_name_of_a_material_suffices():
+    assert bd.Material.of("titanium") == bd.Material.of("titanium Ti-6Al-4V")
+    assert bd.Material.of("steel").nu == 0.3
+    for name in ("ti", "st", "", 3):
+        with pytest.raises(bd.BeamdaeError, match=r"^Material\.of: the name must be one of"):
+            bd.Material.of(name)

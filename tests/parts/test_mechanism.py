@@ -222,3 +222,31 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
 def test_error_messages(make, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         make()
+
+
+def test_regression_bodies_in_place_of_their_points_are_explained():
+    """The message named the attachments of a beam only."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    steel = bd.Material.of("steel")
+    strip = bd.Section.rectangle(steel, width=0.01, height=0.01)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=2))
+    for value, advice in (
+        (wheel, r"a point of wheel: its \.at\(x, y\)\."),
+        (ball, r"a point of ball: its \.point, if it is free\."),
+        (beam, r"a point of beam: its \.start, \.end or \.at\(s\)\."),
+        (mech, r"a point of it: mech\.ground\.at\(x, y\)\."),
+        (mech.ground, r"a point of ground: mech\.ground\.at\(x, y\)\."),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=f"^push: on must .*; pass {advice}$"):
+            bd.Force("push", value, (1.0, 0.0))
+    with pytest.raises(bd.BeamdaeError, match=r"^wheel: only attachments .* of wheel: its \.at"):
+        mech.observe("wheel", wheel)
+
+
+def test_regression_models_without_an_end_time_are_explained():
+    """The decorator without parentheses raised a TypeError."""
+    for decorate in (lambda: bd.model(lambda: bd.Mechanism()), bd.model):
+        with pytest.raises(bd.BeamdaeError, match=r"^model: the end time .* @bd\.model\(t_end=1"):
+            decorate()

@@ -83,6 +83,8 @@ class PointMass(Part):
     at: tuple[float, float] | None = None
     velocity: tuple[float, float] = (0.0, 0.0)
 
+    point_syntax = "its .point, if it is free"
+
     def __post_init__(self) -> None:
         set_fields(
             self,

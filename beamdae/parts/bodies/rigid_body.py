@@ -57,6 +57,8 @@ class Ground(Part):
 
     name: str = "ground"
 
+    point_syntax = "mech.ground.at(x, y)"
+
     def at(self, x: float, y: float) -> Attachment:
         """Return the fixed point (x, y).
 
@@ -129,6 +131,8 @@ class RigidBody(Part):
     velocity: tuple[float, float] = (0.0, 0.0)
     angular_velocity: float = 0.0
     shape: tuple[tuple[float, float], ...] = ()
+
+    point_syntax = "its .at(x, y)"
 
     def __post_init__(self) -> None:
         corners = require_sequence(self.name, "shape", self.shape, "points (x, y)")
