@@ -31,10 +31,10 @@ K = TypeVar("K", bound=CacheOwner)
 
 # Largest total number of coordinates of the structures cached for later models. With everything
 # derived from them, they take about 5 kB per coordinate.
-_MAX_CACHED_COORDINATES = 4000
+_MAX_CACHED_COORDINATES = 8000
 # Larger structures are not cached: their sums need memory in proportion to their size, while the
 # time to build them becomes negligible compared with the run.
-_MAX_COORDINATES = 1000
+_MAX_COORDINATES = 2500
 
 
 @dataclass(frozen=True, eq=False)

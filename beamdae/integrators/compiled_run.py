@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.linear.elimination import EliminationPlan
+from beamdae.linear.elimination import EliminationPlan, empty_plan
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.linear.pivots import propose_plans
 from beamdae.native.linear_solver import LinearSolver
@@ -127,6 +127,12 @@ class FactorizedMatrix:
             self._plan = plan
             linear.set_plan(plan)
 
+    def forget_pivots(self, linear: LinearSolver) -> None:
+        """Let `linear` request pivots as if no matrix had been factorized before."""
+        self._plan, self._plans, self._planned_nonzeros = None, iter(()), np.full(1, np.nan)
+        linear.set_plan(empty_plan())
+        linear.needs_pivots = linear.is_untried = linear.singular = 0
+
     def _source_plans(self) -> Iterator[EliminationPlan]:
         # Pivots that have just failed are not tried again.
         plan = self.pivot_source._plan if self.pivot_source else None
@@ -175,6 +181,14 @@ class StepLoop(Generic[W]):
         self.work, self._loop = prepare_loop(function, make, native, compiles)
         self.is_native = self._loop is not None
         self._matrices = matrices(self.work)
+
+    def forget_pivots(self) -> None:
+        """Remove the pivots of a compiled loop, so that later results do not depend on them."""
+        assert self._loop is not None
+        if any(len(linear.plan.rows) for linear, _ in self._matrices):
+            for linear, matrix in self._matrices:
+                matrix.forget_pivots(linear)
+            self._loop.bind()
 
     def __call__(self) -> int:
         """Run the loop, renewing pivots whenever it requests new ones; return its code."""

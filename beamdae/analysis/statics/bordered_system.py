@@ -134,6 +134,8 @@ class LoadSteps(NamedTuple):
     ----------
     x, mu, iterations
         Equilibria (q, lam), (k, n + m), their load factors and numbers of Newton iterations, (k,).
+    all_iterations
+        Number of iterations, with those before a step was shortened.
     direction
         Derivative of (x, mu) with respect to the load factor at the last one.
     step
@@ -145,6 +147,7 @@ class LoadSteps(NamedTuple):
     x: Array
     mu: Array
     iterations: Array
+    all_iterations: int
     direction: PathDirection
     step: float
     has_arrived: bool
@@ -248,14 +251,6 @@ def _plan_bordered(
         row_targets=row_targets,
         idle_loops=deque(maxlen=1),
     )
-
-
-def _keep_idle(
-    loop: StepLoop[BorderedWorkspace], idle_loops: deque[StepLoop[BorderedWorkspace]]
-) -> None:
-    # Pivots chosen by size would make later results depend on earlier paths.
-    if not len(loop.work.linear.plan.rows):
-        idle_loops.append(loop)
 
 
 def _has_entries(plan: SumPlan) -> bool:
@@ -396,6 +391,7 @@ class BorderedSystem:
         is_suitable = np.array_equal(saddle.scales[: self._n], self._scales)
         if is_suitable and axes.plan is self.increments.axes.plan and is_native_enabled():
             self.increments = replace(self.increments, axes=axes)
+            loop.forget_pivots()
             return loop
         return None
 
@@ -415,7 +411,7 @@ class BorderedSystem:
         run.saddle.scale_by_reference(run.nonzeros)
         run.held[:] = (run.saddle.size or 1.0) / self._scales[self._held] ** 2
         if loop.is_native:
-            weakref.finalize(self, _keep_idle, loop, self._idle_loops).atexit = False
+            weakref.finalize(self, self._idle_loops.append, loop).atexit = False
 
     def _make_loop(self, compiles: bool) -> StepLoop[BorderedWorkspace]:
         size, nnz = self.pattern.shape[0], self._bordered.nnz
@@ -468,9 +464,9 @@ class BorderedSystem:
                 distances=np.zeros(self._n),
                 points=np.zeros(self._n, np.uint32),
                 distance_weights=np.zeros(self._n),
-                path=np.zeros((rows, size)),
-                path_factors=np.zeros(rows),
-                path_iterations=np.zeros(rows, np.int64),
+                path=np.zeros((rows + 1, size)),
+                path_factors=np.zeros(rows + 1),
+                path_iterations=np.zeros(rows + 1, np.int64),
                 direction=np.zeros(size + 1),
                 column_start=int(self._bordered.indptr[size]),
                 has_frames=int(len(self.increments.frame_axes) > 0),
@@ -752,14 +748,16 @@ class BorderedSystem:
         run.direction[:-1], run.direction[-1] = direction.x, direction.mu
         (run.step, run.max_step), run.load_target = steps, target
         run.negative_pivots = negative_count + len(x) - self._n
-        run.max_steps = min(max_steps, len(run.path))
-        code, k = self._call(), run.step_count
+        run.max_steps = min(max_steps, len(run.path) - 1)
+        code = self._call()
+        taken = slice(1, run.step_count + 1)
         if code != HALTED:
             self._evaluated_x[:] = self._point()
         return LoadSteps(
-            run.path[:k].copy(),
-            run.path_factors[:k].copy(),
-            run.path_iterations[:k].copy(),
+            run.path[taken].copy(),
+            run.path_factors[taken].copy(),
+            run.path_iterations[taken].copy(),
+            run.all_iterations,
             PathDirection(run.direction[:-1].copy(), float(run.direction[-1])),
             run.step,
             code == DONE,

@@ -15,9 +15,10 @@ from beamdae.analysis.statics.bordered_system import Correction, LoadSteps
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.critical_points import BRANCH, PathSegment, SegmentCriticalPoint
 from beamdae.analysis.statics.newton_loop import (
-    CORRECTION_ROUNDING,
-    MAX_CORRECTION_RATIO,
+    CUT_FACTOR,
+    MIN_STEP_RATIO,
     choose_step,
+    leaves_path,
     propose_step,
 )
 from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection, StepNorm
@@ -25,9 +26,6 @@ from beamdae.results.outcome import REACHED_END, Status
 
 Array = np.ndarray
 
-# A failed step is multiplied by this factor, down to this fraction of the largest step.
-_CUT_FACTOR = 0.25
-MIN_STEP_RATIO = 1e-6
 # Smallest permitted cosine of the angle between successive directions: for a step by arc length (a
 # crossing path leaves at a larger angle), and for the step to grow.
 _MIN_COSINE = 0.7
@@ -283,7 +281,7 @@ def _take_step(
             critical = segment.locate_critical_points()
             break
         except CorrectorError as error:
-            size *= _CUT_FACTOR
+            size *= CUT_FACTOR
             if size < min_size:
                 raise CorrectorError(str(error)) from None
     path.append(segment, critical)
@@ -346,7 +344,7 @@ def _correct_prediction(
         If Newton's method fails, or leads to another path.
     """
     point, result = corrector.follow(control, value, begin, step)
-    if result.correction > MAX_CORRECTION_RATIO * result.motion + CORRECTION_ROUNDING:
+    if leaves_path(result.correction, result.motion):
         raise CorrectorError("the path turns too sharply for the step")
     return point, result
 
@@ -396,7 +394,7 @@ def switch_branch(
             first = corrector.correct(control, size, x, mu)
             break
         except CorrectorError as error:
-            size *= _CUT_FACTOR
+            size *= CUT_FACTOR
             if size < MIN_STEP_RATIO * settings.max_step:
                 raise CorrectorError(
                     f"no crossing path was found at the branch point: {error}"

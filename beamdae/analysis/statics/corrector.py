@@ -215,10 +215,9 @@ class Corrector:
         result = bordered.follow_load(start, direction, target, steps, count, max_steps)
         if result is None:
             return None
-        columns = (result.mu.tolist(), result.iterations.tolist())
-        rows = zip(result.x, *columns, strict=True)
+        rows = zip(result.x, result.mu.tolist(), result.iterations.tolist(), strict=True)
         points = [EquilibriumPoint(self.system, x, mu, k, count) for x, mu, k in rows]
-        self.iterations += sum(columns[1])
+        self.iterations += result.all_iterations
         return points, result
 
     def _accept(self, correction: Correction) -> EquilibriumPoint:

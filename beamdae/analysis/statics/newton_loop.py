@@ -74,6 +74,9 @@ _TINY = 1e-300
 # path. The allowance for rounding is in natural sizes.
 MAX_CORRECTION_RATIO = 0.5
 CORRECTION_ROUNDING = 1e-7
+# A failed step is multiplied by this factor, down to this fraction of the largest step.
+CUT_FACTOR = 0.25
+MIN_STEP_RATIO = 1e-6
 # The step grows by this factor if the corrector takes at most the first number of Newton
 # iterations; or at most the second one, if it moves the point by less than this fraction of the
 # step. The iterations of thin beams in a floating frame depend on their axial stiffness more than
@@ -213,11 +216,14 @@ class BorderedWorkspace:
     motion, correction
         Largest displacements, in natural sizes, from `begin` and `predicted` to the equilibrium.
     path, path_factors, path_iterations
-        Equilibria of `FOLLOW_LOAD`, (k, n + m), their load factors and numbers of iterations, (k,).
+        Start and equilibria of `FOLLOW_LOAD`, (k, n + m), their load factors and numbers of
+        iterations, (k,).
     direction
         Derivative of (x, mu) with respect to the load factor at the last one, (n + m + 1,).
     step_count, max_steps
         Number of load steps taken, and its limit.
+    all_iterations
+        Number of iterations of these steps, with those before a step was shortened.
     step, max_step, load_target
         Proposed and largest change of the load factor in a step, and the load factor at the end.
     negative_pivots
@@ -294,6 +300,7 @@ class BorderedWorkspace:
     has_direction: int = 0
     step_count: int = 0
     max_steps: int = 0
+    all_iterations: int = 0
     negative_pivots: int = 0
 
 
@@ -351,48 +358,81 @@ def propose_step(size: float, iterations: int, correction: float, motion: float)
 def _follow_load(run: BorderedWorkspace) -> int:
     """Take load steps from an equilibrium at which `direction` is known.
 
-    Return DONE at the target, FULL after `max_steps`, or HALTED before a step that fails, or after
-    which the number of negative eigenvalues changes or is not certain.
+    Return DONE at the target, FULL after `max_steps`, or HALTED before a step that fails although
+    it has been shortened, or after which the number of negative eigenvalues changes or is not
+    certain.
     """
-    n = run.displaced.size
-    run.step_count = 0
+    run.step_count = run.all_iterations = 0
+    _store_point(run)
     while run.step_count < run.max_steps:
-        reach = abs(run.load_target - run.mu)
+        reach, iterations = abs(run.load_target - run.path_factors[run.step_count]), 0
         step = choose_step(run.step, reach, run.max_step)
-        change = step if run.load_target > run.mu else -step
-        value = run.load_target if step == reach else run.mu + change
-        combine(run.begin, (1.0,), (run.inputs[:n],))
-        combine(run.solution, (change,), (run.direction,))
-        run.excess, run.last_size, run.iterations = -value, np.inf, 0
-        run.phase, run.has_direction = PREDICT, 0
-        if _correct(run) != DONE or not _is_regular(run):
-            run.linear.singular, run.linear.needs_pivots = 0, 0
+        min_step = min(MIN_STEP_RATIO * run.max_step, step)
+        succeeded = False
+        while not succeeded:
+            value = _predict_at_load(run, step, step == reach)
+            code = _correct(run)
+            iterations += run.iterations
+            succeeded = code == DONE and not leaves_path(run.correction, run.motion)
+            run.linear.singular = 0
+            if not succeeded:
+                step *= CUT_FACTOR
+            if code == NEW_PIVOTS or step < min_step:
+                run.linear.needs_pivots = 0
+                return HALTED
+        if not _is_regular(run):
             return HALTED
         combine(run.direction, (1.0,), (run.solution,))
-        point, proposed = run.path[run.step_count], run.step
-        combine(point[:n], (1.0,), (run.inputs[:n],))
-        combine(point[n:], (1.0,), (run.inputs[2 * n :],))
-        run.path_factors[run.step_count] = run.mu
-        run.path_iterations[run.step_count] = run.iterations
         run.step_count += 1
-        run.step = propose_step(step, run.iterations, run.correction, run.motion)
+        run.all_iterations += iterations
+        _store_point(run)
+        proposed = propose_step(step, run.iterations, run.correction, run.motion)
         if value == run.load_target:
             # A step that is shortened to meet a target does not shorten the next step.
-            run.step = max(run.step, proposed)
+            run.step = max(proposed, run.step)
             return DONE
+        run.step = proposed
     return FULL
 
 
+def _store_point(run: BorderedWorkspace) -> None:
+    n, k = run.displaced.size, run.step_count
+    point = run.path[k]
+    combine(point[:n], (1.0,), (run.inputs[:n],))
+    combine(point[n:], (1.0,), (run.inputs[2 * n :],))
+    run.path_factors[k], run.path_iterations[k] = run.mu, run.iterations
+
+
+def _predict_at_load(run: BorderedWorkspace, step: float, is_last: bool) -> float:
+    """Prepare `CORRECT` for a load step from the last point of `path`; return its load factor."""
+    n, k = run.displaced.size, run.step_count
+    point, run.mu = run.path[k], run.path_factors[k]
+    combine(run.inputs[:n], (1.0,), (point[:n],))
+    combine(run.inputs[2 * n :], (1.0,), (point[n:],))
+    combine(run.begin, (1.0,), (point[:n],))
+    change = step if run.load_target > run.mu else -step
+    combine(run.solution, (change,), (run.direction,))
+    value = run.load_target if is_last else run.mu + change
+    run.excess, run.last_size, run.iterations = -value, np.inf, 0
+    run.phase, run.has_direction = PREDICT, 0
+    return value
+
+
+def leaves_path(correction: float, motion: float) -> bool:
+    """Return True if a correction is so large that the point probably lies on another path."""
+    return correction > MAX_CORRECTION_RATIO * motion + CORRECTION_ROUNDING
+
+
 def _is_regular(run: BorderedWorkspace) -> bool:
-    """Return True if the last step ends on the same path, without a critical point on the way."""
+    """Return True if the last step certainly crosses no critical point."""
     saddle = run.saddle
     if run.has_direction == 0 or not max_norm(run.solution, run.weights) < np.inf:
         return False
     if saddle.below != run.negative_pivots or saddle.above != run.negative_pivots:
         return False
-    if saddle.size <= NEGLIGIBLE_STIFFNESS or saddle.asymmetry > ASYMMETRY_TOLERANCE * saddle.size:
-        return False
-    return run.correction <= MAX_CORRECTION_RATIO * run.motion + CORRECTION_ROUNDING
+    return saddle.size > NEGLIGIBLE_STIFFNESS and (
+        saddle.asymmetry <= ASYMMETRY_TOLERANCE * saddle.size
+    )
 
 
 def _correct(run: BorderedWorkspace) -> int:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.analysis.statics.continuation import (
-    MIN_STEP_RATIO,
     ContinuationSettings,
     StagePath,
     follow_path,
@@ -19,7 +18,7 @@ from beamdae.analysis.statics.corrector import Corrector, CorrectorError, Equili
 from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
-from beamdae.analysis.statics.newton_loop import MAX_CORRECTION_RATIO
+from beamdae.analysis.statics.newton_loop import MAX_CORRECTION_RATIO, MIN_STEP_RATIO
 from beamdae.analysis.statics.path_controls import (
     Control,
     DisplacementControl,
