@@ -80,9 +80,11 @@ def test_tutorial_results_match_its_text(tmp_path, monkeypatch):
     swings = names["results"].table["swing [rad]"]
     assert (names["results"].table["status"] == "ok").all()
     assert_allclose(swings.iloc[[0, 3, 6]], [0.341, 0.870, 1.461], rtol=2e-3)
-    # Three standard deviations.
-    assert abs(names["fit"].x[0] - 173.0) < 3.0 * names["deviation"]
-    assert names["deviation"] < 0.1
+    fit = names["fit"]
+    (deviation,) = fit.standard_deviations
+    assert abs(fit.parameters["stiffness"] - 173.0) < 3.0 * deviation
+    assert deviation < 0.1
+    assert fit.sigma["pin.angle [rad]"] == pytest.approx(2e-3, rel=0.2)
 
 
 @slow

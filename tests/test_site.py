@@ -38,7 +38,8 @@ def test_words_of_the_search_belong_to_existing_pages():
     assert all(source_of(page).exists() for page in words), list(words)
     counts = Counter(word.lower() for entries in words.values() for word in entries)
     assert max(counts.values()) == 1, counts.most_common(3)
-    searched = "pid matlab simulink export fmu parallel slow units gravity torque motor"
+    searched = "pid controller matlab simulink export fmu parallel slow units gravity torque motor"
+    searched += " spring damping contact friction csv animation stress fatigue buckling"
     assert {*searched.split(), "natural frequency", "initial velocity"} <= set(counts)
 
 
