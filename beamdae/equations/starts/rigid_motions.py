@@ -23,9 +23,9 @@ _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as "a, b and c"; if there are more than nine, list eight and count the others."""
+    """Join names as "a, b and c"; of more than nine, list eight and the number of more names."""
     if len(names) > _MAX_NAMES:
-        names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} others"]
+        names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} more"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -172,7 +172,7 @@ def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
         return f"the whole mechanism can {next(iter(names_by_motion))}"
     phrases = [f"{join_names(names)} can {phrase}" for phrase, names in names_by_motion.items()]
     others = sum(len(names) for names in list(names_by_motion.values())[_MAX_NAMES:])
-    more = [f"{others} others move along"] if others else []
+    more = [f"{others} more move along"] if others else []
     return ", ".join([*phrases[:_MAX_NAMES], *more])
 
 

@@ -87,7 +87,7 @@ def measure_step_extremes(
     mechanism = equations.mechanism
     parts = () if mechanism is None else mechanism.parts.values()
     is_selected = [any(x.gaps for x in parts)] * len(headers)
-    if headers and not is_selected[0] and has_abrupt_forces(equations):
+    if headers and not is_selected[0] and may_have_short_peaks(equations):
         is_selected = [Header.of(header).unit in _IMPULSIVE_UNITS for header in headers]
     if not any(is_selected):
         return {}
@@ -156,8 +156,11 @@ class _SquareIntegral:
         return np.sqrt(self._sum / duration) if duration > 0.0 else np.abs(self._rows[0, 1:])
 
 
-def has_abrupt_forces(equations: EquationsOfMotion) -> bool:
-    """Return True if forces are formulas written by the user or depend on reactions (friction)."""
+def may_have_short_peaks(equations: EquationsOfMotion) -> bool:
+    """Return True if forces may peak between rows: formulas of the user, and friction.
+
+    Formulas count even if they are smooth. Contacts do not count: their gaps are known.
+    """
     kernels = (term.kernel for term in equations.forces)
     return any(not kernel.reused or kernel.local.n_multipliers for kernel in kernels)
 
