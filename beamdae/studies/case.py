@@ -171,10 +171,15 @@ class Case:
         digests = {} if digests is None else digests
         kind = type(self.integrator)
         code = cached_digest(digests, kind, lambda: _digest_integrator(kind))
-        settings = _digest_settings(self.integrator)
+        # All cases of a sweep have the same integrator.
+        settings = cached_digest(
+            digests,
+            self.integrator,
+            lambda: repr(sorted(_digest_settings(self.integrator).items())),
+        )
         mechanism = self.mechanism_fingerprint(digests)
-        content = [mechanism, code, sorted(settings.items()), t_end, output_step]
-        return digest(repr(content))[:FINGERPRINT_LENGTH]
+        content = f"[{mechanism!r}, {code!r}, {settings}, {t_end!r}, {output_step!r}]"
+        return digest(content)[:FINGERPRINT_LENGTH]
 
 
 def cached_digest(digests: DigestCache, value: Any, compute: Callable[[], str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import pickle
@@ -130,6 +131,20 @@ def test_unused_tables_are_checked_but_not_parsed(filled, monkeypatch):
     for _ in range(2):
         pd.testing.assert_frame_equal(outcome.table, TABLE, check_exact=True)
     assert len(calls) == 1
+
+
+def test_tables_that_contradict_the_record_are_rejected_when_used(filled):
+    """Their checksums are right."""
+    rows = filled.rows_path(TASK)
+    rows.write_bytes(rows.read_bytes().replace(b"\n0.05,", b"\n0.2,"))
+    record = json.loads(filled.record_path(TASK).read_text())
+    record["outcome"]["rows"]["sha256"] = hashlib.sha256(rows.read_bytes()).hexdigest()
+    checksum = store._compute_checksum(record["outcome"])
+    filled.record_path(TASK).write_text(format_record(record, sha256=checksum))
+    outcome, problem = filled.load(TASK)
+    assert problem == ""
+    with pytest.raises(bd.BeamdaeError, match=f"{rows.name}: .*must ascend"):
+        assert outcome.table is None
 
 
 def raise_permission_error(*_):

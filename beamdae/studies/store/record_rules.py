@@ -42,7 +42,7 @@ from beamdae.studies.run_values import (
     is_event_time,
     is_output,
 )
-from beamdae.studies.store.trajectory_csv import parse_trajectory, read_times
+from beamdae.studies.store.trajectory_csv import parse_trajectory
 from beamdae.studies.tasks import MEASURED, Limits
 
 _ROUNDING_OF_TIMES = 1e-9  # relative difference of the end time and the last row
@@ -155,20 +155,20 @@ def check_outcome(content: Any) -> None:
         raise FieldError("must be different names", "columns", "rows")
 
 
-def check_rows(text: bytes, content: dict[str, Any]) -> None:
-    """Check the layout and the times of the trajectory of a record.
+def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
+    """Return the trajectory of a record.
 
     Raises
     ------
     FieldError
-        If the columns differ from the record, a cell contains characters that do not occur in
-        numbers, or the times do not ascend from 0 to the end time in the record. An unsuccessful
-        run may end earlier.
+        If the columns differ from the record, a cell is neither a number nor empty, or the times do
+        not ascend from 0 to the end time in the record. An unsuccessful run may end earlier.
     """
     try:
-        times = read_times(text, TIME, content["rows"]["columns"])
+        table = parse_trajectory(text, TIME, content["rows"]["columns"])
     except ValueError as problem:
         raise FieldError(str(problem)) from None
+    times = table.index.to_numpy()
     if not (len(times) and np.isfinite(times).all() and times[0] == 0.0):
         raise FieldError("must contain finite times that begin with 0", TIME)
     require_ascending(TIME, times)
@@ -179,17 +179,4 @@ def check_rows(text: bytes, content: dict[str, Any]) -> None:
             raise FieldError(
                 f"must end at {reached:g} s as in the record, got {times[-1]:g} s", TIME
             )
-
-
-def parse_rows(text: bytes, content: dict[str, Any]) -> pd.DataFrame:
-    """Return the trajectory of a record.
-
-    Raises
-    ------
-    FieldError
-        If the columns differ from the record, or a cell is neither a number nor empty.
-    """
-    try:
-        return parse_trajectory(text, TIME, content["rows"]["columns"])
-    except ValueError as problem:
-        raise FieldError(str(problem)) from None
+    return table

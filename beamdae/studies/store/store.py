@@ -29,7 +29,7 @@ from beamdae.results.storage.reader import (
 )
 from beamdae.results.storage.schema import anything, choice, record, text
 from beamdae.studies.store.file_reads import changed_files
-from beamdae.studies.store.record_rules import check_outcome, check_rows, parse_rows
+from beamdae.studies.store.record_rules import check_outcome, parse_rows
 from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table
 
@@ -163,16 +163,14 @@ def _load_content(path: Path) -> dict[str, Any] | None:
 
 
 def _read_rows(path: Path, link: Path, content: dict[str, Any]) -> Callable[[], pd.DataFrame]:
-    """Check the trajectory at `path`, and restore its file with the readable name, `link`.
+    """Check that the trajectory at `path` is unchanged, and restore its readable name, `link`.
 
-    Return a function that parses the checked text, because most tables of large studies are not
-    used, and the file may change later.
+    Return a function that parses the text, because most tables of large studies are not used, and
+    the file may change later.
     """
     csv_text = read_bytes(path, _TRAJECTORY)
     if hashlib.sha256(csv_text).hexdigest() != content["rows"]["sha256"]:
         raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
-    with translate_field_errors(path, _TRAJECTORY):
-        check_rows(csv_text, content)
     _link_trajectory(path, link, csv_text)
     return partial(_parse_rows, path, csv_text, content)
 
