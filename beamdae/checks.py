@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time as clock
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     compute_frequency_range,
 )
 from beamdae.beams.beam import Beam
+from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
@@ -42,9 +43,12 @@ from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import HasOrigin, Model
+from beamdae.model_parameters import split_unit
+from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
+from beamdae.results.columns import mark_resting_columns
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -66,6 +70,11 @@ _MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
 # hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
 # 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
 _MAX_GOOD_MESH_ERROR = 5e-3
+# Columns that change more if all elements are halved have a warning.
+_MAX_MESH_ERROR = 0.03
+_UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
+_MIN_ROTATION_RATIO = 1e-6  # of angular accelerations times length to accelerations
+_MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
 
@@ -171,8 +180,12 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about sections over three times as high as their beams are long, parts and event
-        actions without effect, contacts that start inside a surface, and damping laws that supply
-        energy.
+        actions without effect, contacts that start inside a surface, damping laws that supply
+        energy, and columns that change by more than 3 % if all elements are halved.
+    mesh_errors
+        Change of observed columns if all elements are halved (root mean square, relative to the
+        deviation of the column from its mean), by header. Measured for accelerations, and with
+        contacts and impacts for all columns, if the predicted run is complete; otherwise empty.
     """
 
     name: str
@@ -190,6 +203,7 @@ class Check:
     prediction: RunPrediction | None
     problem: str
     warnings: tuple[str, ...] = ()
+    mesh_errors: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         verdict = self.problem or "ready to run"
@@ -300,7 +314,9 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             spectrum = compute_frequency_range(starter.equations, time, state)
             findings = replace(findings, spectrum=spectrum)
     if predict and end is not None and not problem:
-        findings = replace(findings, prediction=_predict_run(equations, end))
+        prediction, errors = _predict_run(equations, end)
+        sentences = (*findings.warnings, *_mesh_warning(errors))
+        findings = replace(findings, prediction=prediction, mesh_errors=errors, warnings=sentences)
     return findings
 
 
@@ -402,8 +418,12 @@ def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
     return tuple(assessments)
 
 
-def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | None:
+def _predict_run(
+    equations: EquationsOfMotion, end: float
+) -> tuple[RunPrediction | None, dict[str, float]]:
     """Measure the cost of a run, or extrapolate it; None if the run fails or takes no step.
+
+    The second result is that of `_measure_mesh_errors`.
 
     The measured run has the pilot runs of a complete run, so that it has the same method and error
     control. If it is stopped, a second run with a loose tolerance shows how its steps are
@@ -412,7 +432,7 @@ def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | No
     measured = _BriefRun(equations, Auto(), end, _MAX_MEASURED_TIME)
     solution, reached = measured.solution, measured.solution.trajectory.end
     if not reached > 0.0 or solution.status.kind == "failed":
-        return None
+        return None, {}
     growth = 1.0
     if not solution.status.success:
         loose = _BriefRun(equations, Auto(rtol=PILOT_RTOL), end, _MAX_LOOSE_TIME)
@@ -420,7 +440,70 @@ def _predict_run(equations: EquationsOfMotion, end: float) -> RunPrediction | No
     auto = solution.integrator
     method = f"{auto.get('method', '')}, {auto.get('auto', '')}".rstrip(", ")
     seconds = measured.pilot_time + measured.main_time * growth
-    return RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
+    prediction = RunPrediction(solution.statistics.steps * growth, seconds, method, reached / end)
+    return prediction, _measure_mesh_errors(equations, solution, end)
+
+
+def _measure_mesh_errors(
+    equations: EquationsOfMotion, solution: Solution, end: float
+) -> dict[str, float]:
+    """Return the root mean square of the change of each observed column with halved elements.
+
+    It is relative to the root mean square of the deviation of the column from its mean. The meshes
+    are only compared if impacts or accelerations need finer ones than the deflections: with
+    contacts and impacts, and for columns of accelerations. Empty if a run stops early.
+    """
+    mechanism = equations.mechanism
+    if mechanism is None or not solution.status.success or len(solution.t) < _MIN_ROWS:
+        return {}
+    has_impacts = any(part.gaps for part in mechanism.parts.values()) or any(
+        select_impacts(event.do) for event in mechanism.events
+    )
+    columns = [
+        name
+        for name in solution.columns
+        if has_impacts or split_unit(name)[1] in _UNITS_OF_ACCELERATIONS
+    ]
+    meshes = {
+        name: replace(base, mesh=base.beam.mesh).refined(1)
+        for name, base in choose_base_meshes(mechanism, 1).items()
+        if not base.fixed_by
+    }
+    if not columns or not meshes:
+        return {}
+    fine = as_equations("check", with_meshes(mechanism, meshes, {}))
+    other = _BriefRun(fine, Auto(), end, _MAX_LOOSE_TIME).solution
+    if not other.status.success or len(other.t) != len(solution.t):
+        return {}
+    headers = list(solution.columns)
+    rows, others = (
+        np.column_stack([x.columns[name] for name in headers]) for x in (solution, other)
+    )
+    ranges = 0.5 * np.ptp(rows, axis=0)
+    at_rest = mark_resting_columns(headers, rows, ranges, equations.length)
+    units = np.array([split_unit(name)[1] for name in headers])
+    linear, angular = (units == unit for unit in _UNITS_OF_ACCELERATIONS)
+    # By symmetry, for example.
+    largest = np.max(ranges[linear], initial=0.0)
+    at_rest |= angular & (equations.length * ranges < _MIN_ROTATION_RATIO * largest)
+    changes = np.sqrt(np.mean((others - rows) ** 2, axis=0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        errors = dict(zip(headers, (changes / np.std(rows, axis=0)).tolist(), strict=True))
+    is_finite = np.isfinite(list(errors.values())) & ~at_rest
+    return {
+        x: errors[x] for x, valid in zip(headers, is_finite, strict=True) if valid and x in columns
+    }
+
+
+def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
+    if errors:
+        column = max(errors, key=lambda name: errors[name])
+        if errors[column] > _MAX_MESH_ERROR:
+            yield (
+                f"{column}: halving all elements changes the column by {errors[column]:.0%} of its "
+                f"deviation from the mean (root mean square); use more elements, or "
+                f"certify(columns=[{split_unit(column)[0]!r}])."
+            )
 
 
 def _steps_after(run: Solution, reached: float, end: float) -> float:

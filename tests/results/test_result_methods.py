@@ -1,5 +1,6 @@
 """Methods of public result classes: one law, all classes."""
 
+import dataclasses
 import inspect
 
 import numpy as np
@@ -31,6 +32,9 @@ METHODS = {
     "Solution": {"plot", "page", "to_parquet"},
     "SweepResults": {"plot", "page"},
 }
+# Results without warnings: quantities of another result, and a table of cases with their warnings.
+WITHOUT_WARNINGS = {"SectionForces"}
+OTHER_RESULTS = {"AnalysisCertificate", "Certificate", "Check", "ExportedFmu", "Gradient"}
 NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}
 
 
@@ -42,6 +46,36 @@ def test_every_result_has_a_table_that_can_be_written():
         if inspect.isclass(one) and hasattr(one, "table")
     }
     assert methods == {name: more | {"table", "to_csv"} for name, more in METHODS.items()}
+
+
+@pytest.mark.parametrize("name", sorted({*METHODS, *OTHER_RESULTS} - WITHOUT_WARNINGS))
+def test_regression_every_result_has_warnings(name):
+    """Responses that ended early, boundaries, derivatives and certificates had none."""
+    result = getattr(bd, name)
+    names = {field.name for field in dataclasses.fields(result)}
+    assert "warnings" in names | set(dir(result))
+
+
+def test_regression_warnings_that_a_call_issues_are_part_of_its_result():
+    """A curve that ended at `max_points` had no warning."""
+
+    @bd.model(t_end=1.0)
+    def oscillator(frequency=1.0):
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+        mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), ball.point))
+        ends = mech.ground.at(-1.0, 0.0), ball.point
+        mech.add(bd.Spring("spring", *ends, stiffness=40.0))
+        mech.add(bd.Damper("damper", *ends, damping=1.0))
+        mech.add(bd.Force("force", ball.point, (bd.sine(1.0, frequency), 0.0)))
+        mech.observe("ball", ball.point)
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match="maximum of 2 points") as issued:
+        curve = bd.frequency_response(
+            oscillator, "frequency", (0.5, 1.5), integrator=bd.GeneralizedAlpha(2e-2), max_points=2
+        )
+    assert [str(x.message) for x in issued] == list(curve.warnings)
 
 
 @pytest.fixture(scope="module")

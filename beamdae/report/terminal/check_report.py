@@ -10,6 +10,7 @@ from beamdae.equations.starts.dependent_constraints import describe_dependent_se
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
 
 _MAX_FREE_MOTIONS = 8
+_MAX_MESH_ERRORS = 3
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
@@ -51,6 +52,11 @@ def describe_check(check: Any) -> Mapping[str, str]:
         facts[f"mesh of {mesh.beam}"] = (
             f"{mesh.verdict}; error of the arc length {mesh.length_error:.2g}, of curvature times "
             f"length {mesh.curvature_error:.2g}"
+        )
+    if check.mesh_errors:
+        largest = sorted(check.mesh_errors.items(), key=lambda item: -item[1])[:_MAX_MESH_ERRORS]
+        facts["mesh errors"] = "with halved elements, columns change by " + ", ".join(
+            f"{error:.2g} ({name})" for name, error in largest
         )
     if check.prediction is not None:
         p = check.prediction
