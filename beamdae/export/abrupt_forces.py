@@ -11,8 +11,6 @@ from beamdae.equations.surface_gaps import SurfaceGapTerm
 from beamdae.errors import list_first, warn_user
 from beamdae.symbolic.force_kernel import ForceKernel
 
-# Arguments of a force kernel; see `ForceKernel.inputs`.
-_MOTION_ARGUMENTS = (1, 2, 4)  # q, v and lam
 # Operations with jumps or kinks, and calls of tables.
 _ABRUPT_OPERATIONS = {
     ca.OP_LT,
@@ -40,30 +38,19 @@ _MAX_NAMES = 3  # of parts in a warning
 def choose_integrator(equations: EquationsOfMotion, gaps: Sequence[SurfaceGapTerm]) -> str:
     """Return "radau" for models with contacts, friction or other abrupt forces, else "alpha"."""
     kernels = {id(term.kernel): term.kernel for term in equations.forces}.values()
-    is_abrupt = gaps or any(k.local.n_multipliers or has_kinks(k) for k in kernels)
+    is_abrupt = gaps or any(k.local.n_multipliers or has_kinks_over_motion(k) for k in kernels)
     return "radau" if is_abrupt else "alpha"
 
 
-def has_kinks(kernel: ForceKernel) -> bool:
-    """Return True if the force has kinks or tables at positions, velocities or reactions."""
-    function = ca.Function("force", kernel.inputs, [kernel.force])
-    follows_motion: set[int] = set()
-    for k in range(function.n_instructions()):
-        code, sources = function.instruction_id(k), function.instruction_input(k)
-        targets = function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            continue
-        if code == ca.OP_INPUT:
-            depends = sources[0] in _MOTION_ARGUMENTS
-        else:
-            depends = not follows_motion.isdisjoint(sources)
-        # Of a conditional value, the condition decides.
-        deciding = sources[:1] if code == ca.OP_IF_ELSE_ZERO else sources
-        if code in _ABRUPT_OPERATIONS and not follows_motion.isdisjoint(deciding):
-            return True
-        # Places of the work vector are reused.
-        (follows_motion.update if depends else follows_motion.difference_update)(targets)
-    return False
+def has_kinks_over_motion(kernel: ForceKernel) -> bool:
+    """Return True if the force has kinks or tables over positions, velocities or reactions.
+
+    Kinks over time or inputs do not count, and neither do smooth formulas with short peaks.
+    """
+    x = kernel.local
+    sizes = {1: x.size, 2: x.size, 4: x.n_multipliers}  # q, v and lam in `ForceKernel.inputs`
+    motion = {(argument, entry) for argument, size in sizes.items() for entry in range(size)}
+    return kernel.applies(_ABRUPT_OPERATIONS.__contains__, motion)
 
 
 def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:

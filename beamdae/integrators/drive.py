@@ -23,6 +23,7 @@ from beamdae.equations.table_arguments import compile_table_arguments, find_dist
 from beamdae.errors import BeamdaeError, ProgressError
 from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
+from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.events.table_limits import TableDetector
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
@@ -57,6 +58,9 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 # Number of steps between two checks for contacts that steps passed over, so large that the checks
 # take a small part of the time.
 _STEPS_PER_ONSET_CHECK = 256
+# Samples of controllers at shorter intervals, relative to the spacing at which forces are evaluated
+# to find their peaks, bound the steps themselves; a check would cost more than a step.
+_MIN_SPACINGS_PER_SAMPLE = 16.0
 # Size of the rows from which on freed memory is returned to the system after a run.
 _MAX_RETAINED_BYTES = 1e8
 
@@ -152,6 +156,7 @@ def _drive(
     onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
     is_adaptive = integrator.accuracy.name == "rtol"
     arguments = compile_table_arguments(equations)
+    rtol = float(settings["rtol"]) if is_adaptive else None
     terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
     grids = group_grids(arguments) if is_adaptive else ()
     table_detector = TableDetector(terms, is_adaptive, grids) if terms else None
@@ -165,7 +170,7 @@ def _drive(
         nonlocal compile_time
         began = clock.perf_counter()
         run = _RunInProgress(
-            equations, plan, method_on, limits, onset_detector, table_detector, times, label
+            equations, plan, method_on, limits, onset_detector, table_detector, rtol, times, label
         )
         compile_time += clock.perf_counter() - began
         return run
@@ -225,15 +230,16 @@ class _RunInProgress:
         limits: RunLimits,
         onset_detector: ContactOnsetDetector | None,
         table_detector: TableDetector | None,
+        rtol: float | None,
         output_times: Array,
         label: str = "",
     ) -> None:
         """Prepare a run.
 
         `equations` contain all parts, active or not; `onset_detector` is None without contacts,
-        and `table_detector` is None without tables of the motion; rows at `output_times` [s] are
-        stored even if the run is too long to store all steps; `label` is appended to the message of
-        an interrupted run.
+        and `table_detector` is None without tables of the motion; `rtol` is the tolerance of
+        adaptive steps, None for fixed steps; rows at `output_times` [s] are stored even if the run
+        is too long to store all steps; `label` is appended to the message of an interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
@@ -242,6 +248,8 @@ class _RunInProgress:
         self._sampler = Sampler(equations)
         self._detector = EventDetector(equations) if equations.events else None
         self._onset_detector, self._table_detector = onset_detector, table_detector
+        self._rtol = rtol
+        self._force_detector = self._detect_force_peaks()
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
@@ -256,6 +264,10 @@ class _RunInProgress:
         self.thinning = StepThinning(output_times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
+
+    def _detect_force_peaks(self) -> ForcePeakDetector | None:
+        """Return the detector for the active parts; None for fixed steps."""
+        return None if self._rtol is None else detect_force_peaks(self._plan, self._rtol)
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -422,8 +434,9 @@ class _RunInProgress:
         if outside := self._reason_outside_table():
             return Status("limited", f"stopped at t = {history.end:.6g} s: {outside}")
         steps_per_check = method.steps_per_check
-        unchecked, steps_checked = history.count, self.steps
-        checks_steps = self._onset_detector is not None or self._table_detector is not None
+        unchecked, steps_checked, checked_until = history.count, self.steps, history.end
+        detectors = self._onset_detector, self._table_detector, self._force_detector
+        checks_steps = any(detector is not None for detector in detectors)
         try:
             if not is_resumed:
                 method.begin(history.end, end, branch, history.last_state)
@@ -435,8 +448,10 @@ class _RunInProgress:
                 outside = ""
                 if checks_steps and (is_due or self._max_batch or history.end >= end):
                     end = self._truncate_at_onset(unchecked, end)
+                    end = self._truncate_at_peak(unchecked, checked_until, end)
                     end, outside = self._truncate_at_table(unchecked, end)
                     unchecked, steps_checked = history.count, self.steps
+                    checked_until = history.end
                 if self._detector and (event := self._detector.find_terminal_event(segment, first)):
                     return self._status_at_event(event)
                 if outside:
@@ -522,6 +537,27 @@ class _RunInProgress:
         self._interval_ends = (segment.history.end, onset.probe, *self._interval_ends)
         return segment.history.end
 
+    def _truncate_at_peak(self, unchecked: int, checked_until: float, end: float) -> float:
+        """Drop the steps after the first peak of a formula that a step passed over.
+
+        Check the rows from `unchecked` on, after the time `checked_until` [s]. Return the new end
+        [s]; the run restarts there and at the peak.
+        """
+        detector = self._force_detector
+        if detector is None:
+            return end
+        least = _MIN_SPACINGS_PER_SAMPLE if self._sampler.controllers else 1.0
+        if self._history.end - checked_until < least * detector.spacing:
+            return end
+        segment = self._segments[-1]
+        tail = segment.tail(unchecked, self._equations.m)
+        if tail is None or (peak := detector.find_first(*tail)) is None:
+            return end
+        segment.truncate(tail[0], peak.t)
+        end = segment.history.end
+        self._interval_ends = tuple(sorted({end, peak.probe, *self._interval_ends}))
+        return end
+
     def _describe_singular_position(self) -> str:
         time = np.array([self._history.end, self._segments[-1].branch])
         return describe_singular_position(self._plan.equations, time, self._history.last_state)
@@ -546,6 +582,7 @@ class _RunInProgress:
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
+            self._force_detector = self._detect_force_peaks()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)

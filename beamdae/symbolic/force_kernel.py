@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
 
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
@@ -19,6 +21,20 @@ MASS = 2
 
 # One item per matrix: the indices of the derivatives in its sum.
 Tangents = tuple[tuple[int, ...], ...]
+
+# Sums and products of powers, sines and cosines are broad; values of other operations may be zero
+# except for a short time.
+_BROAD_OPERATIONS = {
+    ca.OP_ASSIGN,
+    ca.OP_ADD,
+    ca.OP_SUB,
+    ca.OP_MUL,
+    ca.OP_NEG,
+    ca.OP_SQ,
+    ca.OP_TWICE,
+    ca.OP_SIN,
+    ca.OP_COS,
+}
 
 _N_ENERGIES = 3
 _N_POWERS = 2
@@ -105,6 +121,50 @@ class ForceKernel:
         f = ca.Function("force", self.inputs, [self.force])
         steps = range(f.n_instructions())
         return any(f.instruction_id(k) in (ca.OP_FMAX, ca.OP_FMIN) for k in steps)
+
+    def applies(
+        self, is_operation: Callable[[int], bool], arguments: Container[tuple[int, int]]
+    ) -> bool:
+        """Return True if an operation of CasADi acts on values that depend on `arguments`.
+
+        `is_operation` selects the operations by their codes. `arguments` are pairs (index in
+        `inputs`, entry).
+        """
+        function = ca.Function("force", self.inputs, [self.force])
+        dependent: set[int] = set()
+        for k in range(function.n_instructions()):
+            code, sources = function.instruction_id(k), function.instruction_input(k)
+            if code == ca.OP_OUTPUT:
+                continue
+            if code == ca.OP_INPUT:
+                depends = (sources[0], sources[1]) in arguments
+            else:
+                # Of a conditional value, the condition decides.
+                deciding = sources[:1] if code == ca.OP_IF_ELSE_ZERO else sources
+                if is_operation(code) and not dependent.isdisjoint(deciding):
+                    return True
+                depends = not dependent.isdisjoint(sources)
+            # Places of the work vector are reused.
+            targets = function.instruction_output(k)
+            (dependent.update if depends else dependent.difference_update)(targets)
+        return False
+
+    @cached_property
+    def may_have_peaks(self) -> bool:
+        """True for a formula that may have narrow peaks over time or over the motion."""
+        x = self.local
+        if self.reused or x.n_multipliers or ca.depends_on(self.force, x.a):
+            return False
+        entries = {(0, 0), *((k, i) for k in (1, 2) for i in range(x.size))}
+        return self.applies(lambda code: code not in _BROAD_OPERATIONS, entries)
+
+    @cached_property
+    def load_function(self) -> RowFunction:
+        """F in (time, q, v, data), without accelerations and multipliers."""
+        x = self.local
+        zeros = [SX.zeros(x.a.shape), SX.zeros(x.lam.shape)]
+        force = ca.substitute(self.force, ca.vertcat(x.a, x.lam), ca.vertcat(*zeros))
+        return RowFunction(ca.Function("load", [x.time, x.q, x.v, x.data], [ca.densify(force)]))
 
     @cached_property
     def _stacked(self) -> SX:

@@ -1,0 +1,201 @@
+"""Detection of steps that pass over a peak of a force that is a formula.
+
+The force is evaluated between the places at which the method evaluates it, and compared with the
+polynomial through its values there. The error test sees what these values show, but no short pulse
+and no narrow region of the motion in which the force acts; the run then restarts where the peak
+begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.formula_forces import FormulaForceTerm, compile_formula_forces
+from beamdae.integrators.error_control import motion_rate
+from beamdae.integrators.run_plan import RunPlan
+from beamdae.results.trajectory import Interval
+
+Array = np.ndarray
+
+# Samples of a run are at most this fraction of its duration apart.
+SAMPLE_SPACING = 1.0 / 1024.0
+# A peak differs from the polynomial by more than this fraction of the range of the force, and by
+# more than the difference of the force between the nodes around it.
+_MIN_PEAK = 0.2
+# A peak begins after the last sample before it that is lower than this fraction of it.
+_QUIET = 1e-2
+# The candidates with the highest peaks are examined; the others are found after a restart.
+_MAX_CANDIDATES = 4
+# Change of a velocity that matters, relative to the tolerance.
+_SIGNIFICANT_CHANGE = 10.0
+# Peaks whose impulse, estimated from the samples, has less than this share of that change are not
+# examined further.
+_MIN_COARSE_WEIGHT = 1e-2
+# Peaks are located by repeated sampling between the neighbors of the highest sample.
+_REFINEMENTS = 2
+_REFINED_SAMPLES = 17
+
+
+class ForcePeak(NamedTuple):
+    """Peak of a force that a step passed over.
+
+    Attributes
+    ----------
+    t
+        Time of the beginning [s].
+    probe
+        Time of the highest value [s].
+    """
+
+    t: float
+    probe: float
+
+
+@dataclass(frozen=True)
+class ForcePeakDetector:
+    """Detector of peaks of forces that steps passed over.
+
+    Attributes
+    ----------
+    terms
+        Forces that may have narrow peaks.
+    spacing
+        Largest distance of samples [s].
+    weigh_at
+        Function of the time [s], the branch and the state. It returns a function of an impulse on
+        all coordinates (n,) that the steps have missed, which returns the largest change of a
+        velocity relative to the change that matters.
+    """
+
+    terms: Sequence[FormulaForceTerm]
+    spacing: float
+    weigh_at: Callable[[float, float, State], Callable[[Array], float]]
+
+    def find_first(self, interval: Interval, begin: float) -> ForcePeak | None:
+        """Return the first peak after `begin` [s] that a step passed over, or None."""
+        first = int(np.searchsorted(interval.nodes, begin))
+        gaps = np.diff(interval.nodes[first:])
+        counts = (gaps / self.spacing).astype(int)
+        if not counts.any():
+            return None
+        gap = first + np.repeat(np.arange(len(gaps)), counts)
+        order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+        t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
+        samples = _Samples(interval, t)
+        peaks = [
+            peak for term in self.terms for peak in self._find_peaks(term, samples, first, gap)
+        ]
+        return min(peaks, default=None)
+
+    def _find_peaks(
+        self, term: FormulaForceTerm, samples: _Samples, first: int, gap: Array
+    ) -> Iterator[ForcePeak]:
+        """Yield peaks of one force; the samples follow the nodes with the indices `gap`."""
+        interval, t = samples.interval, samples.t
+        at_nodes = term.evaluate(interval.nodes, interval.branch, interval.rows.q, interval.rows.v)
+        force = samples.evaluate(term)
+        missed = force - samples.interpolate(at_nodes)
+        seen = at_nodes[first:]
+        size = np.maximum(seen.max(axis=0), force.max(axis=0))
+        size -= np.minimum(seen.min(axis=0), force.min(axis=0))
+        change = np.abs(at_nodes[gap + 1] - at_nodes[gap])
+        excess = np.abs(missed)
+        is_peak = ((excess > np.maximum(_MIN_PEAK * size, change)) & np.isfinite(excess)).any(
+            axis=1
+        )
+        height = excess.max(axis=1)
+        weigh = None
+        for k in _highest_of_gaps(np.where(is_peak, height, 0.0), gap):
+            if weigh is None:
+                state = State(*(x[0] for x in interval.at(t[k : k + 1])))
+                weigh = self.weigh_at(float(t[k]), interval.branch, state)
+            (rows,) = np.nonzero(gap == gap[k])
+            times = np.concatenate(
+                [[interval.nodes[gap[k]]], t[rows], [interval.nodes[gap[k] + 1]]]
+            )
+            values = np.pad(missed[rows], ((1, 1), (0, 0)))
+            if weigh(term.operator.T @ _integrate(times, values)) < _MIN_COARSE_WEIGHT:
+                continue
+            at = k - rows[0] + 1
+            quiet = np.append(0, 1 + np.flatnonzero(height[rows[0] : k] <= _QUIET * height[k]))
+            foot, probe = float(times[quiet[-1]]), float(t[k])
+            left, right = times[at - 1], times[at + 1]
+            for _ in range(_REFINEMENTS):
+                near = _Samples(interval, np.linspace(left, right, _REFINED_SAMPLES))
+                of_peak = near.evaluate(term) - near.interpolate(at_nodes)
+                highest = int(np.argmax(np.abs(of_peak).max(axis=1)))
+                probe = float(near.t[highest])
+                times, values = np.append(times, near.t), np.concatenate([values, of_peak])
+                left = near.t[max(highest - 1, 0)]
+                right = near.t[min(highest + 1, _REFINED_SAMPLES - 1)]
+            if weigh(term.operator.T @ _integrate(times, values)) > 1.0:
+                yield ForcePeak(foot, probe)
+
+
+def _integrate(times: Array, values: Array) -> Array:
+    """Return the integral (size,) of values (k, size) at times (k,) [s] in any order."""
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], values[order]
+    return 0.5 * np.diff(times) @ (values[1:] + values[:-1])
+
+
+class _Samples:
+    """Motion of an interval at times inside its steps."""
+
+    def __init__(self, interval: Interval, t: Array) -> None:
+        self.interval, self.t = interval, t
+        self._weights = interval.weights_at(t)
+
+    def evaluate(self, term: FormulaForceTerm) -> Array:
+        """Return a force (samples, size) on the polynomials of the motion."""
+        q, v = (x[:, term.columns] for x in self.interval.rows[:2])
+        weights = self._weights
+        positions = weights.positions @ q + weights.positions_by_velocities @ v
+        return term.evaluate_local(self.t, self.interval.branch, positions, weights.velocities @ v)
+
+    def interpolate(self, values: Array) -> Array:
+        """Return the polynomials through values at the nodes, (nodes, size)."""
+        return np.asarray(self._weights.velocities @ values)
+
+
+def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
+    """Return the detector for a run with the tolerance `rtol`; None without such forces.
+
+    An impulse matters if it changes a velocity, or a first-order state, by more than ten
+    tolerances.
+    """
+    terms = compile_formula_forces(plan.equations)
+    if not terms:
+        return None
+    limits = _SIGNIFICANT_CHANGE * rtol * plan.scales
+    states = np.asarray(plan.equations.states, int)
+    rates = np.full(len(limits), motion_rate(plan))
+    rates[states] = 1.0
+
+    def weigh_at(t: float, branch: float, state: State) -> Callable[[Array], float]:
+        solve = plan.starter.mass_solver(np.array([t, branch]), state)
+
+        def weigh(impulse: Array) -> float:
+            change = solve(impulse)
+            change[states] = impulse[states]
+            return float(np.max(np.abs(change) / (limits * rates)))
+
+        return weigh
+
+    return ForcePeakDetector(terms, SAMPLE_SPACING * plan.duration, weigh_at)
+
+
+def _highest_of_gaps(height: Array, gap: Array) -> Iterator[int]:
+    """Yield the index of the highest sample of each of the gaps with the highest samples."""
+    seen: set[int] = set()
+    for k in np.argsort(height)[::-1].tolist():
+        if height[k] == 0.0 or len(seen) == _MAX_CANDIDATES:
+            return
+        if int(gap[k]) not in seen:
+            seen.add(int(gap[k]))
+            yield k

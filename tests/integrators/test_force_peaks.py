@@ -1,0 +1,70 @@
+"""Adaptive steps do not pass over narrow peaks of forces that are formulas."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.equations.formula_forces import compile_formula_forces
+from beamdae.simulation import as_equations
+
+METHODS = [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(rtol=1e-5)]
+ENERGY = 0.05  # that the peak takes from a ball with the kinetic energy 0.5
+WIDTH = 0.003
+PLACE = 0.5123
+
+
+def gauss(x):
+    return ca.exp(-((x / WIDTH) ** 2)) / (np.sqrt(np.pi) * WIDTH)
+
+
+def box(x):
+    return ca.if_else(ca.fabs(x) < WIDTH, 1.0, 0.0) / (2.0 * WIDTH)
+
+
+def tent(x):
+    return ca.fmax(0.0, 1.0 - ca.fabs(x) / WIDTH) / WIDTH
+
+
+def build_ball():
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech.observe("ball", ball.point)
+    return mech, ball, mech.sensor("x", ball.point, "x")
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["ida", "radau", "alpha"])
+@pytest.mark.parametrize("shape", [gauss, box, tent])
+def test_regression_narrow_regions_are_not_passed_over(method, shape):
+    """The ball kept its speed: no step ended where the force acts."""
+    mech, ball, x = build_ball()
+    mech.add(bd.Force("brake", ball.point, (-ENERGY * shape(x - PLACE), 0.0)))
+    run = bd.simulate(mech, method, t_end=1.0)
+    assert run["ball.x_dot"].iloc[-1] == pytest.approx(np.sqrt(1.0 - 2.0 * ENERGY), abs=1e-3)
+    assert run.statistics.steps < 400
+
+
+@pytest.mark.parametrize("method", METHODS[:2], ids=["ida", "radau"])
+def test_regression_short_pulses_are_not_passed_over(method):
+    mech, ball, x = build_ball()
+    mech.add(bd.Force("pulse", ball.point, (0.0, lambda t: gauss(t - PLACE))))
+    mech.state("count", lambda _, t: gauss(x - 0.7))
+    run = bd.simulate(mech, method, t_end=1.0)
+    assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.0, abs=1e-3)
+    assert run["count"].iloc[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_smooth_formulas_take_the_same_steps(monkeypatch):
+    mech, ball, x = build_ball()
+    mech.add(bd.Force("spring", ball.point, (-40.0 * ca.tanh(3.0 * x), 0.0)))
+    steps = bd.simulate(mech, bd.Radau(), t_end=1.0).statistics.steps
+    monkeypatch.setattr("beamdae.integrators.drive.detect_force_peaks", lambda *_: None)
+    assert bd.simulate(mech, bd.Radau(), t_end=1.0).statistics.steps == steps
+
+
+def test_forces_without_narrow_peaks_are_not_sampled():
+    mech, ball, x = build_ball()
+    mech.add(bd.Force("spring", ball.point, (-(x**3), lambda t: ca.sin(30.0 * t))))
+    assert compile_formula_forces(as_equations("test", mech, None)) == ()
+    mech.add(bd.Force("brake", ball.point, (gauss(x), 0.0)))
+    assert len(compile_formula_forces(as_equations("test", mech, None))) == 1
