@@ -67,3 +67,17 @@ def test_runs_inside_the_table_carry_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bd.simulate(falling(table), t_end=0.3)
+
+
+def test_regression_arguments_in_other_units_than_a_table_carry_a_warning():
+    """A table in millimeters was without effect, and without a warning, at its zero end."""
+    message = r"^pull: x = .* leaves the range .* times its length; check the units of the table"
+    inside = bd.table([0.0, 0.005, 0.01], [0.0, 3.0, 0.0], kind="linear")
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(falling(inside, lambda point, t: 1e3 * (1.0 - point.position[1])), t_end=0.2)
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(falling(inside, lambda point, t: 2.0 + point.position[1]), t_end=0.2)
+    pad = bd.table([-0.002, 0.0], [5e4, 0.0], kind="linear")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.simulate(falling(pad), t_end=0.452)
