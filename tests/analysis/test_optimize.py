@@ -289,6 +289,38 @@ def test_no_design_satisfies_the_constraints():
 
 
 @pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("quantity", [bd.Mass(), bd.EquilibriumValue("tip.y")])
+def test_regression_parameters_whose_neighbors_are_rejected_have_gradients(quantity):
+    """Their gradients were zero, and the search converged without moving them."""
+
+    @bd.model(t_end=1.0)
+    def strip(height=0.02):
+        if height > 0.02:
+            raise bd.BeamdaeError("strip: the height must be at most 0.02 m.")
+        return cantilever(height=(height,))
+
+    result = bd.optimize(strip, quantity, "height", bounds={"height": (0.01, 0.02)})
+    assert result.parameters["height"] == pytest.approx(0.01)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported():
+    """The search reported that it had converged, although the objective decreases further."""
+
+    @bd.model(t_end=1.0)
+    def strip(height=0.02):
+        if height < 0.015:
+            raise bd.BeamdaeError("strip: the gauge is outside the section.")
+        return cantilever(height=(height,))
+
+    with pytest.warns(bd.BeamdaeWarning, match="ended beside designs at which analyses fail"):
+        result = bd.optimize(strip, bd.Mass(), "height", bounds={"height": (0.01, 0.02)})
+    assert result.status.kind == "limited"
+    assert "the gauge is outside the section" in result.status.sentence
+    assert result.parameters["height"] >= 0.015
+
+
+@pytest.mark.slow(reason="half a second and more")
 def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
     limit = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations; increase"):

@@ -22,7 +22,7 @@ METHODS = {
     "KnockDown": {"plot"},
     "ModeSensitivities": set(),
     "Modes": {"plot", "page"},
-    "Optimization": set(),
+    "Optimization": {"page"},
     "PeriodicMotion": {"plot", "page"},
     "PeriodicSensitivities": set(),
     "ProfileLikelihood": {"plot"},

@@ -566,7 +566,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         sigma = {name: x * estimate for name, x in sigma.items()}
     sizes, texts = _sizes(problem, all_names, estimates)
     information = Information.of(jacobian, sizes)
-    status, steps = search.status, ()
+    status, steps = search.status, tuple[str, ...]()
     if status.kind != "interrupted":
         try:
             steps = _check_steps(problem, evaluation, estimate)

@@ -89,11 +89,16 @@ class DesignModel:
         return assemble_design(self.flat())
 
     def number_derivatives(self, t: float) -> NumberDerivatives | None:
-        """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`."""
+        """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`.
+
+        Return None if numbers are irregular, such as a height below which a gauge would be outside
+        its section: their derivatives are missing.
+        """
         if t not in self._derivatives:
-            self._derivatives[t] = differentiate_numbers(
+            derivatives = differentiate_numbers(
                 self.flat, self.equations, assemble_design, np.full(2, t)
             )
+            self._derivatives[t] = None if derivatives.irregular else derivatives
         return self._derivatives[t]
 
 

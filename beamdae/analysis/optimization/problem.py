@@ -24,9 +24,11 @@ from beamdae.analysis.optimization.quantities import (
     AnalysisQuantity,
     Limit,
     Quantity,
+    RunQuantity,
     as_quantity,
     find_unit,
 )
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -69,6 +71,11 @@ class Design:
     values: Array
     _weights: list[dict[AnalysisQuantity, float]]
     _gradients: dict[int, Array] = field(default_factory=dict)
+
+    @property
+    def results(self) -> tuple[Any, ...]:
+        """Results of the analyses."""
+        return tuple(x.result for x in self.analyses.values() if x.result is not None)
 
     def gradient(self, index: int) -> Array:
         """Return the gradient (k,) of a value with respect to the numbers of the model."""
@@ -141,6 +148,28 @@ class DesignProblem:
         """Names of the numbers, such as "E" and "thickness[3]"."""
         return list(self.flat.entries)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the numbers; "" if a unit is unknown."""
+        described = self.flat.model.parameter_info
+        return {name: described[key].unit for name, (key, _) in self.flat.entries.items()}
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of runs and paths in the objective and the constraints."""
+        names: dict[str, None] = {}
+        for leaf in (leaf for quantity in self._quantities for leaf in quantity.leaves):
+            terms = leaf.objective.terms if isinstance(leaf, RunQuantity) else ((1.0, leaf),)
+            columns = (getattr(term, "column", None) for _, term in terms)
+            names |= dict.fromkeys(x for x in columns if isinstance(x, str))
+        return tuple(names)
+
+    def without_designs(self) -> DesignProblem:
+        """Return the problem without stored analyses, which need much memory."""
+        other = copy.copy(self)
+        other._designs = {}
+        return other
+
     def _require_units(self) -> None:
         """Reject limits in a unit of another quantity."""
         limits = [limit for limit in self.limits if limit.unit]
@@ -148,9 +177,7 @@ class DesignProblem:
             return
         equations = as_equations(_NAME, self.flat.model(**self.flat.parameters))
         self.build_warnings.update(map(kind_of_message, equations.build_warnings))
-        headers = [x for observable in equations.observables for x in observable.headers]
-        units = {variable.name: variable.unit for variable in equations.coordinates}
-        units |= {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
+        units = list_column_units(equations)
         for limit in limits:
             unit = find_unit(limit.quantity, units)
             given, known = parse_unit(limit.unit), parse_unit(unit or "")
@@ -268,6 +295,13 @@ class DesignProblem:
         ranges = self.upper - self.lower
         sizes = np.where(sizes > 0.0, np.minimum(sizes, ranges), ranges)
         return np.where(np.isfinite(sizes), sizes, 1.0)
+
+
+def list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
+    """Return the units of coordinates and observed columns by name and by header."""
+    headers = [x for observable in equations.observables for x in observable.headers]
+    units = {variable.name: variable.unit for variable in equations.coordinates}
+    return units | {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
 
 
 def _read_bound(name: str, bound: Any, count: int) -> Array:

@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
-from beamdae.analysis.optimization.problem import DesignProblem, parameter_values
-from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity
+from beamdae.analysis.optimization.problem import (
+    FEASIBILITY_TOLERANCE,
+    DesignProblem,
+    list_column_units,
+    parameter_values,
+)
+from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity, find_unit
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
     SearchResult,
@@ -22,11 +28,13 @@ from beamdae.interrupts import acknowledge
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.files import write_escaped_table
+from beamdae.results.storage.files import require_file_path, write_escaped_table
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.parts.mechanism import Mechanism
 
 # Relative change by more accurate runs above which values of a design depend on the steps.
 _MAX_STEP_ERROR = 0.01
@@ -86,6 +94,8 @@ class Optimization:
         optimum, and NaN if the search was interrupted.
     analyses
         Results of the analyses of the best design: `Solution`, `Equilibrium` and `Modes`.
+    first_analyses
+        Results of the analyses of the first design.
     model
         Name and all parameters of the model of the best design.
     warnings
@@ -103,11 +113,14 @@ class Optimization:
     evaluations: int
     residual: float
     analyses: tuple[Any, ...] = field(repr=False)
+    first_analyses: tuple[Any, ...] = field(repr=False)
     model: Mapping[str, Any] = field(repr=False)
     warnings: tuple[str, ...]
     _first: Mapping[str, float] = field(repr=False)
     _numbers: Mapping[str, tuple[float, float, float]] = field(repr=False)
     _history: Mapping[str, Any] = field(repr=False)
+    _problem: DesignProblem = field(repr=False)
+    _search: SearchResult = field(repr=False)
 
     def __repr__(self) -> str:
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
@@ -155,6 +168,70 @@ class Optimization:
 
         return pd.DataFrame(dict(self._history))
 
+    @property
+    def objective_label(self) -> str:
+        """Name of the objective, such as "tip.y at equilibrium"."""
+        return self._problem.objective.label
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of runs and paths in the objective and the constraints."""
+        return self._problem.columns
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the parameters and of the columns of `history`; "" if a unit is unknown."""
+        result = self.first_analyses[0] if self.first_analyses else None
+        equations = getattr(result, "equations", None)
+        headers = [f"{k}: {x.quantity.label}" for k, x in enumerate(self._problem.limits, 1)]
+        quantities = (self._problem.objective, *(x.quantity for x in self._problem.limits))
+        known = {} if equations is None else list_column_units(equations)
+        names = ("objective", *headers)
+        units = {
+            name: find_unit(quantity, known) or ""
+            for name, quantity in zip(names, quantities, strict=True)
+        }
+        return units | self._problem.units
+
+    @property
+    def max_evaluations(self) -> int:
+        """Maximum number of evaluated designs, as given."""
+        return self._search.max_evaluations
+
+    @property
+    def best_number(self) -> int:
+        """Number of the best design in `history`, from 1."""
+        return 1 + next(k for k, x in enumerate(self._search.trials) if x is self._search.best)
+
+    def is_feasible(self, number: int) -> bool:
+        """Return True if a design, by its number from 1, satisfies the constraints."""
+        return bool(self._search.trials[number - 1].violation <= FEASIBILITY_TOLERANCE)
+
+    def mechanism(self, is_best: bool = True) -> Mechanism:
+        """Return the mechanism of the best or of the first design."""
+        values = self._search.best.numbers if is_best else self._problem.first
+        return self._problem.flat.model(**self._problem.parameters(values))
+
+    def page(self, path: str | Path) -> Path:
+        """Write an HTML page with the designs, the constraints and the parameters.
+
+        The page shows the motions of the first and of the best design (of their runs, equilibrium
+        paths or first modes, otherwise their drawings), and the objective and the constrained
+        quantities of all evaluated designs.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        BeamdaeError
+            If the file cannot be written.
+        """
+        write: Any = deferred.module("report.optimization_page").write_optimization_page
+        return Path(write(self, require_file_path("page", path)))
+
     def to_csv(self, path: str | Path) -> Path:
         """Write `history` as CSV and return the path.
 
@@ -193,7 +270,7 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     numbers = zip(
         best.numbers.tolist(), problem.lower.tolist(), problem.upper.tolist(), strict=True
     )
-    results = tuple(x.result for x in design.analyses.values() if x.result is not None)
+    results = design.results
     status, messages = search.status, list_warnings(results)
     if not search.was_ended:
         try:
@@ -211,11 +288,14 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         len(trials),
         float("nan") if stationarity is None else stationarity.residual,
         results,
+        search.first_analyses,
         {"name": problem.flat.name, "parameters": dict(design.flat.parameters)},
         messages,
         dict(zip(names, problem.first.tolist(), strict=True)),
         dict(zip(names, numbers, strict=True)),
         columns,
+        problem.without_designs(),
+        search,
     )
 
 

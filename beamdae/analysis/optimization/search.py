@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +25,9 @@ _ACTIVE_TOLERANCE = 1e-4
 # Relative residual of the conditions of first order below which a search that could make no further
 # progress is at an optimum. Rounding errors of analyses end searches near 1e-5.
 _STATIONARITY_TOLERANCE = 1e-3
+# Residual above which the end of a search is no optimum: steps also become short before designs
+# whose analyses fail, and at jumps.
+_MAX_RESIDUAL = 0.1
 # The search ends after this number of failed analyses in a row.
 _MAX_FAILURES = 15
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
@@ -73,13 +76,16 @@ class Stationarity:
 class SearchResult:
     """End of a search; `best` is the best evaluated design.
 
-    `progress_error` is the exception of the user's function `progress` that ended it, or None.
+    `first_analyses` are the results of the analyses of the first design. `progress_error` is the
+    exception of the user's function `progress` that ended it, or None.
     """
 
     best: Trial
     trials: tuple[Trial, ...]
     status: Status
     stationarity: Stationarity | None
+    first_analyses: tuple[Any, ...]
+    max_evaluations: int
     progress_error: Exception | None = None
 
     @property
@@ -120,6 +126,7 @@ class Search:
         self._trials: dict[bytes, Trial] = {}
         self._failures = 0
         self._end: Trial | None = None
+        self._first_analyses: tuple[Any, ...] = ()
         self._last_gradients: tuple[Array, Array] | None = None
         self._last_margins = np.zeros(len(problem.limits))
         # Units of the objective and of the constraints.
@@ -135,6 +142,7 @@ class Search:
         """
         problem = self._problem
         first = problem.design(problem.first)
+        self._first_analyses = first.results
         sizes = [abs(limit.bound) for limit in problem.limits]
         self._scales = np.array(
             [x or abs(y) or 1.0 for x, y in zip([0.0, *sizes], first.values, strict=True)]
@@ -148,13 +156,19 @@ class Search:
             status = end.status
         except KeyboardInterrupt:
             acknowledge()
-            trials = tuple(self._trials.values())
-            status = Status("interrupted", f"interrupted after {len(trials)} evaluations")
-            return SearchResult(self._best(), trials, status, None)
+            count = len(self._trials)
+            status = Status("interrupted", f"interrupted after {count} evaluations")
+            return self._result(self._best(), status)
         except ProgressError as error:
-            trials, status = tuple(self._trials.values()), Status("failed", str(error))
-            return SearchResult(self._best(), trials, status, None, error.problem)
+            failure = Status("failed", str(error))
+            return replace(self._result(self._best(), failure), progress_error=error.problem)
         return self._finish(status)
+
+    def _result(
+        self, best: Trial, status: Status, stationarity: Stationarity | None = None
+    ) -> SearchResult:
+        trials, analyses = tuple(self._trials.values()), self._first_analyses
+        return SearchResult(best, trials, status, stationarity, analyses, self._max_evaluations)
 
     def _finish(self, status: Status) -> SearchResult:
         best, trials = self._best(), tuple(self._trials.values())
@@ -165,7 +179,7 @@ class Search:
             status = Status("failed", f"{status.sentence}; {format_exception(failure)}")
         except KeyboardInterrupt:
             acknowledge()
-            return SearchResult(best, trials, Status("interrupted", INTERRUPTED_CHECKS), None)
+            return self._result(best, Status("interrupted", INTERRUPTED_CHECKS))
         is_feasible = best.violation <= FEASIBILITY_TOLERANCE
         if not is_feasible:
             kind = "limited" if status.success else status.kind
@@ -178,6 +192,13 @@ class Search:
                 f"{problem.limits[worst].label} most, by {best.violation:.2g} relative to the "
                 f"limit{end}",
             )
+        is_far = stationarity is not None and stationarity.residual > _MAX_RESIDUAL
+        if status.success and is_feasible and is_far:
+            has_failures = any(x.failure for x in trials)
+            cause = "analyses fail" if has_failures else "a quantity jumps or has a kink"
+            status = Status(
+                "limited", f"the search ended beside designs at which {cause}, before an optimum"
+            )
         is_stationary = stationarity and stationarity.residual <= _STATIONARITY_TOLERANCE
         if status.kind == "limited" and is_feasible and is_stationary:
             status = Status("ok", "converged to the accuracy of the analyses")
@@ -187,7 +208,7 @@ class Search:
             status = Status(
                 status.kind, f"{status.sentence}; {count} analyses failed, the last one: {last}"
             )
-        return SearchResult(best, trials, status, stationarity)
+        return self._result(best, status, stationarity)
 
     def _minimize(self) -> Status:
         problem = self._problem

@@ -13,6 +13,7 @@ from beamdae.cli.options import (
     ModelName,
     ModelPath,
     Out,
+    Page,
     Settings,
     Starts,
     load_configured_model,
@@ -68,12 +69,13 @@ def optimize_command(
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of evaluated designs.")
     ] = 200,
+    page: Page = True,
     out: Out = Path("results"),
 ) -> None:
-    """Minimize a quantity of a model under constraints; write the design and all evaluated designs.
+    """Minimize a quantity of a model under constraints; write the design, all designs and a page.
 
-    Exits with 0 if the search converged, 1 if not (the best design is written), 2 for a usage or
-    model error, and 130 after Ctrl-C (the best design so far is written).
+    Exits with 0 if the search converged, 1 if not (the best design is written) or if the page
+    failed, 2 for a usage or model error, and 130 after Ctrl-C (the best design so far is written).
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -81,7 +83,8 @@ def optimize_command(
         raise BeamdaeError("optimize: pass either --minimize or --maximize.")
     model = load_configured_model(ModelFile(path), model_name, settings)
     table_path, history_path = (out / f"{model.name}_{name}.csv" for name in ("design", "designs"))
-    require_writable(("--out", [table_path, history_path]))
+    page_path = out / f"{model.name}_design.html"
+    require_writable(("--out", [table_path, history_path, *[page_path] * page]))
     from beamdae.analysis.optimization.optimize import optimize
     from beamdae.integrators import GeneralizedAlpha
     from beamdae.results.storage.files import escape_table, write_text
@@ -106,8 +109,10 @@ def optimize_command(
         partial="return",
     )
     table = escape_table(result.table()).to_csv(index_label="parameter")
-    files = WrittenFiles([write_text(table_path, table), result.to_csv(history_path)])
+    files = WrittenFiles([write_text(table_path, table), result.to_csv(history_path)], (page_path,))
     _print_results(result, model.name)
+    if page:
+        files.write(page_path.name, lambda: [result.page(page_path)])
     files.finish(result.status)
 
 

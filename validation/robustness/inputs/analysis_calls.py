@@ -670,6 +670,11 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         },
         lambda box, result: (result.table(), result.history()),
     ),
+    "Optimization.page": WorkingCall(
+        lambda box: {"path": "designs.html"},
+        return_result,
+        lambda box, path: write_two_folders_down(box, _optimization(box).page, path),
+    ),
     "Optimization.to_csv": WorkingCall(
         lambda box: {"path": "designs.csv"},
         return_result,

@@ -1,0 +1,181 @@
+"""HTML page of an optimization: the first and the best design, and all evaluated designs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beamdae.equations.measures import TIME
+from beamdae.errors import BeamdaeError
+from beamdae.report.analysis_pages import build_modes_page, build_path_page
+from beamdae.report.page.page_data import compute_row_limit, select_curves
+from beamdae.report.page.page_file import write_page
+from beamdae.report.scene.frame_export import export_frames, export_run_frames
+from beamdae.report.scene.mechanism_scene import build_scene
+from beamdae.report.scene.poses import reference_poses
+from beamdae.report.terminal.text_tables import format_number
+from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.solution import Solution
+from beamdae.results.storage.files import versions
+
+if TYPE_CHECKING:
+    from beamdae.analysis.optimization.result import Optimization
+
+_DIGITS = 6  # of values and bounds
+_GROUP = "designs"  # id of the only group
+_BEST, _FIRST, _FEASIBLE, _INFEASIBLE = "best", "first", "within limits", "beyond a limit"
+_DESIGN, _OBJECTIVE, _VIOLATION = "design", "objective", "violation"
+# Numbers of more parameters, such as the heights of a beam, are in the table of parameters only.
+_MAX_NUMBER_COLUMNS = 12
+
+
+def write_optimization_page(result: Optimization, path: Path, title: str = "") -> Path:
+    """Write the page of an optimization and return its path; see `Optimization.page`."""
+    return write_page(
+        path, build_optimization_page(result, title or f"Design of {result.model['name']}")
+    )
+
+
+def build_optimization_page(result: Optimization, title: str) -> dict[str, Any]:
+    """Return the page content of an optimization for `write_page`.
+
+    The cases are the evaluated designs; the first and the best one have a motion or a drawing.
+    """
+    motions = [_export_design(result, is_best) for is_best in (False, True)]
+    tables = [
+        {"title": "Optimization", "rows": list(describe_optimization(result).items())},
+        _constraints_table(result),
+        _parameters_table(result),
+    ]
+    return {
+        "title": title,
+        "subtitle": result.status.sentence,
+        "made": versions(),
+        "notes": list(result.warnings),
+        "groups": [{"id": _GROUP, "label": result.model["name"]}],
+        "noun": "designs",
+        "leads": True,
+        "columns": _list_columns(result),
+        "axes": {"x": _DESIGN, "y": _OBJECTIVE},
+        "families": [_BEST, _FIRST, _FEASIBLE, _INFEASIBLE],
+        "time": motions[1]["time"],
+        "featured": list(result.columns),
+        "tables": [table for table in tables if table["rows"]],
+        "cases": _list_cases(result, motions),
+    }
+
+
+def describe_optimization(result: Optimization) -> dict[str, str]:
+    """Return texts about the end of the search and its cost, by topic."""
+    history = result.history()
+    unit = result.units[_OBJECTIVE]
+    first = float(history["objective"].iloc[0])
+    values = (format_number(x, _DIGITS) for x in (first, result.objective))
+    failures = int((history["failure"] != "").sum())
+    count = f"{result.evaluations} of at most {result.max_evaluations}"
+    return {
+        "status": result.status.sentence,
+        "objective": f"{result.objective_label}{f' [{unit}]' if unit else ''}",
+        "first and last value": " and ".join(values),
+        "designs": count + (f", {failures} failed" if failures else ""),
+        "at a bound": ", ".join(result.at_bounds) or "none",
+    }
+
+
+def _constraints_table(result: Optimization) -> dict[str, Any]:
+    rows = [
+        [x.name, *(format_number(y, _DIGITS) for y in (x.value, x.limit, x.margin, x.multiplier))]
+        for x in result.constraints
+    ]
+    head = ["constraint", "value", "limit", "margin", "multiplier"]
+    return {"title": "Constraints", "head": head, "rows": rows}
+
+
+def _parameters_table(result: Optimization) -> dict[str, Any]:
+    table = result.table()
+    rows = [
+        [
+            f"{name} [{unit}]" if (unit := result.units.get(str(name), "")) else str(name),
+            *(format_number(x, _DIGITS) for x in row[:4]),
+            "yes" if row[4] else "no",
+        ]
+        for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
+    ]
+    return {"title": "Parameters", "head": ["parameter", *table], "rows": rows}
+
+
+def _list_columns(result: Optimization) -> list[dict[str, str]]:
+    """Return the columns of the table of designs."""
+    names = [str(x) for x in result.history() if x != "failure"]
+    numbers = list(result.table().index)
+    if len(numbers) > _MAX_NUMBER_COLUMNS:
+        names = [x for x in names if x not in numbers]
+    columns = [{"key": _DESIGN, "label": _DESIGN, "unit": "", "kind": "number"}]
+    for name in names:
+        unit = result.units.get(name, "")
+        columns.append({"key": name, "label": name, "unit": unit, "kind": "number"})
+    return columns
+
+
+def _list_cases(result: Optimization, motions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a case per evaluated design."""
+    history = result.history()
+    rows = history.drop(columns="failure").to_dict("records")
+    best = result.best_number
+    cases: list[dict[str, Any]] = []
+    for k, (row, failure) in enumerate(zip(rows, history["failure"], strict=True), 1):
+        family = _FEASIBLE if result.is_feasible(k) else _INFEASIBLE
+        label, motion = f"design {k}", {}
+        if k in (1, best):
+            motion = {x: motions[k == best][x] for x in ("frames", "curves")}
+            family = _BEST if k == best else _FIRST
+            label += f" ({'first and best' if best == 1 else family})"
+        values = {_DESIGN: k, **{name: x for name, x in row.items() if np.isfinite(x)}}
+        cases.append(
+            {
+                "id": f"{_DESIGN} {k}",
+                "group": _GROUP,
+                "label": label,
+                "family": family,
+                "rank": k,
+                "status": failure or "ok",
+                "values": values,
+                **motion,
+            }
+        )
+    # The page opens on the first cases with curves.
+    cases.sort(key=lambda case: (_BEST, _FIRST).index(case["family"]) if case.get("frames") else 2)
+    return cases
+
+
+def _export_design(result: Optimization, is_best: bool) -> dict[str, Any]:
+    """Return frames, curves and their time axis: of a run, a path, a mode, or a drawing."""
+    analyses = result.analyses if is_best else result.first_analyses
+    run = next((x for x in analyses if isinstance(x, Solution)), None)
+    if run is not None:
+        limit = compute_row_limit(2 * len(run.columns))
+        return {
+            "frames": export_run_frames(run, enlarges=True),
+            "curves": select_curves({TIME: run.t, **run.columns}, limit),
+            "time": {},
+        }
+    path = next((x for x in analyses if isinstance(x, Equilibrium)), None)
+    if path is not None:
+        page = build_path_page(path, "")
+        frames, curves = page["groups"][0]["frames"], page["cases"][0]["curves"]
+        return {"frames": frames, "curves": curves, "time": page["time"]}
+    if analyses:
+        page = build_modes_page(analyses[0], "")
+        frames = next((x["frames"] for x in page["cases"]), None)
+        return {"frames": frames, "curves": None, "time": page["time"]}
+    return {"frames": _export_drawing(result.mechanism(is_best)), "curves": None, "time": {}}
+
+
+def _export_drawing(mechanism: Any) -> dict[str, Any] | None:
+    times = np.zeros(1)
+    try:
+        return export_frames(build_scene(mechanism, reference_poses, times), times)
+    except BeamdaeError:
+        return None  # There are no parts that can be drawn.
