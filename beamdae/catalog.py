@@ -374,7 +374,7 @@ GROUPS = (
                     "name": "friction",
                     "joint": m.hinge,
                     "coefficient": 0.2,
-                    "regularization": 0.1,
+                    "friction_speed": 0.1,
                     "static": 0.3,
                     "stribeck": 0.5,
                     "radius": 0.02,

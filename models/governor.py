@@ -22,7 +22,7 @@ def governor(torque=0.6, ratio=6.0, coefficient=0.25, preload=0.02, stiffness=0.
         bd.TorsionSpring("mainspring", ground.at(*away), barrel.at(*away), 0.005, preload=-torque)
     )
     gear = mech.add(bd.Gear("gear", barrel.at(*away), rotor.at(*axis), ratio=-ratio))
-    mech.add(bd.Friction("rubbing", bearing, 0.1, regularization=0.005, radius=0.004))
+    mech.add(bd.Friction("rubbing", bearing, 0.1, friction_speed=0.005, radius=0.004))
     drum = bd.CircleSurface(ground.at(*axis), radius=0.045, side="inside")
     for name, side in (("right", 1.0), ("left", -1.0)):
         pivot, shoe = (side * 0.028, 0.0), (side * 0.024, side * 0.036)

@@ -31,7 +31,7 @@ def quick_return(speed=2.0 * np.pi, crank_radius=0.12, cutting_force=800.0, coef
     mech.add(bd.Revolute("ram pin", link.at(0.25, 0.65), ram.at(0.25, 0.65)))
     guide = mech.add(bd.Prismatic("guide", ground.at(0.0, 0.65), ram.at(0.45, 0.65)))
     rubbing = mech.add(
-        bd.Friction("rubbing", guide, coefficient, regularization=0.02, radius=0.2, smoothing=1.0)
+        bd.Friction("rubbing", guide, coefficient, friction_speed=0.02, radius=0.2, smoothing=1.0)
     )
 
     def cutting(tool, t):

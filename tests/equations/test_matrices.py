@@ -38,7 +38,7 @@ def _equations():
     mech.add(bd.RollingOnCircle("gear", beam.end, disk.at(0.5, 0.4), radii))
     mech.add(bd.RollingOnLine("road", mech.ground.at(0.0, -0.6), far.at(0.5, -0.4), 0.2))
     # Smooth enough for difference quotients over 1e-3.
-    law = {"coefficient": 0.4, "regularization": 2.0, "smoothing": 0.5}
+    law = {"coefficient": 0.4, "friction_speed": 2.0, "smoothing": 0.5}
     mech.add(bd.Friction("rub", bearing, **law, radius=0.3, static=0.6, stribeck=3.0))
     mech.add(bd.Friction("slide", slot, **law))
     return bd.equations_of_motion(mech)

@@ -62,7 +62,7 @@ def with_flexible_link():
     mech.add(bd.Revolute("lever pin", lever.at(0.0, 0.6), link.start))
     mech.add(bd.Revolute("ram pin", link.end, ram.at(0.25, 0.65)))
     guide = mech.add(bd.Prismatic("guide", ground.at(0.0, 0.65), ram.at(0.45, 0.65)))
-    rubs = {"regularization": 0.02, "radius": 0.2, "smoothing": 1.0}
+    rubs = {"friction_speed": 0.02, "radius": 0.2, "smoothing": 1.0}
     mech.add(bd.Friction("rubbing", guide, 0.1, **rubs))
 
     def cutting(tool, t):

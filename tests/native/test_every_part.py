@@ -20,7 +20,7 @@ from beamdae.parts.part import Part
 
 def friction_in_guide(m, d, b):
     joint = m.add(bd.Prismatic("guide", m.ground.at(0.0, 0.0), d.at(0.5, 0.4)))
-    return bd.Friction("j", joint, 0.3, regularization=1e-2, radius=0.1)
+    return bd.Friction("j", joint, 0.3, friction_speed=1e-2, radius=0.1)
 
 
 def lag_of_disk(m, d, b):

@@ -51,7 +51,7 @@ def block(speed=2.0, turn=0.0, at=(0.0, 0.0), spring=None, start=0.0, **friction
     mech.add(guide)
     if spring is not None:
         mech.add(Spring("spring", body, spring))
-    settings = {"coefficient": COEFFICIENT, "regularization": 1e-3} | friction
+    settings = {"coefficient": COEFFICIENT, "friction_speed": 1e-3} | friction
     rubbing = mech.add(bd.Friction("friction", guide, **settings))
     mech.observe("friction", rubbing.reaction)
     mech.observe("block", body.at(*center))
@@ -79,7 +79,7 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
 
 
 def test_a_force_below_the_friction_limit_makes_it_creep():
-    """Under F < mu N it creeps with v = regularization atanh(F / (mu N))."""
+    """Under F < mu N it creeps with v = friction_speed atanh(F / (mu N))."""
     pull = 3.0
     mech = block(speed=0.0, start=1.0, spring=pull)
     solution = run(mech, bd.Radau(rtol=1e-8), 1.0, 0.5)
@@ -91,7 +91,7 @@ def test_a_force_below_the_friction_limit_makes_it_creep():
 
 @pytest.mark.parametrize("speed", [1e-4, 0.01, 0.05, 2.0])
 def test_stribeck(speed):
-    law = {"static": 0.5, "stribeck": 0.02, "regularization": 1e-3}
+    law = {"static": 0.5, "stribeck": 0.02, "friction_speed": 1e-3}
     numeric = NumericEquations(block(speed=speed, **law))
     expected = -MASS * GRAVITY * np.tanh(speed / 1e-3)
     expected *= 0.3 + 0.2 * np.exp(-((speed / 0.02) ** 2))
@@ -106,7 +106,7 @@ def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):
     bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (at[0] + 0.5 * c, at[1] + 0.5 * s)))
     ends = [mech.ground.at(*at), bar.at(*at)]
     pin = mech.add(bd.Revolute("pin", *(ends[::-1] if swap else ends)))
-    settings = {"coefficient": 0.3, "regularization": 0.01, "radius": 0.05} | friction
+    settings = {"coefficient": 0.3, "friction_speed": 0.01, "radius": 0.05} | friction
     mech.observe("friction", mech.add(bd.Friction("friction", pin, **settings)).reaction)
     mech.observe("pin", pin.reaction)
     return mech
@@ -159,7 +159,7 @@ def test_painleve_paradox_is_reported():
         mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
         bar = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 3.0, center, velocity=(1.0, 0.0)))
         tip = bd.PointOnLine("floor", mech.ground.at(0, 0), bar.at(0, 0))
-        mech.add(bd.Friction("rub", mech.add(tip), coefficient, regularization=1e-3))
+        mech.add(bd.Friction("rub", mech.add(tip), coefficient, friction_speed=1e-3))
         return mech
 
     # N (1 + 3 cos^2) + 3 mu |N| cos sin = m g: no solution N for mu above (1 + 1.5) / 1.5.
@@ -172,7 +172,7 @@ def test_painleve_paradox_is_reported():
 
 def test_tangents_are_derivatives():
     numeric = NumericEquations(
-        pendulum(regularization=0.5, static=0.4, stribeck=0.3, smoothing=0.7)
+        pendulum(friction_speed=0.5, static=0.4, stribeck=0.3, smoothing=0.7)
     )
     evaluator, q = numeric._evaluator, np.array([0.3, 0.2, 0.4])
     v, lam = np.array([0.2, -0.4, 1.1]), np.array([0.8, -0.5])
@@ -212,7 +212,7 @@ PIN, LINE = bd.Revolute("pin", *ENDS), bd.PointOnLine("line", *ENDS)
         ),
         (lambda: bd.Friction("f", LINE, 0.1, 1e-3, radius=1.0), "f: radius does not apply to lin"),
         (lambda: bd.Friction("f", LINE, -0.1, 1e-3), "f: coefficient must not be negative"),
-        (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: regularization must be positive, got 0"),
+        (lambda: bd.Friction("f", LINE, 0.1, 0.0), "f: friction_speed must be positive, got 0"),
         (lambda: bd.Friction("f", LINE, 0.1, 1e-3, smoothing=0), "f: smoothing must be positive"),
         (lambda: bd.Friction("f", LINE, 0.1, 1e-3, 0.2), "f: static and stribeck must be given to"),
         (
@@ -261,7 +261,7 @@ def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     mech.add(bd.Revolute("crank pin", crank.at(*pin), link.at(*pin)))
     mech.add(bd.Revolute("ram pin", link.at(0.6, 0.65), ram.at(0.6, 0.65)))
     guide = mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.65), ram.at(0.7, 0.65)))
-    mech.add(bd.Friction("rubbing", guide, 0.1, regularization=0.02, radius=0.2, smoothing=1.0))
+    mech.add(bd.Friction("rubbing", guide, 0.1, friction_speed=0.02, radius=0.2, smoothing=1.0))
     mech.observe("guide", guide.reaction)
     ida, radau = (bd.simulate(mech, i, t_end=3.0) for i in (bd.Ida(1e-5), bd.Radau(1e-8)))
     assert ida.quality.energy_imbalance < 1e-4

@@ -136,7 +136,7 @@ def test_observed_loads_of_a_run_have_units_and_integrate_to_the_ledger():
     block = mech.add(bd.RigidBody("block", 1.0, 0.01, velocity=(2.0, 0.0)))
     corner = block.at(0.1, 0.2)
     guide = mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
-    rub = mech.add(bd.Friction("rub", guide, 0.2, regularization=0.1, radius=0.1))
+    rub = mech.add(bd.Friction("rub", guide, 0.2, friction_speed=0.1, radius=0.1))
     push = mech.add(bd.Force("push", corner, (0.5, lambda t: -2.0 - t)))
     mech.observe("push", push.load_on("on"))
     mech.observe("push power", push.power)

@@ -192,7 +192,7 @@ def test_friction_acts_along_the_slide_direction():
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
     block = mech.add(bd.RigidBody("block", mass=2.0, inertia=0.1, velocity=(1.0, 0.0)))
     slot = mech.add(Slot("slot", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0)))
-    mech.add(bd.Friction("rub", slot, 0.3, regularization=1e-4))
+    mech.add(bd.Friction("rub", slot, 0.3, friction_speed=1e-4))
     mech.observe("block", block.at(0.0, 0.0))
     solution = bd.simulate(mech, bd.Radau(rtol=1e-8), t_end=0.1)
     assert_allclose(solution["block.x_dot"].iloc[-1], 1.0 - 0.3 * GRAVITY * 0.1, rtol=1e-6)

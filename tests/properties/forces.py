@@ -158,7 +158,7 @@ def friction(w, name, a, b, n):
         name,
         joint,
         n["friction"],
-        regularization=f.number(0.1, "m/s"),
+        friction_speed=f.number(0.1, "m/s"),
         smoothing=f.number(1e-3, "N"),
         **more,
     )

@@ -19,7 +19,7 @@ def particle_and_disk():
 
 PARTS_THAT_NEED_AN_ANGLE = {
     "friction in a bearing": lambda p, d: bd.Friction(
-        "rub", bd.Revolute("pin", p, d), 0.3, regularization=0.1, radius=0.1
+        "rub", bd.Revolute("pin", p, d), 0.3, friction_speed=0.1, radius=0.1
     ),
     "a line": lambda p, d: bd.PointOnLine("rub", p, d),
     "a driven travel": lambda p, d: bd.TranslationalDriver("rub", p, d, lambda t: 0.1 * t),

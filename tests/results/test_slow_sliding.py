@@ -89,13 +89,15 @@ def friction_warnings(mech, **settings):
             slider(0.5, 5.3),
             "of coefficient N, so that friction should hold it, but it creeps over 1.1",
         ),
+        # Loads above 95 % of the friction had no warning.
+        (slider(0.05, 0.99 * 0.3 * 2.0 * 9.81), "the load is 99 % of coefficient N, so that fric"),
         (slider(2e-3, 0.05, radius=0.02), "but it creeps over 0.0863 rad"),
         (
             glass(0.5, speed=0.0, push=0.3),
             "% of friction N, so that friction should hold it, but it creeps over 0.47",
         ),
     ],
-    ids=["guide", "near the limit", "bearing", "contact"],
+    ids=["guide", "near the limit", "at the limit", "bearing", "contact"],
 )
 def test_regression_loads_below_the_friction_that_creep_are_reported(mech, message, integrator):
     """Joints crept without a warning; those of contacts named a reduced friction as the cause."""
@@ -119,7 +121,7 @@ def test_regression_reduced_friction_peaks_are_reported():
     peak = {"static": 0.6, "stribeck": 0.02}
     (sentence, *_) = friction_warnings(slider(0.02, 8.0, **peak), t_end=0.01)
     assert "coefficient of 0.313 instead of static = 0.6" in sentence
-    assert "use regularization=0.001 or less" in sentence
+    assert "use friction_speed=0.001 or less" in sentence
     assert not friction_warnings(slider(0.001, 8.0, **peak), t_end=0.01)
     (check,) = [
         x for x in bd.check(slider(0.02, 8.0, **peak), t_end=0.01).warnings if "static = 0.6" in x

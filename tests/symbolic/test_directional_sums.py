@@ -18,7 +18,7 @@ def two_beams(formulation):
     disk = mech.add(bd.RigidBody.disk("disk", (1.0, 0.0), radius=0.1, mass=2.0))
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
     pin = mech.add(bd.Revolute("pin", beam.end, disk.at(1.0, 0.0)))
-    mech.add(bd.Friction("rubbing", pin, 0.1, regularization=0.01, radius=0.05))
+    mech.add(bd.Friction("rubbing", pin, 0.1, friction_speed=0.01, radius=0.05))
     floor = bd.LineSurface(mech.ground.at(0.0, -0.2), direction=(1.0, 0.0))
     mech.add(bd.Contact("floor", disk.at(1.0, -0.1), floor, stiffness=1e5))
     return bd.equations_of_motion(mech)

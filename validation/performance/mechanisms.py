@@ -66,7 +66,7 @@ def four_bar(flexible: bool = False, forces: tuple[str, ...] = ()) -> bd.Mechani
         tip = rocker.at(*rocker_end)
         mech.add(bd.Contact("stop", tip, stop, 2e5, restitution=0.6, impact_speed=1.0))
     if "friction" in forces:
-        mech.add(bd.Friction("rubbing", bearing, 0.2, regularization=0.01, radius=0.02))
+        mech.add(bd.Friction("rubbing", bearing, 0.2, friction_speed=0.01, radius=0.02))
     return mech
 
 

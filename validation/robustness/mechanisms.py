@@ -42,7 +42,6 @@ _ROWS = 400  # of a run
 _OTHER_WARNINGS = (
     "output rows miss",
     "is below friction_speed",
-    "is below regularization",
     "it creeps over",
     "friction reaches a coefficient",
     "where its value is held",

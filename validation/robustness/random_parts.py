@@ -147,7 +147,7 @@ def joint_friction(site: Site) -> None:
     if site.hinge is None:
         return damper(site)
     rng = site.rng
-    law = {"radius": site.size * site.log(0.01, 0.1), "regularization": site.log(1e-4, 1e-1)}
+    law = {"radius": site.size * site.log(0.01, 0.1), "friction_speed": site.log(1e-4, 1e-1)}
     if rng.random() < 0.4:
         law |= {"static": rng.uniform(0.5, 0.8), "stribeck": site.log(1e-2, 1e-1)}
     rub = bd.Friction(site.name("friction"), site.hinge, rng.uniform(0.1, 0.5), **law)

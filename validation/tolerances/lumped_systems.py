@@ -85,7 +85,7 @@ def stick_slip(speed=0.1, coefficient=0.3, static=0.5):
         )
     )
     contact = mech.add(bd.Prismatic("contact", belt.at(*foot), block.at(*foot)))
-    law = {"regularization": 1e-3, "static": static, "stribeck": 0.05, "radius": 0.05}
+    law = {"friction_speed": 1e-3, "static": static, "stribeck": 0.05, "radius": 0.05}
     rubbing = mech.add(bd.Friction("rubbing", contact, coefficient, **law))
     mech.add(bd.Spring("spring", ground.at(-1.0, 0.05), block.at(0.0, 0.05), stiffness=50.0))
     mech.observe("block", block.at(0.0, 0.05))

@@ -81,14 +81,14 @@ class _FrictionLaw:
     def evaluate(self, local: Local, a: Any, b: Any, geometry: Any, law: Any) -> tuple[SX, SX, SX]:
         """Return the travel [m], the sliding velocity [m/s] and the opposing friction force [N]."""
         travel = self.travel(a(local.q[: self.size]), b(local.q[self.size :]), geometry())
-        coefficient, peak, stribeck, regularization, smoothing = (law()[k] for k in range(5))
+        coefficient, peak, stribeck, friction_speed, smoothing = (law()[k] for k in range(5))
         velocity = local.dot(travel)
         normal_force = _smooth_magnitude(local.lam[list(self.forces)], smoothing)
         if self.moments:
             radius = geometry()[0]
             moments = local.lam[list(self.moments)]
             normal_force += _smooth_magnitude(moments, smoothing * radius) / radius
-        shape = ca.tanh(velocity / regularization) * (
+        shape = ca.tanh(velocity / friction_speed) * (
             1.0 + peak * ca.exp(-((velocity / stribeck) ** 2))
         )
         return travel, velocity, coefficient * normal_force * shape
@@ -120,7 +120,7 @@ class _FrictionReaction:
 class Friction(ObservableLoad):
     """Regularized Coulomb friction in a hinge or a guide, with Stribeck effect.
 
-    F = coefficient |N| tanh(v / regularization) (1 + (static / coefficient - 1)
+    F = coefficient |N| tanh(v / friction_speed) (1 + (static / coefficient - 1)
     exp(-(v / stribeck)^2)), where v is the sliding velocity and N the reaction of the joint. In a
     `Revolute`, v is the velocity of the rim of the bearing, and F acts at the radius of the
     bearing. In a guide (`PointOnLine`, `Prismatic` and other joints with a `slide_direction`), v is
@@ -137,13 +137,13 @@ class Friction(ObservableLoad):
         Unique name, and the joint with friction.
     coefficient
         Kinetic coefficient of friction [-].
-    regularization
+    friction_speed
         Sliding velocity [m/s] at which friction reaches 76 % of its full value. At a reversal,
         integrators need steps of about this velocity divided by the acceleration.
     static, stribeck
         Static coefficient of friction [-], and the velocity scale [m/s] of the decrease from the
         static to the kinetic coefficient. If both are omitted, the coefficient does not depend on
-        the velocity. `regularization` should be at most a twentieth of `stribeck`: with a fifth,
+        the velocity. `friction_speed` should be at most a twentieth of `stribeck`: with a fifth,
         the largest friction is up to 16 % below the static friction, with a tenth up to 7 %, with a
         twentieth up to 3 %. Runs warn above 5 %.
     radius
@@ -167,13 +167,13 @@ class Friction(ObservableLoad):
     >>> mech = bd.Mechanism(gravity=(0.0, -9.81))
     >>> block = mech.add(bd.RigidBody("block", mass=1.0, inertia=0.01, velocity=(2.0, 0.0)))
     >>> guide = bd.Prismatic("guide", mech.ground.at(0.0, 0.0), block.at(0.0, 0.0))
-    >>> rub = bd.Friction("rub", mech.add(guide), 0.2, regularization=1e-3, radius=0.1)
+    >>> rub = bd.Friction("rub", mech.add(guide), 0.2, friction_speed=1e-3, radius=0.1)
     """
 
     name: str
     joint: Joint
     coefficient: float
-    regularization: float
+    friction_speed: float
     static: float | None = None
     stribeck: float | None = None
     radius: float | None = None
@@ -194,7 +194,7 @@ class Friction(ObservableLoad):
             require_angle(name, self.joint.b)
         set_fields(
             self,
-            regularization=require_positive(name, "regularization", self.regularization),
+            friction_speed=require_positive(name, "friction_speed", self.friction_speed),
             smoothing=require_positive(name, "smoothing", self.smoothing),
             coefficient=require_non_negative(name, "coefficient", self.coefficient),
         )
@@ -242,7 +242,7 @@ class Friction(ObservableLoad):
         peak, stribeck = 0.0, 1.0
         if self.static is not None and self.stribeck is not None:
             peak, stribeck = self.static / self.coefficient - 1.0, self.stribeck
-        law = (self.coefficient, peak, stribeck, self.regularization, self.smoothing)
+        law = (self.coefficient, peak, stribeck, self.friction_speed, self.smoothing)
         return (
             self.joint.a.checked_kinematics,
             self.joint.b.checked_kinematics,
@@ -273,9 +273,9 @@ class Friction(ObservableLoad):
             self.coefficient,
             self.static,
             self.stribeck,
-            self.regularization,
+            self.friction_speed,
             "coefficient",
-            "regularization",
+            "friction_speed",
             self.smoothing,
             is_contact=False,
             radius=self.radius if self._is_bearing else None,

@@ -291,7 +291,7 @@ PART_CALLS: dict[str, WorkingCall] = {
             "name": "friction",
             "joint": _slider_on_rail(box),
             "coefficient": 0.2,
-            "regularization": 0.1,
+            "friction_speed": 0.1,
         },
         run_with_part,
     ),
