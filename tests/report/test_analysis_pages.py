@@ -516,14 +516,26 @@ def test_regression_multiples_of_the_speed_are_drawn_from_speed_zero(show):
     assert "Infinity" not in path
 
 
-@pytest.mark.slow(reason="opens four pages in two color schemes")
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_pages_of_curves_have_no_violations(response, rotor, open_page, scheme):
-    for page in (build_response_page(response, "shaken"), build_campbell_page(rotor, "rotor")):
-        for size in ({"width": 1366, "height": 768}, {"width": 390, "height": 844}):
-            tab = open_page(page, viewport=size, color_scheme=scheme, bypass_csp=True)
-            assert find_violations(tab) == []
-            assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]
+@pytest.mark.slow(reason="opens seven pages")
+@pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
+def test_pages_of_analyses_have_no_violations(
+    path, column, shaken, response, rotor, oscillator, open_page, scheme, size
+):
+    pages = (
+        build_path_page(path, "truss"),
+        build_modes_page(bd.modes(column, n=3), "modes"),
+        build_modes_page(bd.buckling(column), "buckling"),
+        build_periodic_page(shaken, "shaken"),
+        build_response_page(response, "shaken"),
+        build_campbell_page(rotor, "rotor"),
+        build_linear_page(bd.linearize(oscillator, inputs=["push"]), "oscillator"),
+    )
+    window = dict(zip(("width", "height"), size, strict=True))
+    for page in pages:
+        tab = open_page(page, viewport=window, color_scheme=scheme, bypass_csp=True)
+        assert find_violations(tab) == []
+        assert tab.evaluate("document.documentElement.scrollWidth") <= window["width"]
+        tab.close()
 
 
 def test_regression_modes_above_the_excitations_do_not_hide_the_resonances(show):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pages import find_violations
 
 import beamdae as bd
 from beamdae.report.fit_page import build_fit_page
@@ -41,6 +42,13 @@ def test_the_page_opens_on_the_measured_column(fit, show):
     points = panel.locator(".plot path.curve.data").get_attribute("d")
     assert (panel.locator(".plot path.curve").count(), points.count("M")) == (2, len(TIMES))
     assert not tab.locator("#errors").is_visible()
+
+
+def test_the_page_has_no_violations(fit, open_page):
+    size = {"width": 390, "height": 844}
+    tab = open_page(build_fit_page(fit, "pendulum"), viewport=size, color_scheme="dark")
+    assert find_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]
 
 
 def test_units_of_estimates_are_in_the_file(fit, tmp_path):

@@ -154,4 +154,7 @@ def test_the_live_view_has_no_violations(browser, live, scheme):
     tab.goto(live.url)
     wait_for_run(tab)
     assert find_violations(tab) == []
+    # The last column of the results was beyond the edge of the screen.
+    overflow = "(box) => box.scrollWidth - box.clientWidth"
+    assert tab.locator("#results .scroll").evaluate(overflow) == 0
     context.close()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import selected_options
+from pages import find_violations, selected_options
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
@@ -99,3 +99,15 @@ def test_the_page_of_a_failed_run_shows_its_status_and_last_time(run, show):
     # The curve and the cross at its end.
     assert tab.locator("[data-chart=observed] path.curve").count() == 2
     assert not tab.locator("#unplotted").is_visible()
+
+
+@pytest.mark.slow(reason="axe-core tests two pages")
+@pytest.mark.parametrize(("scheme", "size"), [("light", (1366, 768)), ("dark", (390, 844))])
+def test_the_page_has_no_violations(run, open_page, size, scheme):
+    errors = {"error over half the range": np.full(len(run.columns), 1.9e-6)}
+    certificate = {"accuracy": "0.01 of half the range of a column"}
+    page = build_run_page(run, "arm", None, errors, ["A warning."], certificate)
+    width, height = size
+    tab = open_page(page, viewport={"width": width, "height": height}, color_scheme=scheme)
+    assert find_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width

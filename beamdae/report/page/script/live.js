@@ -222,7 +222,8 @@ function showResults({ warnings, table }) {
   byId("results").hidden = !table.rows.length && !warnings.length;
   byId("notes").hidden = !warnings.length;
   byId("notes").replaceChildren(...warnings.map((text) => html("li", {}, text)));
-  const createRow = (cells, tag) => html("tr", {}, ...cells.map((cell) => html(tag, {}, cell)));
+  const createCell = (tag) => (cell, k) => html(tag, { class: k > 0 && "number" }, cell);
+  const createRow = (cells, tag) => html("tr", {}, ...cells.map(createCell(tag)));
   byId("table").replaceChildren(
     html("thead", {}, createRow(table.head, "th")),
     html("tbody", {}, ...table.rows.map((cells) => createRow(cells, "td"))),
