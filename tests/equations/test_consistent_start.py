@@ -428,3 +428,13 @@ def test_a_struck_chain_keeps_the_given_velocity():
     e = NumericEquations(mech).equations
     state = ConsistencySolver(e).start_state(np.zeros(2), e.q0, e.v0)
     assert_allclose(state.v, (0.5, 0.0, 0.5, 0.0), atol=1e-11)
+
+
+@pytest.mark.parametrize("start", ["equilibrium", bd.rotation(3.0)], ids=["rest", "rotation"])
+def test_regression_given_velocities_that_a_start_does_not_use_are_named(start):
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1, angular_velocity=5.0))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match="the given velocity of wheel is not used"):
+        solution = bd.simulate(mech, t_end=0.1, start=start)
+    assert sum("is not used" in x for x in solution.warnings) == 1

@@ -17,7 +17,7 @@ from beamdae.equations.starts.least_strain import minimize_strain, solve_least_c
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.steady_rotation import find_steady_rotation, rotation_velocities
-from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.errors import BeamdaeError, list_first, short_repr, suggest, warn_user
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.parts.rotation import Rotation
@@ -30,6 +30,7 @@ _MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method
 _CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to max(1, characteristic length)
 _VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
 _MAX_ITERATIONS = 30
+_MAX_NAMES = 4  # in a sentence
 
 
 def apply_initial_conditions(
@@ -84,7 +85,23 @@ def _solve_initial_conditions(
         v = _project_velocities(independent, time, q, requested_v, list(velocities))
         description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
         request = Start(description or AS_DRAWN, requested_q, requested_v, bool(positions))
-    return replace(equations, q0=q, v0=v, start=request)
+    sentences = equations.build_warnings
+    if request.description == EQUILIBRIUM or isinstance(start, Rotation):
+        sentences += _warn_of_unused_velocities(equations, request.description)
+    return replace(equations, q0=q, v0=v, start=request, build_warnings=sentences)
+
+
+def _warn_of_unused_velocities(e: EquationsOfMotion, description: str) -> tuple[str, ...]:
+    """Issue and return a warning of bodies whose given velocities are not used, if any."""
+    moving = [x.name for x in e.parts if not x.is_state and np.any(e.v0[x.rows])]
+    if not moving:
+        return ()
+    sentence = (
+        f"start: the given velocity of {list_first(moving, _MAX_NAMES)} is not used, because the "
+        f"run starts in {description}; remove it, or use start= with velocities by name."
+    )
+    warn_user(sentence)
+    return (sentence,)
 
 
 def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> tuple[Array, Array]:
