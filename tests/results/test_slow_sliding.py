@@ -90,7 +90,7 @@ def friction_warnings(mech, **settings):
             "of coefficient N, so that friction should hold it, but it creeps over 1.1",
         ),
         # Loads above 95 % of the friction had no warning.
-        (slider(0.05, 0.99 * 0.3 * 2.0 * 9.81), "the load is 99 % of coefficient N, so that fric"),
+        (slider(0.01, 0.99 * 0.3 * 2.0 * 9.81), "the load is 99 % of coefficient N, so that fric"),
         (slider(2e-3, 0.05, radius=0.02), "but it creeps over 0.0863 rad"),
         (
             glass(0.5, speed=0.0, push=0.3),
