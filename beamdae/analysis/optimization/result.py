@@ -342,9 +342,9 @@ def _check_maxima(
             if 0.0 < value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
                 excess, bound = 100.0 * (largest / value - 1.0), limit.bound
                 messages.append(
-                    f"The largest magnitude of {term.column} in the run is {largest:.4g}, "
-                    f"{excess:.1f} % above its smooth approximation, whose limit is {bound:.4g}; "
-                    f"to keep the magnitude below {bound:.4g}, repeat the optimization with the "
-                    f"limit {bound * value / largest:.4g}."
+                    f"The largest magnitude of {term.column} in the run of the design is "
+                    f"{largest:.4g}, {excess:.1f} % above its smooth maximum, which is at its "
+                    f"limit of {bound:.4g}; to keep the magnitude itself below a value, set the "
+                    f"limit to {value / largest:.3f} of this value."
                 )
     return tuple(messages)
