@@ -244,6 +244,7 @@ class _RunInProgress:
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
+        self._is_resumable = isinstance(self.method, ResumableMethod)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampler = Sampler(equations)
         self._detector = EventDetector(equations) if equations.events else None
@@ -378,9 +379,9 @@ class _RunInProgress:
         if self._history.count == 1:
             # An event at the time of the sample has begun this segment: the method has not.
             return None
-        if not isinstance(self.method, ResumableMethod):
+        if not self._is_resumable:
             return None
-        return self.method.resume(start, self._interval_ends[0], state.q)
+        return cast(ResumableMethod, self.method).resume(start, self._interval_ends[0], state.q)
 
     def _restart_state(self, start: float, branch: float, state: State) -> State:
         """Return a state consistent with the laws after the breakpoint `start` [s]."""
@@ -582,6 +583,7 @@ class _RunInProgress:
             self._configuration, self._plan = result.configuration, result.plan
             self._interval_ends = result.ends
             self.method = self.methods.get(result.plan, result.configuration)
+            self._is_resumable = isinstance(self.method, ResumableMethod)
             self._force_detector = self._detect_force_peaks()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")

@@ -207,8 +207,8 @@ class StepHistory:
     @property
     def last_state(self) -> State:
         """State of the last row."""
-        values = self._last_row[1:]
-        return State(*np.split(values, [end - 1 for end in self._column_ends[1:-1]]))
+        row, ends = self._last_row, self._column_ends
+        return State(*(row[first:last] for first, last in pairwise(ends)))
 
     @property
     def end(self) -> float:
