@@ -136,6 +136,24 @@ def directional_plan(
     )
 
 
+def tangent_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
+    """Return a `directional_plan` that gathers tangents alone.
+
+    For several directions at one point, x is gathered once: the `Sum` of the result shares the
+    array `local` with that of `plan`, which is evaluated for the first direction. `n_inputs` is the
+    size of x.
+    """
+    table = plan.batch_table.copy()
+    columns: dict[str, Array] = {}
+    for kind, end in (("pick", 2), ("gather", 3)):
+        is_tangent = getattr(plan, f"{kind}_sources") >= n_inputs
+        counts = np.concatenate([[0], np.cumsum(is_tangent)])
+        table[:, end] = counts[plan.batch_table[:, end]]
+        names = [f"{kind}_targets", f"{kind}_sources"] + ["gather_weights"] * (kind == "gather")
+        columns |= {name: getattr(plan, name)[is_tangent] for name in names}
+    return replace(plan, batch_table=table, **columns)
+
+
 def group_by_batch(count: int, *batches: Array) -> tuple[Array, Array]:
     """Return the order that sorts entries by batch, and the end of each batch in this order."""
     batch = np.concatenate(batches)

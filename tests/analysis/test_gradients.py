@@ -8,7 +8,7 @@ from quick_return import quick_return
 from slider_crank import slider_crank
 
 import beamdae as bd
-from beamdae.analysis.gradients import number_derivatives
+from beamdae.analysis.gradients import gradients, number_derivatives
 from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
 from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.equations.formulations.step_equations import formulate_step
@@ -173,6 +173,38 @@ def test_adjoint_agrees_with_forward_derivatives():
     assert_agrees_with_forward(oscillator, by, 0.2, method)
     # Negative damping is rejected: differences of the model are one-sided.
     assert_agrees_with_forward(oscillator, by, 0.1, method, {"damping": 0.0})
+
+
+@bd.model(t_end=0.2)
+def loaded(stiffness=40.0, load=0.0, speed=SPEED):
+    """Oscillator with a force that is missing in the equations without load."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+    if load:
+        mech.add(bd.Force("load", mass.point, (load, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=2e-3), bd.Radau()], ids=repr)
+def test_forces_that_vanish_share_the_steps_of_the_other_parameters(method, monkeypatch):
+    sweeps, transpose = [], gradients.transpose_run
+
+    def count(objective, run, phases):
+        sweeps.append(phases)
+        return transpose(objective, run, phases)
+
+    monkeypatch.setattr(gradients, "transpose_run", count)
+    assert_agrees_with_forward(loaded, ["stiffness", "load", "speed"], 0.2, method)
+    assert len(sweeps) == 1
+    result = bd.sensitivities(loaded, ["speed", "load"], method, estimate_error=False)
+    actual = result.sensitivity("mass.x", "load").to_numpy()
+    expected = (1.0 - np.cos(np.sqrt(40.0 / MASS) * result.t)) / 40.0
+    np.testing.assert_allclose(actual, expected, atol=1e-4 * expected.max())
+    alone = bd.sensitivities(loaded, "load", method, estimate_error=False)
+    np.testing.assert_array_equal(actual, alone.sensitivity("mass.x", "load").to_numpy())
 
 
 @pytest.mark.slow(reason="half a second and more")

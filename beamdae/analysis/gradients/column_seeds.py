@@ -21,6 +21,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import time_derivativ
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.structure import cache_on_owner
 from beamdae.errors import BeamdaeError
+from beamdae.results.columns import remove_unit
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
@@ -208,12 +209,16 @@ def _locate_column(equations: EquationsOfMotion, name: str) -> tuple[int | None,
 
     Coordinates have None in place of the observable.
     """
-    coordinates = coordinate_headers(equations)[1:]
     observed = {
         header: (number, column)
         for number, o in enumerate(equations.observables)
         for column, header in enumerate(o.headers)
     }
+    # Observed columns take precedence, and the headers of all coordinates take long to compare.
+    matches = [header for header in observed if name in (header, remove_unit(header))]
+    if len(matches) == 1:
+        return observed[matches[0]]
+    coordinates = coordinate_headers(equations)[1:]
     header = select_column(name, coordinates, list(observed))
     return observed[header] if header in observed else (None, coordinates.index(header))
 

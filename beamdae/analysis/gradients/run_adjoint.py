@@ -340,8 +340,9 @@ class _RunSweep:
         """Return the derivatives with respect to the state at the start of the steps."""
         interval, method = self._intervals[k], self._run.method
         run = self._run.solution.equations
-        has_further_forces = locate_numbers(run, adjoint.equations) is not None
-        steps_of = run if has_further_forces else adjoint.equations
+        e = adjoint.equations
+        has_further_forces = e.structure != run.structure and locate_numbers(run, e) is not None
+        steps_of = run if has_further_forces else e
         if isinstance(method, Radau):
             return transpose_radau_steps(adjoint, steps_of, interval, by_nodes)
         return transpose_alpha_steps(method, adjoint, steps_of, interval, by_nodes[1:])

@@ -23,8 +23,10 @@ from beamdae.equations.formulations.step_equations import (
     StepPrediction,
     evaluate_matrix_at_state,
     formulate_step,
+    plan_step_sums,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
     JERK_INTERVAL,
@@ -71,8 +73,9 @@ class ReplayWorkspace:
     ----------
     form, linear, nonzeros
         Equations of a step, and the linear solver and non-zeros of their matrix.
-    directional, inputs
-        Directional derivative of the residual, and its inputs (motion, its direction, dp).
+    directional, tangent, inputs
+        Directional derivative of the residual, the same sum for further directions at the same
+        motion, see `tangent_plan`, and their inputs (motion, its direction, dp).
     further, further_inputs, residual, further_numbers, is_further
         Directional derivative with further forces, its inputs and its result, and the numbers and
         the directions that have them, see `FurtherForces`.
@@ -113,6 +116,7 @@ class ReplayWorkspace:
     linear: Any
     nonzeros: Array
     directional: Sum
+    tangent: Sum
     inputs: Array
     further: Sum
     further_inputs: Array
@@ -169,6 +173,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
         t, row = run.times[run.step + 1], run.row
         copy_state(run.states, run.step + 1, row)
         set_time(run.directional, t, run.branch)
+        set_time(run.tangent, t, run.branch)
         combine(inputs[: 3 * n + m], (1.0,), (row,))
         for k in range(count):
             q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
@@ -178,7 +183,10 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(inputs[motion : motion + n], (1.0,), (q,))
             combine(inputs[motion + n : motion + 2 * n], (1.0,), (v,))
             combine(inputs[2 * motion :], (1.0,), (run.numbers[k],))
-            evaluate_sum(run.directional, inputs, change)
+            if k == 0:
+                evaluate_sum(run.directional, inputs, change)
+            else:
+                evaluate_sum(run.tangent, inputs, change)
             if run.is_further[k] == 1:
                 _add_further_forces(run, t, k)
             combine(change[:n], (c[2],), (change[:n],))
@@ -349,7 +357,7 @@ def differentiate_alpha_steps(
     ]
 
     def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
+        return x.directional_plan(_plan_residual, 4 * n + 2 * m)
 
     plan = further_plan = directional(along)
     if further.is_present.any():
@@ -362,11 +370,13 @@ def differentiate_alpha_steps(
     def make_workspace(native: bool) -> ReplayWorkspace:
         q, v, a, before = np.zeros((4, n))
         linear, max_batch = make_step_solver(native, matrix)
+        directional, tangent = along.directional_sums(_plan_residual, 4 * n + 2 * m, native)
         return ReplayWorkspace(
             form=form.buffers(native),
             linear=linear,
             nonzeros=matrix.nonzeros,
-            directional=plan.sum(native, equations.p),
+            directional=directional,
+            tangent=tangent,
             inputs=np.zeros(2 * (4 * n + 2 * m) + numbers.shape[1]),
             further=further_plan.sum(native, further.equations.p),
             further_inputs=np.zeros(2 * (4 * n + 2 * m) + further.numbers.shape[1]),
@@ -425,6 +435,10 @@ def differentiate_alpha_steps(
                 f"{times[run.step + 1]:g} s; use a smaller step, or check the model."
             )
     return results.reshape(steps + 1, count, 3 * n + m)
+
+
+def _plan_residual(structure: Structure) -> SumPlan:
+    return plan_step_sums(structure, False)[1][0]
 
 
 def _set_time_rates(

@@ -21,12 +21,14 @@ from beamdae.equations.formulations.first_order import (
     FirstOrderForm,
     evaluate_residual,
     formulate_first_order,
+    plan_residual,
 )
 from beamdae.equations.formulations.kinematic_reduction import (
     KinematicReduction,
     reduce_kinematics,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import MotionScales
@@ -364,6 +366,10 @@ def _store_derivatives(replay: RadauReplay, k: int) -> None:
     combine(replay.yp[k], (1.0,), (run.rates[2],))
 
 
+def _plan_residual(structure: Structure) -> SumPlan:
+    return plan_residual(structure, STABILIZED_FORM)
+
+
 def differentiate_radau_steps(
     derivatives: StartDerivatives,
     interval: Interval,
@@ -406,9 +412,7 @@ def differentiate_radau_steps(
     matrices_of_stages = StageMatrices.of(form)
 
     def directional(x: StartDerivatives) -> SumPlan:
-        return x.directional_plan(
-            lambda e: formulate_first_order(e, STABILIZED_FORM, apart=True).sums[0], 2 * size
-        )
+        return x.directional_plan(_plan_residual, 2 * size)
 
     plan = further_plan = directional(derivatives)
     if further.is_present.any():

@@ -21,8 +21,9 @@ from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.integrators.alpha.workspace import Motion
 from beamdae.linear.factorizations import Factorization, create_factorization
-from beamdae.symbolic.directional_sums import directional_plan
+from beamdae.symbolic.directional_sums import directional_plan, tangent_plan
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 
@@ -57,6 +58,20 @@ def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan, SumP
         directional_plan(sums.saddle, size, min_base=MIN_STIFF_PENETRATION),
         directional_plan(sums.levels, size),
     )
+
+
+@cache_on_owner
+def _plan_directional_sum(
+    structure: Structure, plan: Callable[[Structure], SumPlan], n_inputs: int, min_base: float
+) -> SumPlan:
+    return directional_plan(plan(structure), n_inputs, min_base=min_base)
+
+
+@cache_on_owner
+def _plan_tangents(
+    structure: Structure, plan: Callable[[Structure], SumPlan], n_inputs: int
+) -> SumPlan:
+    return tangent_plan(_plan_directional_sum(structure, plan, n_inputs, 0.0), n_inputs)
 
 
 @dataclass(eq=False)
@@ -101,23 +116,45 @@ class StartDerivatives:
     solver: ConsistencySolver
     moving: Difference | None = None
     _states: _Store = field(default_factory=lambda: _Store(_MAX_STATES), init=False, repr=False)
+    _levels_of_states: _Store = field(
+        default_factory=lambda: _Store(_MAX_STATES), init=False, repr=False
+    )
     _directions: _Store = field(
         default_factory=lambda: _Store(_MAX_DIRECTIONS), init=False, repr=False
     )
 
     def directional_plan(
         self,
-        plan: Callable[[EquationsOfMotion], SumPlan],
+        plan: Callable[[Structure], SumPlan],
         n_inputs: int,
         min_base: float = 0.0,
     ) -> SumPlan:
         """Return the directional derivative of a sum with inputs of size `n_inputs`.
 
-        `plan` returns the plan of the sum of equations. For `min_base`, see `expand_powers`.
+        `plan` returns the plan of the sum of a structure; it is a function of a module, because
+        plans are cached by function. For `min_base`, see `expand_powers`.
         """
         if self.moving is not None:
-            return directional_plan_along(self.moving, plan, n_inputs, min_base)
-        return directional_plan(plan(self.equations), n_inputs, min_base=min_base)
+            return directional_plan_along(
+                self.moving, lambda e: plan(e.structure), n_inputs, min_base
+            )
+        return _plan_directional_sum(self.equations.structure, plan, n_inputs, min_base)
+
+    def directional_sums(
+        self, plan: Callable[[Structure], SumPlan], n_inputs: int, native: bool
+    ) -> tuple[Sum, Sum]:
+        """Return the sum of `directional_plan`, and that for further directions at a point.
+
+        The second sum gathers tangents alone, see `tangent_plan`, unless operators depend on the
+        parameter.
+        """
+        p = self.equations.p
+        first = self.directional_plan(plan, n_inputs).sum(native, p)
+        if self.moving is not None:
+            return first, first
+        further = _plan_tangents(self.equations.structure, plan, n_inputs).sum(native, p)
+        further.local = first.local
+        return first, further
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -145,11 +182,11 @@ class StartDerivatives:
         if self.moving is None:
             return _plan_directional_sums(self.equations.structure)
         size = 3 * self.equations.n + self.equations.m
-        motion = self.directional_plan(lambda e: plan_state_sums(e.structure).motion, size)
+        motion = self.directional_plan(lambda x: plan_state_sums(x).motion, size)
         saddle = self.directional_plan(
-            lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
+            lambda x: plan_state_sums(x).saddle, size, MIN_STIFF_PENETRATION
         )
-        levels = self.directional_plan(lambda e: plan_state_sums(e.structure).levels, size)
+        levels = self.directional_plan(lambda x: plan_state_sums(x).levels, size)
         return motion, saddle, levels
 
     def consistent_state(
@@ -223,7 +260,7 @@ class StartDerivatives:
         if e.m == 0:
             return dq
         gap = self._evaluate_levels(time, State(q, *self._zeros), State(dq, *self._zeros), dp)[0]
-        gap_rate = self.solver.constraint_levels(time, q)[1]
+        gap_rate = self._constraint_levels(time, q)[1].copy()
         gap_rate[e.nonholonomic_rows] = 0.0
         gap = gap + dt * gap_rate
         factors = self._factorize(time, q, np.zeros(e.n), _CLOSING)
@@ -332,7 +369,7 @@ class StartDerivatives:
         self, time: Array, at: State, along: State, dp: Array, dt: float
     ) -> tuple[Array, Array]:
         """Return g_dot at (q, v), and its derivative along (dq, dv, dp, dt), (m,) each."""
-        levels = self.solver.constraint_levels(time, at.q, at.v)
+        levels = self._constraint_levels(time, at.q, at.v)
         change = self._evaluate_levels(time, at, along, dp)[1]
         if dt:
             # The partial derivative with respect to t is what g_ddot contains beyond that of q.
@@ -359,12 +396,15 @@ class StartDerivatives:
         rest = at._replace(a=np.zeros(e.n))
         along = State(along.q, along.v, *self._zeros[1:])
         force, levels = self._evaluate_motion(time, rest, along, dp)
-        matrix = self._matrix_change(time, rest, along, dp, coefficients)
-        gradient = matrix[e.n :, : e.n]
-        top = force + matrix[: e.n, : e.n] @ at.a + gradient.T @ at.lam
-        bottom = levels[2] + gradient @ at.a
+        change = self._nonzero_changes(time, rest, along, dp, coefficients)
+        row, column = self._entries
+        # The matrix acts on the accelerations, and its block G on the multipliers by G^T.
+        total = self._multiply(change, np.concatenate([at.a, self._zeros[2]]))
+        reactions = np.concatenate([self._zeros[0], at.lam])
+        total[: e.n] += np.bincount(column, change * reactions[row], e.n + e.m)[: e.n]
+        total += np.concatenate([force, levels[2]])
         factors = self._factorize(time, at.q, at.v, coefficients, at.lam)
-        solution = factors.solve(-np.concatenate([top, bottom]))
+        solution = factors.solve(-total)
         return solution[: e.n], solution[e.n :]
 
     def normal_jerk(
@@ -398,7 +438,7 @@ class StartDerivatives:
         moved = [(move(at, d), move(along, d)) for d in (delta, -delta)]
         b = difference(
             [
-                self.solver.constraint_levels(t, *here[:3])[2]
+                self._constraint_levels(t, *here[:3])[2]
                 for t, (here, _) in zip(times, moved, strict=True)
             ]
         )
@@ -495,6 +535,30 @@ class StartDerivatives:
     ) -> sp.csc_array:
         """Return the derivative dA of the saddle-point matrix."""
         pattern = self._sums.saddle_pattern
+        nonzeros = self._nonzero_changes(time, at, along, dp, coefficients, dt)
+        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    @cached_property
+    def _entries(self) -> tuple[Array, Array]:
+        """Rows and columns of the non-zeros of the saddle-point matrix."""
+        pattern = self._sums.saddle_pattern
+        return pattern.indices, column_indices(pattern)
+
+    def _multiply(self, nonzeros: Array, x: Array) -> Array:
+        """Return A x for non-zeros of the saddle-point matrix, without building the matrix."""
+        row, column = self._entries
+        return np.bincount(row, nonzeros * x[column], len(x))
+
+    def _nonzero_changes(
+        self,
+        time: Array,
+        at: State,
+        along: State,
+        dp: Array,
+        coefficients: tuple[float, float, float],
+        dt: float = 0.0,
+    ) -> Array:
+        """Return the derivative of the non-zeros of the saddle-point matrix."""
         nonzeros = self._differentiate_nonzeros(time, at, along, dp, coefficients)
         if dt:
             # Matrices that contain the time are rare; this derivative is zero for the others.
@@ -504,7 +568,7 @@ class StartDerivatives:
                 for d in (delta, -delta)
             )
             nonzeros = nonzeros + dt * (ahead - behind) / (2.0 * delta)
-        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+        return nonzeros
 
     def _differentiate_nonzeros(
         self,
@@ -531,6 +595,14 @@ class StartDerivatives:
             return nonzeros
 
         return self._directions.get(coefficients, (time, inputs), build)
+
+    def _constraint_levels(
+        self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
+    ) -> Array:
+        """Return `ConsistencySolver.constraint_levels`, the same for all directions."""
+        return self._levels_of_states.get(
+            (), (time, q, v, a), lambda: self.solver.constraint_levels(time, q, v, a)
+        )
 
     def _factorize(
         self,
@@ -561,8 +633,8 @@ class StartDerivatives:
         """Return z and dz with A z = b and A dz = db - dA z."""
         factors = self._factorize(time, at.q, at.v, coefficients)
         z = factors.solve(b)
-        change = self._matrix_change(time, at, along, dp, coefficients, dt)
-        return z, factors.solve(db - change @ z)
+        change = self._nonzero_changes(time, at, along, dp, coefficients, dt)
+        return z, factors.solve(db - self._multiply(change, z))
 
     def _saddle_matrix(self, time: Array, at: State) -> sp.csc_array:
         """Return [[M, G^T], [G, 0]]."""
