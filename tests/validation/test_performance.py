@@ -101,7 +101,7 @@ def test_missing_exudyn_is_reported():
 def test_cost_of_gradients():
     import gradients
 
-    row = gradients.measure("hub_beam", 0.02, 1)
+    row = gradients.measure("hub_beam, 1", "GeneralizedAlpha", 0.02, 1)
     assert row["parameters"] == 1
     assert row["sweep [ms]"] > 0.0
     assert row["model function [ms]"] > 0.0

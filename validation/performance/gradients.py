@@ -1,14 +1,14 @@
 """Cost of gradients by the adjoint, relative to the run that is differentiated.
 
-    python validation/performance/gradients.py            two minutes
+    python validation/performance/gradients.py            three minutes
     python validation/performance/gradients.py --quick    half a second of motion, one round
 
 Processor times of the run with the default tolerance, of the backward sweep (with the derivatives
 of the objective and of the start), of the differences of the model function, and of the whole
-gradient, which includes a run with a Newton tolerance of 1e-10, and a run and a sweep with twice
-the step to estimate the error. The actions take turns, and the smallest times are reported.
-"gradient" is a first call; "later gradient" is a further call of the same model, which knows which
-parameters affect which numbers.
+gradient, which includes a run with a Newton tolerance of 1e-10. The actions take turns, and the
+smallest times are reported. "gradient" is a first call; "later gradient" is a further call of the
+same model, which knows which parameters affect which numbers. "with estimate" is a first call that
+also estimates the error, by runs and sweeps with other steps.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from measurement import RESULTS, time_action, time_in_turns, write_table
 import beamdae as bd
 from beamdae.analysis.gradients import gradients, number_derivatives
 
-STEP = 8e-4  # s
+METHODS = {"GeneralizedAlpha": bd.GeneralizedAlpha(step=8e-4), "Radau": bd.Radau()}
 ROUNDS = 5
 MODELS = Path(__file__).resolve().parents[2] / "models"
 COEFFICIENTS = 100
+PARTS = ("sweep", "model", "gradient", "later", "estimate")
 
 
 @bd.model(t_end=2.0)
@@ -72,26 +73,28 @@ def arm(
 
 
 CASES: dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]] = {
-    "hub_beam": ("hub_beam", ("torque",), {}),
+    "hub_beam, 1": ("hub_beam", ("torque",), {}),
     "hub_beam, 5": (
         "hub_beam",
         ("density", "subtended", "length", "torque", "frequency"),
         {},
     ),
     "pendulum, 5": ("pendulum", ("tip_mass", "damping", "angle", "radius", "air_drag"), {}),
+    "four_bar, 4": ("four_bar", ("speed", "height", "stiffness", "damping"), {}),
     "thickness": (arm, ("thickness",), {}),
     "axis": (arm, ("waves",), {"waves": (1e-3,) * COEFFICIENTS}),
 }
 
 
-def measure(name: str, t_end: float, rounds: int) -> dict[str, Any]:
+def measure(name: str, integrator: str, t_end: float, rounds: int) -> dict[str, Any]:
     """Return the times of one case."""
     model, by, parameters = CASES[name]
     model = bd.load_model(MODELS / f"{model}.py") if isinstance(model, str) else model
-    method = bd.GeneralizedAlpha(step=STEP)
+    method = METHODS[integrator]
     equations = bd.equations_of_motion(model(**parameters))
     times = np.linspace(0.0, t_end, 1001)
-    objective = bd.EndValue("tip.y") + bd.SmoothMaximum("tip.x")
+    point = "rocker" if name.startswith("four_bar") else "tip"
+    objective = bd.EndValue(f"{point}.y") + bd.SmoothMaximum(f"{point}.x")
     parts = {"sweep": 0.0, "model": 0.0}
     derivatives = np.zeros(0)
 
@@ -110,7 +113,7 @@ def measure(name: str, t_end: float, rounds: int) -> dict[str, Any]:
         if part != "later":
             # The search for the numbers that parameters affect, which only the first call needs.
             number_derivatives._latest_masks.clear()
-        is_total = part in ("gradient", "later")
+        is_total = part in ("gradient", "later", "estimate")
         begin = time.process_time()
         with (
             patch.object(gradients, "transpose_run", timed("sweep", gradients.transpose_run)),
@@ -127,29 +130,30 @@ def measure(name: str, t_end: float, rounds: int) -> dict[str, Any]:
                 method,
                 t_end,
                 parameters=parameters,
-                estimate_error=is_total,
+                estimate_error=part == "estimate",
             ).array
         return time.process_time() - begin if is_total else parts[part]
 
     samples = time_in_turns(
         {
             "run": lambda: time_action(lambda: method.integrate(equations, times)),
-            **{x: lambda x=x: differentiate(x) for x in ("sweep", "model", "gradient", "later")},
+            **{x: lambda x=x: differentiate(x) for x in PARTS},
         },
         rounds,
     )
-    run, sweep, calls, total, later = (1e3 * x.least for x in samples.values())
+    run, sweep, calls, total, later, estimate = (1e3 * x.least for x in samples.values())
     return {
         "case": name,
+        "integrator": integrator,
         "parameters": len(derivatives),
         "run [ms]": run,
         "sweep [ms]": sweep,
         "model function [ms]": calls,
         "gradient [ms]": total,
-        "later gradient [ms]": later,
         "sweep / run": sweep / run,
         "gradient / run": total / run,
         "later gradient / run": later / run,
+        "with estimate / run": estimate / run,
     }
 
 
@@ -161,8 +165,10 @@ def main() -> None:
     warnings.simplefilter("ignore", bd.BeamdaeWarning)
     rows = [
         # Two hundred builds of the model take several seconds.
-        measure(name, 0.5 if quick else 2.0, 1 if quick or name == "axis" else ROUNDS)
+        measure(name, integrator, 0.5 if quick else 2.0, 1 if quick or name == "axis" else ROUNDS)
         for name in CASES
+        for integrator in METHODS
+        if integrator != "Radau" or name not in ("thickness", "axis")
     ]
     folder = Path(tempfile.mkdtemp()) if quick else RESULTS
     write_table(folder, "gradients", pd.DataFrame(rows))

@@ -32,6 +32,7 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 CASES = {
     "hub_beam": (("torque",), ("density", "subtended", "length", "torque", "frequency")),
     "pendulum": (("tip_mass",), ("tip_mass", "damping", "angle", "radius", "air_drag")),
+    "four_bar": (("speed",), ("speed", "height", "stiffness", "damping")),
     "ring_mount": (("unbalance",), ("unbalance", "frequency", "motor_mass")),
 }
 
