@@ -12,6 +12,8 @@ import pandas as pd
 from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
+from beamdae.analysis.statics.boundary import Boundary
+from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError
@@ -82,6 +84,8 @@ def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
         page = build_response_page(result, title or f"response over {result.parameter}")
     elif isinstance(result, Campbell):
         page = build_campbell_page(result, title or "Campbell diagram")
+    elif isinstance(result, Boundary | KnockDown):
+        page = build_critical_loads_page(result, title or "critical loads")
     elif isinstance(result, LinearModel):
         page = build_linear_page(result, title or f"linear model about {result.about}")
     else:
@@ -235,6 +239,61 @@ def _export_mode_frames(modes: Modes | Buckling) -> list[dict[str, Any]]:
     # With this phase, a real mode shape starts from zero displacement.
     phases = np.exp(2j * np.pi * (shares - 0.25))
     return [export_frames(scenes.vibrating(k, phases), shares) for k in range(len(modes))]
+
+
+def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> dict[str, Any]:
+    """Return the page content of critical loads over a parameter or an imperfection.
+
+    There is one case per point, without motion. Marks show the special points.
+    """
+    table = result.table()
+    name = str(table.columns[0])
+    special = result.special if isinstance(result, Boundary) else ()
+    points = [[point.kind, f"{point.value:.7g}", f"{point.factor:.7g}"] for point in special]
+    if isinstance(result, Boundary):
+        subtitle = f"{result.kind}: {result.status.sentence}"
+        facts = {"status": result.status.sentence, "loads": ", ".join(result.loads)}
+    else:
+        subtitle = "load factors of the first critical points of imperfect structures"
+        facts = {"load factor without imperfection": f"{result.perfect:.7g}"}
+    tables: list[dict[str, Any]] = [
+        {"title": "Critical loads", "rows": [[key, value] for key, value in facts.items()]},
+        {"title": "Special points", "head": ["kind", name, "load factor"], "rows": points},
+    ]
+    return {
+        "title": title,
+        "subtitle": subtitle,
+        "made": versions(),
+        "notes": list(result.warnings),
+        "groups": [{"id": _ID}],
+        "noun": "points",
+        "columns": [
+            {"key": "label", "label": "point", "unit": "", "kind": "text"},
+            *(_describe_mode_column(str(column), table[column]) for column in table),
+        ],
+        "axes": {"x": name, "y": _LOAD_FACTOR},
+        "overlays": [
+            {
+                "x": name,
+                "y": _LOAD_FACTOR,
+                "lines": [],
+                "marks": [{"label": x.kind, "x": x.value, "y": x.factor} for x in special],
+            }
+        ],
+        "tables": [table for table in tables if table["rows"]],
+        "cases": [
+            {
+                "id": str(k),
+                "group": _ID,
+                "label": f"point {k + 1}",
+                "family": "points",
+                "series": "curve",
+                "rank": k,
+                "values": _plain_values(row),
+            }
+            for k, row in enumerate(table.to_dict("records"))
+        ],
+    }
 
 
 def build_periodic_page(motion: PeriodicMotion, title: str) -> dict[str, Any]:

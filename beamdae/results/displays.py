@@ -102,7 +102,7 @@ class HasPage:
     """Base class of results of analyses that are shown on an HTML page."""
 
     def page(self, path: str | Path) -> Path:
-        """Write an HTML page with the motion of the mechanism, charts and tables.
+        """Write an HTML page with charts, tables and, where there is one, the motion.
 
         Parameters
         ----------

@@ -10,6 +10,7 @@ from pages import find_violations, tool_buttons, visible_labels, visible_ranges
 import beamdae as bd
 from beamdae.report.analysis_pages import (
     build_campbell_page,
+    build_critical_loads_page,
     build_linear_page,
     build_modes_page,
     build_path_page,
@@ -613,3 +614,25 @@ def test_phases_have_ticks_at_multiples_of_45_degrees(oscillator, show):
     ticks = tab.evaluate("state.charts.get('phase').y.ticks.map(({ value }) => value)")
     assert len(ticks) > 2
     assert all(x % 45 == 0 for x in ticks)
+
+
+def test_the_page_of_a_boundary_marks_its_special_points(show):
+    values, status = np.array([1.0, 2.0, 1.0]), Status("ok", "reached the end")
+    special = (bd.BoundaryPoint("cusp", 2.0, 5.0),)
+    factors, q = np.array([3.0, 5.0, 6.0]), np.zeros((3, 1))
+    boundary = bd.Boundary("limit point", "rise", values, factors, special, q, status, ("press",))
+    tab = show(build_critical_loads_page(boundary, "limit loads"))
+    assert tab.locator("#precision .mark").count() == 1
+    assert "cusp" in tab.locator("#precision").inner_text()
+    assert tab.inner_text("#cases-title") == "All points"
+    assert not tab.locator("#motion").is_visible()
+    assert not tab.locator("#panels").inner_text()
+    assert find_violations(tab) == []
+
+
+def test_the_page_of_knock_down_factors_starts_from_the_perfect_structure():
+    curve = bd.KnockDown(np.array([1e-5, 1e-4]), np.array([2.0, np.nan]), ("limit point", ""), 4.0)
+    page = build_critical_loads_page(curve, "arch")
+    assert page["axes"] == {"x": "amplitude [m]", "y": "load factor [-]"}
+    assert page["cases"][0]["values"]["knock-down factor [-]"] == 0.5
+    assert page["tables"][0]["rows"] == [["load factor without imperfection", "4"]]

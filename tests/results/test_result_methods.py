@@ -12,14 +12,14 @@ from beamdae.results.outcome import Status
 
 # Methods besides `table` and `to_csv`, which all results have.
 METHODS = {
-    "Boundary": {"plot"},
+    "Boundary": {"plot", "page"},
     "Buckling": {"plot", "page"},
     "Campbell": {"plot", "page"},
     "Equilibrium": {"plot", "page"},
     "EquilibriumSensitivities": set(),
     "Fit": {"plot", "page"},
     "FrequencyResponse": {"plot", "page"},
-    "KnockDown": {"plot"},
+    "KnockDown": {"plot", "page"},
     "ModeSensitivities": set(),
     "Modes": {"plot", "page"},
     "Optimization": {"page"},
@@ -127,7 +127,7 @@ def test_results_write_tables_and_plots(results, name, tmp_path):
             result.to_csv(wrong)
 
 
-@pytest.mark.parametrize("name", ["Solution", "Modes"])
+@pytest.mark.parametrize("name", ["Solution", "Modes", "Boundary", "KnockDown"])
 def test_pages_are_written(results, name, tmp_path):
     path = results[name].page(tmp_path / "page.html")
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")

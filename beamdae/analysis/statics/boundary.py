@@ -35,7 +35,7 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
-from beamdae.results.displays import HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import REACHED_END, Status
 
@@ -95,7 +95,7 @@ class BoundaryPoint(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Boundary(HasTable):
+class Boundary(HasTable, HasPage):
     """Critical load factors as a function of a parameter; see `boundary`.
 
     Attributes

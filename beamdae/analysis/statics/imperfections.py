@@ -28,7 +28,7 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
-from beamdae.results.displays import HasTable, Plot, load_views
+from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
@@ -181,7 +181,7 @@ def _deviate(
 
 
 @dataclass(frozen=True, repr=False)
-class KnockDown(HasTable):
+class KnockDown(HasTable, HasPage):
     """Critical load factors of a structure with imperfections of various amplitudes.
 
     Attributes
