@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
+_USUAL_DEGREES, _MAX_DEGREES = 15.0, 720.0  # multiples of angles in degrees
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
@@ -375,6 +376,15 @@ def require_non_negative(part: str, name: str, value: Any) -> float:
     if number < 0.0:
         raise BeamdaeError(f"{part}: {name} must not be negative, got {number:g}.")
     return number
+
+
+def warn_of_degrees(part: str, name: str, angle: float) -> None:
+    """Warn of an angle [rad] of more than a full turn that is a usual number of degrees."""
+    if 2.0 * math.pi < abs(angle) <= _MAX_DEGREES and angle % _USUAL_DEGREES == 0.0:
+        warn_user(
+            f"{part}: {name} = {angle:g} rad is more than a full turn; pass radians, such as "
+            f"math.radians({angle:g}), or subtract full turns."
+        )
 
 
 def require_count(part: str, name: str, value: Any, least: int = 1, most: int | None = None) -> int:

@@ -16,6 +16,7 @@ from beamdae.errors import (
     require_positive,
     set_fields,
     short_repr,
+    warn_of_degrees,
 )
 
 Array = np.ndarray
@@ -149,6 +150,11 @@ class Arc:
         If an argument is invalid, the radius is zero, the length is not positive, the angle exceeds
         1e6 rad in absolute value, or the arc is longer than a full circle.
 
+    Warns
+    -----
+    BeamdaeWarning
+        If the angle is more than a full turn and a usual number of degrees.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -177,6 +183,7 @@ class Arc:
                 f"Arc: angle must not exceed {_MAX_ANGLE:g} rad in absolute value, got "
                 f"{self.angle:g} rad; subtract full turns of 2 pi."
             )
+        warn_of_degrees("Arc", "angle", self.angle)
         circle = 2.0 * np.pi * abs(self.radius)
         if self.length > circle * (1.0 + _CIRCLE_TOLERANCE):
             raise BeamdaeError(

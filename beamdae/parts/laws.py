@@ -23,6 +23,7 @@ from beamdae.errors import (
     require_sequence,
     set_fields,
     short_repr,
+    warn_of_degrees,
 )
 from beamdae.parts.tables import Table, locked_pieces
 from beamdae.symbolic.formula import Formula
@@ -395,10 +396,16 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Law:
     ------
     BeamdaeError
         If an argument is not a finite number, or the frequency is not positive.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If the phase is more than a full turn and a usual number of degrees.
     """
     amplitude = require_finite("sine", "amplitude", amplitude)
     frequency = require_positive("sine", "frequency", frequency)
     phase = require_finite("sine", "phase", phase)
+    warn_of_degrees("sine", "phase", phase)
     omega = 2.0 * np.pi * frequency
     return Law((Formula(_sine, (amplitude, omega, phase)),), (), 1.0 / frequency)
 

@@ -336,3 +336,13 @@ def test_cusp_is_rejected():
 @pytest.mark.parametrize("span", [1e-12, 1e-3, 1e6])
 def test_consistency_does_not_depend_on_the_unit_of_length(span):
     assert_consistent(bd.Parabola(span=span, rise=0.3 * span))
+
+
+def test_regression_angles_in_degrees_have_a_warning():
+    """An arc at 45 rad, or a phase of 90 rad, had none."""
+    message = r"= 45 rad is more than a full turn; pass radians, such as math\.radians\(45\), or"
+    with pytest.warns(bd.BeamdaeWarning, match=f"^Arc: angle {message}"):
+        bd.Arc(radius=1.0, length=1.0, start=(0.0, 0.0), angle=45.0)
+    with pytest.warns(bd.BeamdaeWarning, match=f"^sine: phase {message}"):
+        bd.sine(1.0, 1.0, phase=45.0)
+    bd.Arc(radius=1.0, length=1.0, start=(0.0, 0.0), angle=-2.0 * np.pi)

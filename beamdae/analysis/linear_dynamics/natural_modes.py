@@ -82,7 +82,9 @@ class Modes(HasTable, HasPage):
     def __repr__(self) -> str:
         frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies[:_REPR_FREQUENCIES])
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
-        return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz>"
+        count = len(self.warnings)
+        note = f"; {count} warning{'s' * (count > 1)}, see .warnings" if count else ""
+        return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz{note}>"
 
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1, frequency, damping ratio.
