@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
@@ -53,7 +54,7 @@ def build_optimization_page(result: Optimization, title: str) -> dict[str, Any]:
         "title": title,
         "subtitle": result.status.sentence,
         "made": versions(),
-        "notes": list(result.warnings),
+        "notes": list(dict.fromkeys([*result.warnings, *_build_warnings(result)])),
         "groups": [{"id": _GROUP, "label": result.model["name"]}],
         "noun": "designs",
         "leads": True,
@@ -82,6 +83,13 @@ def describe_optimization(result: Optimization) -> dict[str, str]:
         "designs": count + (f", {failures} failed" if failures else ""),
         "at a bound": ", ".join(result.at_bounds) or "none",
     }
+
+
+def _build_warnings(result: Optimization) -> tuple[str, ...]:
+    """Return the warnings of the model function, which were issued by the optimization."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        return result.mechanism().build_warnings
 
 
 def _constraints_table(result: Optimization) -> dict[str, Any]:

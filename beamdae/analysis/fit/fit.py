@@ -151,7 +151,8 @@ def fit(
     -----
     BeamdaeWarning
         If the search did not converge, with the reason, for each sentence in `Fit.warnings`, if the
-        runs with the estimates have warnings, and if a parameter has no effect on the model.
+        runs with the estimates have warnings, if a parameter has no effect on the model, and for
+        each sentence in `Fit.undetermined` if a standard deviation is infinite.
 
     Examples
     --------
@@ -208,7 +209,10 @@ def fit(
         return result
     if not result.status.success:
         warn_user(f"fit: {result.status.sentence}.")
-    _warn_of_parameters_without_effect(problem, result)
+    idle = _warn_of_parameters_without_effect(problem, result)
+    undetermined = np.isinf(result.standard_deviations) & ~np.isin(result.names, idle)
+    for sentence in result.undetermined if undetermined.any() else ():
+        warn_user(f"fit: {sentence}")
     for sentence in result.warnings:
         warn_user(f"fit: {sentence}")
     for experiment, run in result.sensitivities.items():
@@ -218,8 +222,11 @@ def fit(
     return result
 
 
-def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> None:
-    """Warn of parameters that the model does not use; warnings of the runs are not issued."""
+def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> list[str]:
+    """Warn of parameters that the model does not use, and return their names.
+
+    Warnings of the runs are not issued.
+    """
     idle = [
         name
         for name in problem.names
@@ -233,3 +240,4 @@ def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> None
     warn_of_idle_parameters(
         problem.model, values, lambda x: as_equations("fit", x, problem.start), idle
     )
+    return idle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +55,17 @@ _MIN_PROBABILITY = 1e-6
 _MAX_UNEXPLAINED_SHARE = 0.5
 # Correlation of consecutive residuals up to which these are noise.
 _MIN_CORRELATION = 0.5
+# Residuals below this ratio to the standard deviation of the data may be errors of the runs.
+_MAX_NOISELESS_RATIO = 1e-3
+# Numbers of data from which their noise is judged.
+_MIN_NOISE_COUNT = 10
+# Outliers are this many robust standard deviations away; at most one in ten data is an outlier.
+_OUTLIER_DISTANCE = 6.0
+_MAX_OUTLIER_SHARE = 0.1
+_NORMAL_DEVIATION = 1.4826  # standard deviation of normal noise by the median of its magnitude
+_MAX_NAMED_OUTLIERS = 3
+# Ratio of the scatter of two series from which equal weights are reported.
+_MAX_SCATTER_RATIO = 3.0
 # Singular values of the Jacobian with columns of unit length at which two estimates have a
 # correlation of 0.99: s^2 = 1 - 0.99.
 _MIN_INDEPENDENCE = 0.1
@@ -104,6 +115,8 @@ class Fit:
         tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
         do not explain the data (`sigma` is known, and larger values of chi-square have a
         probability below 1e-6, or, without `sigma`, more than half of the variance is left), on
+        residuals that are no white noise (consecutive ones have a correlation above 0.5, single
+        ones are outliers, or, without `sigma`, columns or experiments scatter differently), on
         estimates at a bound, or on data that end after the end time of the model.
     """
 
@@ -566,7 +579,8 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         sigma = {name: x * estimate for name, x in sigma.items()}
     sizes, texts = _sizes(problem, all_names, estimates)
     information = Information.of(jacobian, sizes)
-    status, steps = search.status, tuple[str, ...]()
+    status = search.status
+    steps: tuple[str, ...] = ()
     if status.kind != "interrupted":
         try:
             steps = _check_steps(problem, evaluation, estimate)
@@ -589,8 +603,11 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         warnings=(
             *problem.duration_warnings,
-            *_check_chi_square(problem, residuals, len(all_names)),
-            *_check_variation(problem, evaluation.residuals),
+            *(
+                _check_chi_square(problem, residuals, len(all_names))
+                or _check_variation(problem, evaluation.residuals)
+                or _check_noise(problem, evaluation.residuals)
+            ),
             *_check_bounds(problem, scaling, search, estimates),
             *steps,
         ),
@@ -668,6 +685,60 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
         f"The model {amount}; start from other values, or pass bounds= and starts= to search from "
         "several.",
     )
+
+
+def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
+    """Return warnings if the residuals of a good fit are no white noise of known relative size."""
+    parts, begin = [], 0
+    variation = 0.0
+    for series in problem.data.series:
+        end = begin + len(series.values)
+        parts.append(residuals[begin:end])
+        variation += float(np.sum(((series.values - series.values.mean()) / series.sigma) ** 2))
+        begin = end
+    left = float(residuals @ residuals)
+    if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * variation:
+        return ()
+    correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
+    if correlation > _MIN_CORRELATION:
+        factor = np.sqrt((1.0 + correlation) / (1.0 - correlation))
+        return (
+            f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
+            f"deviations are too small, by a factor of up to {factor:.2g}; use fewer data per "
+            "second if the noise is slow, or add what the model lacks, such as shift= or offset=.",
+        )
+    sentences = list(_name_outliers(problem, parts))
+    scatter = {
+        x.label: float(np.sqrt(np.mean(part**2)))
+        for x, part in zip(problem.data.series, parts, strict=True)
+        if len(part) >= _MIN_NOISE_COUNT
+    }
+    if len(scatter) > 1 and not problem.data.is_sigma_known:
+        most, least = max(scatter, key=scatter.__getitem__), min(scatter, key=scatter.__getitem__)
+        if scatter[most] > _MAX_SCATTER_RATIO * scatter[least]:
+            sentences.append(
+                f"The residuals of {most} are {scatter[most] / scatter[least]:.2g} times as large "
+                f"as those of {least}, but have the same weights; pass a long table with a column "
+                "sigma."
+            )
+    return tuple(sentences)
+
+
+def _name_outliers(problem: FitProblem, parts: list[Array]) -> Iterator[str]:
+    """Yield a sentence on the outliers among the residuals of each series."""
+    for series, part in zip(problem.data.series, parts, strict=True):
+        deviation = _NORMAL_DEVIATION * float(np.median(np.abs(part)))
+        rows = np.flatnonzero(np.abs(part) > _OUTLIER_DISTANCE * deviation)
+        if not 0 < len(rows) <= _MAX_OUTLIER_SHARE * len(part) or deviation == 0.0:
+            continue
+        times = [f"{x:g} s" for x in series.times[rows[:_MAX_NAMED_OUTLIERS]]]
+        more = len(rows) - len(times)
+        yield (
+            f"{series.label} has outliers at t = {', '.join(times)}"
+            f"{f' and at {more} further times' if more else ''}, more than {_OUTLIER_DISTANCE:g} "
+            "robust standard deviations from the model, which may shift the estimates; replace "
+            "wrong values by NaN, and fit again."
+        )
 
 
 def _check_steps(problem: FitProblem, evaluation: Evaluation, sigma: float) -> tuple[str, ...]:

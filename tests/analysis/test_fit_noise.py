@@ -1,0 +1,72 @@
+"""Fits to data whose noise is not white: outliers, correlated errors, unequal scatter."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+METHOD = bd.GeneralizedAlpha(step=0.01)
+TIMES = np.linspace(0.0, 2.0, 101)
+TRUE = {"stiffness": 40.0, "damping": 0.8}
+pytestmark = pytest.mark.slow(reason="fits")
+
+
+@bd.model(t_end=2.0)
+def oscillator(stiffness=30.0, damping=0.5, mass=1.0):
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, damping))
+    mech.observe("mass", body.point)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def exact():
+    run = bd.simulate(oscillator(**TRUE), METHOD, t_end=2.0).at_times(TIMES)
+    return run["mass.x"].to_numpy()
+
+
+def white(scale=1e-3):
+    return np.random.default_rng(0).normal(scale=scale, size=TIMES.size)
+
+
+def fit(values, **options):
+    return bd.fit(oscillator, {"t [s]": TIMES, "mass.x": values}, list(TRUE), METHOD, **options)
+
+
+def test_white_noise_has_no_warning(exact):
+    assert fit(exact + white()).warnings == ()
+
+
+def test_regression_outliers_are_named(exact):
+    """Damping was 24 % off, without a word."""
+    values = exact + white()
+    values[[20, 55]] += 0.05
+    with pytest.warns(bd.BeamdaeWarning, match=r"mass.x has outliers at t = 0.4 s, 1.1 s, more"):
+        result = fit(values)
+    assert len(result.warnings) == 1
+    values[[20, 55]] = np.nan
+    assert fit(values).warnings == ()
+
+
+def test_regression_times_that_begin_late_correlate_the_residuals(exact):
+    """Stiffness was ten stated standard deviations off."""
+    late = np.interp(TIMES - 0.02, TIMES, exact) + white()
+    with pytest.warns(bd.BeamdaeWarning, match="Consecutive residuals have a correlation of 0"):
+        fit(late)
+
+
+def test_regression_experiments_of_unequal_scatter_are_named(exact):
+    tables = {
+        "one": {"t [s]": TIMES, "mass.x": exact + white()},
+        "two": {"t [s]": TIMES, "mass.x": exact + white(1e-2)},
+    }
+    with pytest.warns(bd.BeamdaeWarning, match="mass.x in two are .* as those of mass.x in one"):
+        bd.fit(oscillator, tables, list(TRUE), METHOD)
+
+
+def test_regression_estimates_that_are_arbitrary_are_warned_of(exact):
+    """Values without any determination were returned, with a sentence in an attribute only."""
+    names = [*TRUE, "mass"]
+    with pytest.warns(bd.BeamdaeWarning, match="do not change the fitted columns"):
+        bd.fit(oscillator, {"t [s]": TIMES, "mass.x": exact + white()}, names, METHOD)
