@@ -436,8 +436,8 @@ def _differentiate(run: DifferentiableRun, objective: Objective) -> tuple[float,
     unchanged = Difference("", equations, (equations, equations), (-0.5, 0.5), (-1.0, 1.0))
     phases, at_numbers = RunPhases.of(run.adjoint, unchanged), np.arange(len(equations.p))
     if not is_equilibrium:
-        irregular = [names[k] for k in run.number_derivatives(run.start).irregular]
-        phases, at_numbers = _add_further_forces(run, irregular, phases)
+        others = [names[k] for k in run.number_derivatives(run.start).irregular]
+        phases, at_numbers = _add_further_forces(run, others, phases)
     adjoint = transpose_run(objective, run.adjoint, phases)
     value, by_direct = adjoint.seeds.value, adjoint.seeds.numbers
     numbers = by_direct + sum(x[: len(by_direct)] for x in adjoint.numbers)

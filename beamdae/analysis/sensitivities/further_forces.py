@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.structure import ConstraintTerm, ForceTerm, comparison_key
+from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure, comparison_key
 
 Array = np.ndarray
 
@@ -79,8 +79,8 @@ def locate_numbers(run: EquationsOfMotion, extended: EquationsOfMotion) -> Array
         or len(run.observables) != len(extended.observables)
     ):
         return None
-    available = {_term_key(x): x.data for x in (*other.forces, *other.joints)}
-    pairs = [(x.data, available.get(_term_key(x))) for x in (*one.forces, *one.joints)]
+    available = {_term_key(x): x.data for x in _terms_of(other)}
+    pairs = [(x.data, available.get(_term_key(x))) for x in _terms_of(one)]
     pairs += [(x.data, y.data) for x, y in zip(run.observables, extended.observables, strict=True)]
     result = np.full(len(run.p), -1)
     for source, target in pairs:
@@ -89,6 +89,10 @@ def locate_numbers(run: EquationsOfMotion, extended: EquationsOfMotion) -> Array
         result[source] = np.arange(target.start, target.stop)
     is_complete = np.all(result >= 0) and len(np.unique(result)) == len(result)
     return result if is_complete else None
+
+
+def _terms_of(structure: Structure) -> list[ForceTerm | ConstraintTerm]:
+    return [*structure.forces, *structure.joints]
 
 
 def _term_key(term: ForceTerm | ConstraintTerm) -> Any:
