@@ -233,9 +233,14 @@ class NonholonomicKernel(ConstraintKernel):
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels that replace `levels`, and False, because q' excludes G^T mu."""
-        instead = NO_LEVEL if 1 in levels else 1
-        return tuple(instead if level == 0 else level for level in levels), False
+        """Return the levels that replace `levels`, and False, because q' excludes G^T mu.
+
+        If `stabilized`, level 1 takes the place of level 0, whose rows belong to the multipliers
+        lam: elimination with diagonal pivots needs each constraint in the row of its multiplier.
+        """
+        others = {0: NO_LEVEL if 1 in levels else 1}
+        instead = {0: 1, 1: NO_LEVEL} if stabilized else others
+        return tuple(instead.get(level, level) for level in levels), False
 
     @cached_property
     def _jacobian(self) -> SX:

@@ -593,6 +593,27 @@ def test_radau_matrices_need_no_row_exchanges(tmp_path):
     assert set(order[-m:]) == set(range(pattern.shape[0] - m, pattern.shape[0]))
 
 
+def test_regression_nonholonomic_constraints_need_no_row_exchanges():
+    """Their rows did not belong to their multipliers: each step exchanged rows of full matrices."""
+    mech = bd.Mechanism()
+    sled = mech.add(bd.RigidBody("sled", mass=1.0, inertia=0.2))
+    other = mech.add(bd.RigidBody("other", mass=1.0, inertia=0.2))
+    mech.add(bd.Skate("blade", sled.at(0.3, 0.0)))
+    mech.add(bd.Revolute("pin", sled.at(0.0, 0.0), other.at(0.0, 0.0)))
+    form = formulate_first_order(as_equations("test", mech, None), STABILIZED_FORM, apart=True)
+    pattern, _, reduction = reduce_kinematics(form)
+    n, m, corrected = form.equations.n, form.equations.m, len(reduction.corrected)
+    plan = plan_elimination(pattern, n, first=corrected, last=m)
+    # A pivot is nonzero for almost all values of the entries, or zero for all of them.
+    factors, values = FixedOrderFactors.of(plan), np.random.default_rng(1).random(pattern.nnz)
+    eliminate(factors, values)
+    right = np.arange(1.0, 1.0 + pattern.shape[0])
+    solution = right.copy()
+    substitute(factors, solution)
+    matrix = sp.csc_array((values, pattern.indices, pattern.indptr), pattern.shape)
+    assert matrix @ solution == pytest.approx(right, rel=1e-6)
+
+
 @pytest.mark.slow(reason="compiles an FMU")
 def test_states_and_derivatives(any_fmu):
     script = """
