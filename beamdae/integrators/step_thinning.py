@@ -25,7 +25,7 @@ Array = np.ndarray
 # steps, and models of 8 elements 200 000 steps.
 MAX_STORED_BYTES = 4e8
 # Output rows are always stored: rows may exceed the limit up to this multiple of the output rows.
-_MAX_RATIO_TO_OUTPUT = 1.1
+_MAX_RATIO_TO_OUTPUT = 1.05
 # Index of rows that are not ends of steps.
 _OUTPUT = -1
 # Steps are dropped if an output row is closer than this fraction of the distance between the kept

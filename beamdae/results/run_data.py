@@ -59,7 +59,7 @@ Array = np.ndarray
 _MAX_CHECKED_ROWS = 10_000
 # Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
 # take as much again.
-_MAX_BLOCK_BYTES = 1e8
+_MAX_BLOCK_BYTES = 2.5e7
 _MAX_CACHED_BYTES = 1e8  # of states at the output times that are kept after columns are evaluated
 _POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
