@@ -3,8 +3,9 @@
     [[F_x, F_mu], [c_x, c_mu]] (dx, dmu) = -(F, c)
 
 with F(x; mu) = C + U + mu (L - U): C are the forces and joints that the load factor does not
-change, U and L those that are particular to the unloaded and to the loaded mechanism. The loop is
-plain Python over arrays; `native.loops` compiles it if possible.
+change, U and L those that are particular to the unloaded and to the loaded mechanism. Machine code
+also takes steps of load control, as `continuation` does, up to a step that may cross a critical
+point. The loop is plain Python over arrays; `native.loops` compiles it if possible.
 """
 
 from __future__ import annotations
