@@ -1,11 +1,16 @@
 """Equilibria of slender structures: very soft in bending, but not free to move."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
 
 import beamdae as bd
+from beamdae.analysis.statics.slender_modes import _span_soft_motions
+from beamdae.equations.formulations.tangents import Tangent
 
 
 def strip(elements, height, joint=bd.Weld, **options):
@@ -158,3 +163,38 @@ def test_follower_loads_do_not_make_a_free_rotation_grow():
     path = bd.equilibrium(mech, to=1.0)
     assert path.status.success
     assert path.unstable[-1] == 0
+
+
+def test_regression_modes_of_flutter_far_from_orthogonal_stay_in_the_refinement():
+    # The squared frequencies are 1 +- 9.95i, but the symmetric part of the stiffness has the
+    # eigenvalues -48.5 and 50.5.
+    stiffness, none = np.array([[1.0, 99.0], [-1.0, 1.0]]), sp.csc_array((2, 2))
+    tangent = Tangent(sp.eye_array(2, format="csc"), none, sp.csc_array(stiffness), *(none,) * 3, 0)
+    squares, shapes = la.eig(stiffness)
+    parts = np.hstack([shapes.real, shapes.imag])
+    assert _span_soft_motions(tangent, parts, np.max(np.abs(squares))).shape == (2, 2)
+
+
+@pytest.mark.slow(reason="two seconds")
+def test_regression_flutter_of_a_portal_frame_under_follower_loads():
+    # At this slenderness, rounding limits the accuracy of the two flutter modes, but not of others.
+    # The load was 26.888; with ten times the height or a tenth of it, it was 26.365 or 26.381.
+    mech, steel = bd.Mechanism(), bd.Material.of("steel")
+    column, girder = (bd.Section.rectangle(steel, w, height=1e-3) for w in (0.02, 0.02756))
+    corners = [(0.0, 0.0), (0.0, 1.1), (1.0, 1.1), (1.0, 0.0)]
+    lines = [bd.Line(*ends) for ends in pairwise(corners)]
+    beams = [
+        mech.add(bd.Beam(f"beam {k}", line, section, 6, formulation="exact"))
+        for k, (line, section) in enumerate(zip(lines, (column, girder, column), strict=True))
+    ]
+    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), beams[0].start))
+    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), beams[2].end))
+    for k in range(2):
+        mech.add(bd.Weld(f"corner {k}", beams[k].end, beams[k + 1].start))
+        mech.add(bd.Force(f"press {k}", beams[k].end, (0.0, -column.EI), axes="body"))
+    spring = (mech.ground.at(0.0, 1.1), beams[0].end)
+    mech.add(bd.Bushing("spring", *spring, kx=0.497 * column.EI))
+    path = bd.equilibrium(mech, to=30.0)
+    assert [point.kind for point in path.critical] == ["branch point"] * 3 + ["flutter point"]
+    assert path.critical[-1].factor == pytest.approx(26.380, rel=1e-3)
+    assert path.unstable[-1] == 3

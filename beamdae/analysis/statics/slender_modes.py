@@ -39,6 +39,9 @@ _SQUARE_MARGIN = 2.0
 # the modes.
 _MIN_ENERGY_RATIO = 1e-12
 _MIN_INERTIA_RATIO = 1e-6
+# Values of the shift s of the energy x^T (K + s M) x, relative to the largest squared frequency, of
+# which the first one is used that leaves no motion with inertia a negative energy.
+_ENERGY_SHIFT_FACTORS = tuple(2.0 * 4.0 ** np.arange(7.0))
 # Errors may exceed the difference between two steps by this factor, and are at least this fraction
 # of the bound on the rounding error of the stiffness matrix: rigid-body motions of free strips have
 # a stiffness of up to 6e-4 of it, and the bending of a strip with L/h = 1e5 and 64 elements has a
@@ -199,17 +202,25 @@ def _span_soft_motions(tangent: Tangent, motions: Array, square: float) -> Array
     The basis B satisfies B^T M B = I. Rounding adds motions to mode shapes that stretch thin beams.
     In a basis with B^T M B = I alone, their stiffness would exceed that of the modes, which have
     squared frequencies of up to `square`, by ten orders of magnitude. Therefore, motions are first
-    scaled to equal energies.
+    scaled to equal energies x^T (K + s M) x.
     """
     inertia, stiffness = (motions.T @ (x @ motions) for x in (tangent.mass, tangent.stiffness))
-    energy = 0.5 * (stiffness + stiffness.T) + 2.0 * square * inertia
-    # Imaginary parts of shapes are small, but not negligible.
-    sizes = np.sqrt(np.maximum(np.diag(energy), _TINY))
-    energies, shares = la.eigh(energy / sizes / sizes[:, None])
-    is_independent = energies > _MIN_ENERGY_RATIO * energies[-1]
+    # Follower loads make the energy of some combinations of flutter modes negative, by more than
+    # the eigenvalues of these modes suggest, unless s is large enough.
+    for factor in _ENERGY_SHIFT_FACTORS:
+        shift = factor * square
+        energy = 0.5 * (stiffness + stiffness.T) + shift * inertia
+        # Imaginary parts of shapes are small, but not negligible.
+        sizes = np.sqrt(np.maximum(np.diag(energy), _TINY))
+        energies, shares = la.eigh(energy / sizes / sizes[:, None])
+        is_independent = energies > _MIN_ENERGY_RATIO * energies[-1]
+        others = shares[:, ~is_independent] / sizes[:, None]
+        lost_inertias = np.einsum("ij,ij->j", others, inertia @ others)
+        if not np.any(lost_inertias * shift > _MIN_INERTIA_RATIO):
+            break
     scaled = shares[:, is_independent] / np.sqrt(energies[is_independent]) / sizes[:, None]
     inertias, shares = la.eigh(scaled.T @ inertia @ scaled)
-    is_soft = inertias * square > _MIN_INERTIA_RATIO
+    is_soft = inertias * shift > _MIN_INERTIA_RATIO
     return motions @ scaled @ (shares[:, is_soft] / np.sqrt(inertias[is_soft]))
 
 
