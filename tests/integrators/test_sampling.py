@@ -62,7 +62,8 @@ def test_methods_continue_across_samples(method, friction, monkeypatch):
     assert run.quality.energy_imbalance < 1e-5
     # The equations of motion hold on both sides of each jump.
     assert run.quality.max_residual < (1e-4 if method == "fixed steps" else 1e-5)
-    assert run.warnings == ()
+    # The coarse regularization of the friction lets the bar creep.
+    assert all("creeps" in warning for warning in run.warnings)
 
 
 @pytest.mark.parametrize("form", ["index3", "stabilized-index2"])
