@@ -253,8 +253,9 @@ def _report_end(run: Run, status: Status) -> None:
     if not status.success:
         print_error(f"failed: {status.sentence}")
     certificate = run.certificate
-    is_certified = certificate is None or certificate.status.success
-    refusal = "" if is_certified else certificate.status.sentence
+    refusal = ""
+    if certificate is not None and not certificate.status.success:
+        refusal = certificate.status.sentence
     if refusal and status.success:
         print_error(f"not certified: {refusal}")
     if run.files.failed or not status.success or refusal:
