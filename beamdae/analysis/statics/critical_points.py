@@ -36,6 +36,10 @@ _ZERO_RATIO = 1e-2
 _MAX_LOAD_SPREAD = 0.05
 # Eigenvalues of the points are at least about this multiple of those that are zero up to rounding.
 _UNDECIDED_MULTIPLE = 4.0
+# The point is interpolated from points at this multiple of the distance at which rounding decides,
+# up to the second number: next to that distance, rounding moves points along the critical mode.
+_UNDECIDED_SPACING = 10.0
+_MAX_UNDECIDED_SPACING = 5e-2
 # Distance from the segment up to which an interpolated point is accepted if rounding decides.
 _MAX_OUTSIDE = 0.5
 # Distances from the onset of growth at which a singular tangent is sought; its samples are at this
@@ -381,7 +385,8 @@ class PathSegment:
         Eigenvalues at positions that are closer than `distance` to the point are rounding errors.
         """
         position = self._search_zero(eigenvalue, ends, distance)
-        near = self._interpolate(position, eigenvalue, distance)
+        spacing = max(min(_UNDECIDED_SPACING * distance, _MAX_UNDECIDED_SPACING), distance)
+        near = self._interpolate(position, eigenvalue, spacing)
         position = min(max(near.position, 0.0), 1.0)
         if abs(near.position - position) > _MAX_OUTSIDE:
             raise CorrectorError("the stability of equilibria changes abruptly")
