@@ -126,6 +126,8 @@ def test_regression_response_to_a_driver_is_that_of_the_linear_model(model, ends
     assert response.folds == []
     frequencies, sizes = response.curve("tip.transverse")
     assert np.all(np.diff(frequencies) * (ends[1] - ends[0]) > 0.0)
+    # Curves ended at the first point beyond the range.
+    assert frequencies[-1] == ends[1]
     rotates = model is constant_rotation
     expected = linear_half_range(frequencies, rotates)
     grid = np.linspace(38.0, 44.0, 6001)

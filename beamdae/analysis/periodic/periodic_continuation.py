@@ -214,6 +214,8 @@ def _follow_curve(
             if step < _MIN_STEP_RATIO * first_step:
                 return Status("failed", f"{curve.describe(point.value)}: {reason}")
             continue
+        if sign * (next_point.value - last) > 0.0:
+            next_point = curve.end_point(point, next_point)
         previous, point = point, next_point
         points.append(point.as_response_point(sign))
         if sign * (point.value - last) >= 0.0:
@@ -424,6 +426,25 @@ class ResponseCurve:
         except (BeamdaeError, la.LinAlgError) as error:
             return None, _failure_reason(error)
         return None, _NOT_CONVERGED
+
+    def end_point(self, point: CurvePoint, beyond: CurvePoint) -> CurvePoint:
+        """Return the point at the end of the range between two points.
+
+        Return `beyond` if the search from the state interpolated between both fails.
+        """
+        end = self.ends[1]
+        share = (end - point.value) / (beyond.value - point.value)
+        state = point.run.state + share * (beyond.run.state - point.run.state)
+        try:
+            period_map = self._period_map(end)
+            q, v = period_map.make_consistent(*np.split(state, 2))
+            run, iterations = solve_shooting(period_map, q, v, self.tolerance)
+            if run.relative_deviation > self.tolerance.accepted:
+                return beyond
+            found = self._complete_point(run, end, point.direction, point.orientation, iterations)
+        except (BeamdaeError, la.LinAlgError):
+            return beyond
+        return beyond if self._step_failure(point, found) else found
 
     def _predict(
         self, previous: CurvePoint | None, point: CurvePoint, step: float
