@@ -142,15 +142,16 @@ def test_an_interrupted_serial_run_ends_the_study_and_is_repeated(tmp_path, monk
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    # Enough steps for a call of the progress function.
+    # Enough steps for a call of the progress function, which follows 256 fixed steps.
+    fine = bd.GeneralizedAlpha(5e-4)
     study = create_study(
-        [bd.Case(swing, {"mass": mass}, bd.GeneralizedAlpha(1e-3)) for mass in (1.0, 2.0)]
+        [bd.Case(swing, {"mass": mass}, fine) for mass in (1.0, 2.0)], (COARSE[0], fine)
     )
     with monkeypatch.context() as patch:
         patch.setattr(case_run._LimitMonitor, "__call__", interrupt)
         results = run(study, tmp_path)
     assert results.interrupted
-    # A reference may take too few steps for one.
+    # Ida may take too few steps for one.
     *completed, outcome = results.outcomes.values()
     assert all(one.status.success for one in completed)
     assert len(completed) < 2
@@ -332,8 +333,8 @@ def test_exceptions_of_a_model_end_its_own_case_only(tmp_path):
     ids=["memory", "patience", "time"],
 )
 def test_cases_that_reach_a_limit_are_rows_with_a_reason(tmp_path, executor, limits, words):
-    # 64 of these steps advance less than a hundred-thousandth of the run.
-    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=5e-8))]
+    # 256 of these steps advance less than a hundred-thousandth of the run.
+    cases = [bd.Case(swing, {}, bd.GeneralizedAlpha(step=1e-8))]
     table = run(create_study(cases, t_end=0.4, limits=limits), tmp_path, executor).table
     assert table["status"][0] == "limited"
     assert table["reason"][0].endswith(words)
