@@ -302,8 +302,8 @@ def _solve_slider_crank() -> dict[str, float]:
         SPEEDS,
         lambda speed: 2.0 * np.pi / speed,
         bd.Radau(1e-7),
-        step=0.05,
-        max_step=0.2,
+        step=0.01,
+        max_step=0.05,
     )
     ((speed, amplitude),) = response.peaks("middle.v [m]")
     return {"speed of the peak": speed / FIRST_FREQUENCY, "deflection / crank": amplitude / CRANK}
