@@ -265,10 +265,10 @@ class ConsistencySolver(StateEvaluator):
     ) -> Array:
         """Return velocities (n,) with which the bodies move rigidly and the joints stay closed.
 
-        Velocities and angular velocities of bodies that are not zero in `v` are kept; others are
-        free, and their change has the least kinetic energy. Bodies that joints connect keep their
-        velocities in `v` if their joints stay closed, if bodies are deforming, or if no such motion
-        exists: a joint may stop a moving body by an impact.
+        Velocities (as vectors) and angular velocities of bodies that are not zero in `v` are kept;
+        others are free, and their change has the least kinetic energy. Bodies that joints connect
+        keep their velocities in `v` if their joints stay closed, if bodies are deforming, or if no
+        such motion exists: a joint may stop a moving body by an impact.
 
         Parameters
         ----------
@@ -292,9 +292,10 @@ class ConsistencySolver(StateEvaluator):
         for group in np.unique(groups_of_rows[is_open]):
             rows = np.flatnonzero(groups_of_rows == group)
             inside = sp.diags_array((groups == group).astype(float)) @ motions
-            shapes = inside[:, np.diff(inside.tocsc().indptr) > 0]
+            shapes = sp.csc_array(inside[:, np.diff(inside.tocsc().indptr) > 0])
             v = v + _rigid_change(
                 shapes,
+                self._vectors_of(shapes),
                 mass,
                 gradients[rows],
                 g_dot[rows],
@@ -302,6 +303,16 @@ class ConsistencySolver(StateEvaluator):
                 np.array([k for k in prescribed if groups[k] == group], int),
             )
         return v
+
+    def _vectors_of(self, shapes: sp.csc_array) -> Array:
+        """Return the number of the vector of each rigid motion: of a translation or a rotation."""
+        e = self.equations
+        is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates])
+        part = np.zeros(e.n, int)
+        for k, one in enumerate(e.parts):
+            part[one.rows] = k
+        columns = np.split(shapes.indices, shapes.indptr[1:-1])
+        return np.array([2 * part[x[0]] + np.any(is_angle[x]) for x in columns])
 
     def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
         """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).
@@ -432,6 +443,7 @@ def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
 
 def _rigid_change(
     shapes: sp.csc_array,
+    vectors: Array,
     mass: sp.csc_array,
     gradients: sp.csr_array,
     g_dot: Array,
@@ -440,7 +452,8 @@ def _rigid_change(
 ) -> Array:
     """Return a change of v (n,) in the span of `shapes` by which g_dot vanishes, or zeros.
 
-    Nonzero amplitudes of v do not change.
+    Velocities of v at the indices `prescribed` and vectors that are not zero do not change;
+    `vectors` are the numbers of the vectors of `shapes`.
     """
     none = np.zeros(len(v))
     amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ v)
@@ -451,8 +464,11 @@ def _rigid_change(
     lengths = sp.linalg.norm(rows, axis=1)
     lengths[lengths == 0.0] = 1.0
     rows, values = sp.diags_array(1.0 / lengths) @ rows, -g_dot / lengths
-    given = np.flatnonzero(np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes)))
-    fixed = sp.vstack([shapes[prescribed], build_selection(given.tolist(), shapes.shape[1])])
+    fixed = sp.csr_array(shapes[prescribed])
+    is_given = np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes))
+    is_given[fixed.indices] = False
+    given = np.flatnonzero(np.isin(vectors, vectors[is_given]))
+    fixed = sp.vstack([fixed, build_selection(given.tolist(), shapes.shape[1])])
     change = shapes @ solve_least_change(
         weight / abs(weight).max(),
         sp.vstack([rows, fixed]),

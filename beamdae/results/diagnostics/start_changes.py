@@ -100,15 +100,18 @@ def _warn_of_velocities(e: EquationsOfMotion, requested: Array, actual: Array, r
     worst, largest = None, _MAX_UNREPORTED_VELOCITY_CHANGE
     # Elastic coordinates adapt to the rigid motion.
     for part in (x for x in e.parts if request == _AS_DRAWN and not x.is_state):
-        rows = range(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
-        given = [k for k in rows if requested[k] != 0.0]
-        # The translation of a turning body depends on where the joints let it turn.
-        given = [k for k in given if e.coordinates[k].unit == "rad"] or given
-        size = np.max(np.abs(requested[given]), initial=0.0)
-        for k in given:
-            change = abs(actual[k] - requested[k]) / size
-            if change > largest:
-                worst, largest = (part, k), change
+        rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
+        is_angle = np.array([e.coordinates[k].unit == "rad" for k in rows], bool)
+        vectors = [rows[is_angle], rows[~is_angle]]
+        if not part.rigid_count and np.any(requested[vectors[0]]):
+            # The nodes of a turning beam move although no translation is given.
+            vectors.pop()
+        for vector in vectors:
+            size = np.max(np.abs(requested[vector]), initial=0.0)
+            for k in vector if size else ():
+                change = abs(actual[k] - requested[k]) / size
+                if change > largest:
+                    worst, largest = (part, k), change
     if worst is None:
         return ""
     part, k = worst
