@@ -127,8 +127,8 @@ def cantilever(
 
 
 @bd.model(t_end=2.0)
-def parallelogram(rocker=0.205, coupler=0.5, spin=2.0 * np.pi, crank_angle=0.5 * np.pi):
-    """Rigid crank-rocker with nearly equal sides under gravity, with an initial spin.
+def parallelogram(rocker=0.205, coupler=0.5, spin=0.6596528037474529, crank_angle=0.5 * np.pi):
+    """Rigid crank-rocker with nearly equal sides under gravity, whose crank turns at `spin`.
 
     The crank of 0.2 m rotates fully because 0.2 + 0.5 < `rocker` + `coupler`. Twice per revolution
     all bars are nearly collinear, close to a change point.
