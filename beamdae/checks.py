@@ -500,9 +500,9 @@ def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
         column = max(errors, key=lambda name: errors[name])
         if errors[column] > _MAX_MESH_ERROR:
             yield (
-                f"{column}: halving all elements changes the column by {errors[column]:.0%} of its "
-                f"deviation from the mean (root mean square); use more elements, or "
-                f"certify(columns=[{split_unit(column)[0]!r}])."
+                f"{column}: halving all elements changes the column by "
+                f"{100.0 * errors[column]:.0f} % of its deviation from the mean (root mean "
+                "square); use more elements."
             )
 
 

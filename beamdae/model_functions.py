@@ -10,9 +10,9 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 from beamdae.deferred import public
@@ -39,6 +39,9 @@ from beamdae.model_parameters import (
     plain_number,
 )
 from beamdae.read_only import ReadOnlyDict, copy_containers
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
@@ -389,9 +392,29 @@ def _require_function(build: Any) -> None:
         raise BeamdaeError(f"model: build must be a function, got {short_repr(build)}.")
 
 
-def model(
-    *misplaced: Any, t_end: Any = None, data: Sequence[str] = ()
-) -> Callable[[Callable[..., Any]], Model]:
+def _explain_missing_end_time(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorate `model`: calls without `t_end`, such as @bd.model, end in one sentence."""
+
+    @wraps(function)
+    def call(*misplaced: _P.args, **settings: _P.kwargs) -> _R:
+        number = as_real(misplaced[0]) if misplaced else None
+        if number is not None:
+            raise BeamdaeError(
+                f"model: the end time {number:g} has no name; pass t_end by name: "
+                f"@bd.model(t_end={number:g})."
+            )
+        if misplaced or settings.get("t_end") is None:
+            raise BeamdaeError(
+                "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
+                "function."
+            )
+        return function(*misplaced, **settings)
+
+    return call
+
+
+@_explain_missing_end_time
+def model(*, t_end: float, data: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Model]:
     """Return a decorator that turns a function that builds a mechanism into a `Model`.
 
     Every parameter of the function needs a default value. The defaults define the parameters of the
@@ -430,11 +453,6 @@ def model(
     >>> swing.parameters
     {'mass': 2.0}
     """
-    if misplaced or t_end is None:
-        raise BeamdaeError(
-            "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
-            "function."
-        )
     require_positive("model", "t_end", t_end)
 
     def decorate(function: Callable[..., Any]) -> Model:

@@ -392,7 +392,7 @@ def _judge(error: float, allowed_error: float) -> str:
     if np.isnan(error):
         return "not verified"
     if np.isnan(allowed_error):
-        return f"time error {error:.1%}"
+        return f"time error {round(100.0 * error, 1):g} %"
     return "agrees" if error <= allowed_error else "differs"
 
 

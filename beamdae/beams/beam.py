@@ -873,8 +873,8 @@ def _warn_about_curvature(part: str, mesh: Mesh, section: Section | VaryingSecti
             message = (
                 f"{part}: the section height is {ratio:.2g} times the radius of "
                 "curvature, so beam theory has an error of "
-                f"{_WINKLER_BACH_STIFFNESS * ratio**2:.1%} in the bending stiffness{shape}; "
-                "reduce the height or the curvature."
+                f"{100.0 * _WINKLER_BACH_STIFFNESS * ratio**2:.1f} % in the bending "
+                f"stiffness{shape}; reduce the height or the curvature."
             )
             warn_user(message)
 

@@ -201,6 +201,6 @@ def require_free_curve(part: str, free: Any, curve: PlaneCurve) -> None:
     if not abs(curve.length - free.length) <= _MAX_INITIAL_STRAIN * free.length:
         raise BeamdaeError(
             f"{part}: the length of the curve, {curve.length:.6g} m, must differ by at most "
-            f"{_MAX_INITIAL_STRAIN:.0%} from the length of free_curve, {free.length:.6g} m; "
-            "change free_curve."
+            f"{100.0 * _MAX_INITIAL_STRAIN:.0f} % from the length of free_curve, "
+            f"{free.length:.6g} m; change free_curve."
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import wraps
 from typing import Annotated, Any
@@ -113,6 +113,21 @@ def _report_interrupt(reason: str) -> int:
     return signals.exit_code()
 
 
+@contextmanager
+def _escape_brackets(parameters: Iterable[Any]) -> Iterator[None]:
+    """Escape units such as [mm] in help texts, which boxes would omit as the name of a style."""
+    from rich.markup import escape
+
+    texts = [(x, x.help) for x in parameters if getattr(x, "help", None)]
+    for parameter, text in texts:
+        parameter.help = escape(text)
+    try:
+        yield
+    finally:
+        for parameter, text in texts:
+            parameter.help = text
+
+
 class _Plain:
     """Help without boxes in narrow terminals and without "boolean" after flags.
 
@@ -121,10 +136,13 @@ class _Plain:
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         columns = shutil.get_terminal_size().columns
+        if columns >= _MIN_BOX_WIDTH:
+            with _escape_brackets(vars(self)["params"]):
+                super().format_help(ctx, formatter)  # type: ignore[misc]
+            return
         markup_mode = vars(self).get("rich_markup_mode")
-        if columns < _MIN_BOX_WIDTH:
-            formatter.width = min(formatter.width, columns - 2)
-            vars(self)["rich_markup_mode"] = None
+        formatter.width = min(formatter.width, columns - 2)
+        vars(self)["rich_markup_mode"] = None
         super().format_help(ctx, formatter)  # type: ignore[misc]
         vars(self)["rich_markup_mode"] = markup_mode
 

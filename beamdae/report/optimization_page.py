@@ -93,9 +93,13 @@ def _build_warnings(result: Optimization) -> tuple[str, ...]:
 
 
 def _constraints_table(result: Optimization) -> dict[str, Any]:
+    _, *units = result.units.values()  # of the objective, the constraints and the parameters
     rows = [
-        [x.name, *(format_number(y, _DIGITS) for y in (x.value, x.limit, x.margin, x.multiplier))]
-        for x in result.constraints
+        [
+            f"{x.name} {unit}".removesuffix(" -").strip(),
+            *(format_number(y, _DIGITS) for y in (x.value, x.limit, x.margin, x.multiplier)),
+        ]
+        for x, unit in zip(result.constraints, units, strict=False)
     ]
     head = ["constraint", "value", "limit", "margin", "multiplier"]
     return {"title": "Constraints", "head": head, "rows": rows}

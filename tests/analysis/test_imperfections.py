@@ -152,7 +152,7 @@ def test_knock_down_curve_of_an_arch():
         (np.ones(75), None, "pass amplitude"),
         ({"colum": bd.Line((0.0, 0.0), (0.0, 1.0))}, None, "no beam has this name"),
         ({"column": 3.0}, None, "curve must be"),
-        ({"column": bd.Line((0.0, 0.0), (0.0, 2.0))}, None, "must differ by at most 1%"),
+        ({"column": bd.Line((0.0, 0.0), (0.0, 2.0))}, None, "must differ by at most 1 %"),
     ],
 )
 def test_arguments_are_checked(shape, amplitude, message):

@@ -377,5 +377,5 @@ def test_invalid_arguments_are_rejected():
 def test_table_names_the_moving_parts():
     table = bd.modes(double_pendulum()).table()
     assert list(table["mode"]) == [1, 2]
-    assert table["moves"][0] == "bob 1 56%, bob 0 44%"
+    assert table["moves"][0] == "bob 1 56 %, bob 0 44 %"
     assert set(table["kind"]) == {"vibration"}

@@ -283,7 +283,7 @@ def test_models_with_different_tapers_share_their_structure():
         (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "unexpected keyword .*width"),
         (
             lambda: bd.Beam("b", LINE, STRIP, free_curve=bd.Line((0, 0), (1.1, 0))),
-            "curve, 1 m, must differ by at most 1% from the length of free_curve, 1.1 m",
+            "curve, 1 m, must differ by at most 1 % from the length of free_curve, 1.1 m",
         ),
         (lambda: bd.Beam("b", LINE, STRIP, free_curve=1.0), "b, free_curve: curve must be a Line"),
         (lambda: bd.Beam("b", LINE, STRIP).strain(0.5, "left"), "offset must be one of 'top'"),

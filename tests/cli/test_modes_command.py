@@ -39,7 +39,7 @@ def test_modes_writes_a_table_and_pictures(modes, tmp_path):
     assert result.exit_code == 0
     table = pd.read_csv(tmp_path / "results/cross_modes.csv")
     assert_allclose(table["frequency [Hz]"], [0.6366198, 1.0065842], rtol=1e-6)
-    assert list(table["moves"]) == ["bob 100%"] * 2
+    assert list(table["moves"]) == ["bob 100 %"] * 2
     assert "vibration" in result.stdout
     with Image.open(tmp_path / "results/cross_mode_2.gif") as animation:
         assert animation.n_frames == 32

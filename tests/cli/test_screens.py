@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import typer
 from terminals import in_terminal, process
 from typer.testing import CliRunner
 
@@ -278,6 +279,22 @@ def test_list_of_a_study_omits_models_of_other_files(here):
     assert result.exit_code == 0
     assert "third" in result.stdout
     assert "swings" not in result.stdout
+
+
+@pytest.mark.parametrize("columns", ["60", "400"])
+def test_regression_help_texts_keep_brackets(monkeypatch, columns):
+    """`beamdae run --help` printed 'tip.y ' instead of 'tip.y [mm]'."""
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setenv("TERMINAL_WIDTH", columns)
+    found = []
+    for name, command in typer.main.get_command(app).commands.items():
+        texts = [command.help, *(getattr(x, "help", None) for x in command.params)]
+        brackets = re.findall(r"\[[^\]]*\]", " ".join(filter(None, texts)))
+        for _ in range(2):  # Texts are the same after a help page.
+            shown = CliRunner().invoke(app, [name, "--help"]).stdout
+            assert [x for x in brackets if x not in shown] == [], name
+        found += brackets
+    assert "[mm]" in found
 
 
 def test_help_of_flags_does_not_mention_booleans():

@@ -87,7 +87,7 @@ def test_smooth_points_do_not_warn(points):
         ),
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), bd.Section.circle(STEEL, 0.5)),
-            "the section height is 0.5 times the radius .* 3.[78]% in the bending stiffness",
+            "the section height is 0.5 times the radius .* 3.[78] % in the bending stiffness",
         ),
         (
             lambda: bd.Beam("b", bd.Arc(1.0, 2.0), lambda s: bd.Section.circle(STEEL, 0.1 + s)),

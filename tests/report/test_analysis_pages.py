@@ -601,7 +601,7 @@ def test_regression_texts_of_modes_do_not_stretch_the_rows(column, show):
     page = build_modes_page(bd.modes(column, n=3), "modes")
     for case in page["cases"]:
         case["values"]["moves"] = (
-            "first 30%, second 20%, third 20%, fourth 10%, fifth 10%, sixth 10%"
+            "first 30 %, second 20 %, third 20 %, fourth 10 %, fifth 10 %, sixth 10 %"
         )
     tab = show(page)
     heights = "rows => rows.map((row) => row.getBoundingClientRect().height)"

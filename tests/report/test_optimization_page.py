@@ -8,7 +8,8 @@ from beamdae.report.optimization_page import build_optimization_page
 
 pytestmark = pytest.mark.slow(reason="optimizations")
 METHOD = bd.GeneralizedAlpha(step=0.02)
-LIMITS = {"length": (0.2, 2.0), "mass": (0.5, 3.0)}
+LIMITS_OF_MASS = {"mass": (0.5, 3.0)}
+LIMITS = {"length": (0.2, 2.0), **LIMITS_OF_MASS}
 
 
 @bd.model(t_end=1.0)
@@ -61,9 +62,21 @@ def test_tables_have_units_bounds_and_the_budget(result):
     assert [x[0] for x in facts(page, "Parameters")] == ["length [m]", "mass [kg]"]
     assert facts(page, "Parameters")[0][3:] == ["0.2", "2", "no"]
     speed, mass = facts(page, "Constraints")
-    assert speed[0] == "SmoothMaximum of bob.y_dot <= 3"
+    assert speed[0] == "SmoothMaximum of bob.y_dot <= 3 m/s"
     assert float(speed[1]) == pytest.approx(3.0, rel=1e-5)
-    assert mass[0] == "mass <= 2"
+    assert mass[0] == "mass <= 2 kg"
+
+
+def test_regression_scaled_quantities_keep_their_unit():
+    """The unit of a quantity with a sign or a factor was missing in tables and axes."""
+    limits = [bd.at_most(0.5 * bd.SmoothMaximum("bob.y_dot"), 3.0), bd.at_least(2.0 * bd.Mass(), 1)]
+    result = bd.optimize(swinging, -bd.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD)
+    page = build_optimization_page(result, "pendulum")
+    assert dict(facts(page, "Optimization"))["objective"] == "-EndValue of bob.x [m]"
+    units = {x["label"]: x["unit"] for x in page["columns"]}
+    assert units["objective"] == "m"
+    names = [x[0] for x in facts(page, "Constraints")]
+    assert [x.rpartition(" ")[2] for x in names] == ["m/s", "kg"], names
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

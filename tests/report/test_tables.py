@@ -206,7 +206,7 @@ def test_ranges_of_columns_with_nan_and_infinity():
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({"limited_by": {"rod.x": 0.614, "rod.phi": 0.2}}, "rod.x 61%, rod.phi 20% of the steps"),
+        ({"limited_by": {"rod.x": 0.614, "rod.phi": 0.2}}, "rod.x 61 %, rod.phi 20 % of the steps"),
         ({"limited_by": {}}, None),
         ({}, None),
     ],

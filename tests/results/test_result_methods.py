@@ -32,7 +32,7 @@ METHODS = {
     "Solution": {"plot", "page", "to_parquet"},
     "SweepResults": {"plot", "page"},
 }
-# Results without warnings: quantities of another result, and a table of cases with their warnings.
+# Results without warnings: quantities of another result.
 WITHOUT_WARNINGS = {"SectionForces"}
 OTHER_RESULTS = {"AnalysisCertificate", "Certificate", "Check", "ExportedFmu", "Gradient"}
 NAMES = {"table", "to_csv", "to_parquet", "plot", "page"}

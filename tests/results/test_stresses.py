@@ -189,7 +189,7 @@ def test_thick_arcs_of_unknown_shape_are_treated_as_rectangles():
     assert unknown.stress_lever("hook", "top", 2.0) == rectangle.stress_lever("hook", "top", 2.0)
     with pytest.raises(bd.BeamdaeWarning, match=r"hook: .* and stresses assume a rectangular"):
         bent_arc(2.0, unknown)
-    with pytest.raises(bd.BeamdaeWarning, match=r"an error of 3\.8% in the bending stiffness; "):
+    with pytest.raises(bd.BeamdaeWarning, match=r"an error of 3\.8 % in the bending stiffness; "):
         bent_arc(2.0, rectangle)
     # Without height, only the leading term of the curvature is known.
     bare = replace(rectangle, height=None, shapes=())

@@ -207,7 +207,7 @@ class Modes(HasTable, HasPage):
         shares = {name: float(share[k]) for name, share in self.shares.items()}
         significant = (x for x in shares.items() if x[1] >= _MIN_NAMED_SHARE)
         ordered = sorted(significant, key=lambda x: -x[1])
-        return ", ".join(f"{name} {share:.0%}" for name, share in ordered)
+        return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in ordered)
 
 
 @single_threaded

@@ -496,6 +496,8 @@ class Limit:
 def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
     """Return the unit of a quantity, or None if it is unknown, as for sums.
 
+    Factors have no unit.
+
     Parameters
     ----------
     quantity
@@ -511,9 +513,11 @@ def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
         case EquilibriumValue():
             return columns.get(quantity.column)
         case RunQuantity():
-            (factor, value), *others = quantity.objective.terms
-            if factor == 1.0 and not others and isinstance(value, (EndValue, SmoothMaximum)):
+            (_, value), *others = quantity.objective.terms
+            if not others and isinstance(value, (EndValue, SmoothMaximum)):
                 return columns.get(value.column)
+        case QuantitySum(((_, term),)):
+            return find_unit(term, columns)
         case LargestOf():
             units = {find_unit(x, columns) for x in quantity.quantities}
             return units.pop() if len(units) == 1 else None

@@ -502,7 +502,7 @@ def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     stability = path.end.stability
     coordinate = dominant_coordinate(e, stability.mode(stability.negative_count))
     return (
-        f", where {coordinate} has lost {1.0 - now / before:.0%} of the initial "
+        f", where {coordinate} has lost {100.0 * (1.0 - now / before):.0f} % of the initial "
         "stiffness, which suggests a limit point; use control='arc length' to continue past "
         "this point"
     )

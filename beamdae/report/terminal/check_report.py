@@ -63,7 +63,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
         source = (
             "a complete run"
             if p.covered_share >= 1.0
-            else f"a run over {p.covered_share:.1%} of the time"
+            else f"a run over {100.0 * p.covered_share:.1f} % of the time"
         )
         facts["predicted cost"] = (
             f"about {p.steps:.1g} steps, {p.seconds:.1g} s ({p.method}), measured by {source}"

@@ -107,7 +107,7 @@ def run_facts(summary: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[s
         f"{s['steps']}, {s['rejected_steps']} rejected, {s['newton_failures']} Newton failures"
     )
     if shares := settings.get("limited_by", {}):
-        limits = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
+        limits = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares.items())
         facts["limited by"] = f"{limits} of the steps"
     return facts | {
         "calls": f"{s['residual_calls']} residual, {s['jacobian_calls']} Jacobian, "

@@ -401,7 +401,8 @@ class SectionForces(HasTable):
             )
         return (
             f"{self.beam.name}: the largest stress, {stress:.4g} Pa at t = {t:.4g} s, has an "
-            f"estimated error of {error / stress if stress else np.inf:.0%} {cause}; {remedy}."
+            f"estimated error of {100.0 * error / stress if stress else np.inf:.0f} % {cause}; "
+            f"{remedy}."
         )
 
     def diagram(self, what: str = "M", t: float | None = None) -> Plot:
