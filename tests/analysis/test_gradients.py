@@ -542,3 +542,73 @@ def test_regression_weights_that_decay_to_underflow():
         for t_end in (0.3, 0.12)
     )
     np.testing.assert_allclose(whole, short, rtol=1e-5)
+
+
+@bd.model(t_end=0.1)
+def loaded_rod(near=0.0, far=0.0, first=0.02, second=0.05, kind="force"):
+    """Rod on a pin, perhaps with loads at half its length and at its end, or with late torques."""
+    mech = bd.Mechanism()
+    speed = 1.0 if kind == "damper" else 0.0
+    rod = bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), mass=3.0, angular_velocity=speed)
+    mech.add(rod)
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    for x, value in ((0.5, near), (1.0, far)):
+        point, anchor = rod.at(x, 0.0), mech.ground.at(x, 1.0)
+        if value and kind == "force":
+            mech.add(bd.Force(f"load{x:g}", point, (0.0, value)))
+        elif value and kind == "spring":
+            mech.add(bd.Spring(f"load{x:g}", anchor, point, value, free_length=0.5))
+        elif value:
+            mech.add(bd.Damper(f"load{x:g}", anchor, point, value))
+    mech.observe("rod", rod.at(1.0, 0.0))
+    if kind == "torques":
+        for name, time in (("first", first), ("second", second)):
+            mech.add(bd.Moment(name, rod.at(0.0, 0.0), bd.piecewise((time, 0.0), 2.0)))
+    elif kind == "damper":
+        torque = mech.add(bd.Moment("torque", rod.at(0.0, 0.0), 5.0))
+        mech.when("rod.angle", 0.05, "up", bd.deactivate(torque), name="released")
+    return mech
+
+
+def differentiate_rod(kind, by, method):
+    """Return the derivatives of the angle at the end, forward and backward."""
+    options = {"parameters": {"kind": kind}, "estimate_error": False}
+    forward = bd.sensitivities(loaded_rod, by, method, **options)
+    backward = bd.gradient(loaded_rod, bd.EndValue("rod.angle"), by, method, **options)
+    return {x: forward.sensitivity("rod.angle", x).iloc[-1] for x in by}, backward.derivatives
+
+
+STEP = bd.GeneralizedAlpha(step=0.01)
+BOTH_METHODS = [STEP, pytest.param(bd.Radau(), marks=pytest.mark.slow(reason="another method"))]
+
+
+def assert_derivatives_of_rod(kind, expected, method, tolerance):
+    for by in (list(expected), list(expected)[::-1]):
+        forward, backward = differentiate_rod(kind, by, method)
+        assert forward == pytest.approx(expected, rel=tolerance)
+        assert backward == pytest.approx(forward, rel=1e-8)
+
+
+@pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
+def test_regression_missing_forces_that_differ_in_their_points(method):
+    """Both parameters had the derivative of the first, because the structures are equal."""
+    # The inertia about the pin is 1 kg m^2, and the torques are constant.
+    expected = {"near": 0.5 * 0.1**2 / 2.0, "far": 0.1**2 / 2.0}
+    assert_derivatives_of_rod("force", expected, method, 1e-6)
+
+
+@pytest.mark.slow(reason="kernels of springs and dampers")
+@pytest.mark.parametrize("kind", ["spring", "damper"])
+@pytest.mark.parametrize("method", [STEP, bd.Radau(1e-8)], ids=repr)
+def test_regression_missing_springs_and_dampers_that_differ_in_their_points(kind, method):
+    """They had the derivatives of the first, also in runs with events."""
+    alone = {x: differentiate_rod(kind, [x], method)[0][x] for x in ("near", "far")}
+    assert abs(alone["far"]) > 1.5 * abs(alone["near"]) > 0.0
+    assert_derivatives_of_rod(kind, alone, method, 1e-8)
+
+
+@pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
+def test_regression_parameters_that_move_different_breakpoints(method):
+    """The second derivative was zero: the sweep of the first did not shift its breakpoint."""
+    expected = {"first": -2.0 * (0.1 - 0.02), "second": -2.0 * (0.1 - 0.05)}
+    assert_derivatives_of_rod("torques", expected, method, 1e-3)

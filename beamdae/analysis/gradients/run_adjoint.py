@@ -36,7 +36,11 @@ from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
 from beamdae.analysis.gradients.redundant_adjoint import transpose_reactions
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
-from beamdae.analysis.sensitivities.further_forces import FurtherForces, locate_numbers
+from beamdae.analysis.sensitivities.further_forces import (
+    FurtherForces,
+    further_key,
+    locate_numbers,
+)
 from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase, interpolate
@@ -135,7 +139,12 @@ class RunPhases:
     @property
     def moves_breakpoints(self) -> bool:
         """True if breakpoints of laws depend on the parameter."""
-        return any(dt != 0.0 for x in self.phases for _, dt in breakpoint_derivatives(x.active))
+        return any(map(any, self._moved_breakpoints))
+
+    @property
+    def _moved_breakpoints(self) -> list[tuple[bool, ...]]:
+        """True for the breakpoints of each phase that depend on the parameter."""
+        return [tuple(dt != 0.0 for _, dt in breakpoint_derivatives(x.active)) for x in self.phases]
 
     @property
     def key(self) -> object:
@@ -143,9 +152,10 @@ class RunPhases:
         if self.moves_operators:
             return self.whole.name
         return (
-            self.moves_breakpoints,
-            self.whole.base.structure,
+            further_key(self.whole.base),
             *(x.active.base.structure for x in self.phases),
+            # The sweep does not shift other breakpoints.
+            *self._moved_breakpoints,
         )
 
 

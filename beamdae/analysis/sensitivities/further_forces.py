@@ -55,7 +55,8 @@ class FurtherForces:
         run
             Equations of the run.
         models, numbers
-            Equations and derivatives of their numbers for each direction.
+            Equations and derivatives of their numbers for each direction. The `further_key` of all
+            equations with further forces must be the same.
         """
         is_present = np.array([x.structure != run.structure for x in models], np.int64)
         extended = next((x for x in models if x.structure != run.structure), run)
@@ -63,6 +64,15 @@ class FurtherForces:
         further = [x if y else np.zeros(len(extended.p)) for x, y in rows]
         others = [np.zeros(len(run.p)) if y else x for x, y in rows]
         return cls(extended, np.array(further), is_present), np.array(others)
+
+
+def further_key(equations: EquationsOfMotion) -> Any:
+    """Return a key that is equal if the same equations serve two parameters.
+
+    Forces that are missing in the run may have the same kernels and operators, but other numbers,
+    such as the points on which they act. Their structures are equal; their derivatives are not.
+    """
+    return equations.structure, (equations.p + 0.0).tobytes()  # not -0.0
 
 
 def locate_numbers(run: EquationsOfMotion, extended: EquationsOfMotion) -> Array | None:

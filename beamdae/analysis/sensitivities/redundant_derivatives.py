@@ -62,7 +62,7 @@ class RedundantConstraints:
     ) -> dict[str, Trajectory]:
         """Return the derivatives of the states with all multipliers, by parameter.
 
-        The equations of the parameters must have a common structure.
+        The same equations must serve all parameters, see `further_key`.
         """
         reduced = {name: self.reduce(x) for name, x in differences.items()}
         trajectories = RunDerivatives(self.solution, method, reduced).trajectories()

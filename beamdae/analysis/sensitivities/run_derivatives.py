@@ -20,7 +20,11 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
-from beamdae.analysis.sensitivities.further_forces import FurtherForces, locate_numbers
+from beamdae.analysis.sensitivities.further_forces import (
+    FurtherForces,
+    further_key,
+    locate_numbers,
+)
 from beamdae.analysis.sensitivities.model_differences import Difference, derivative_call
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
@@ -51,7 +55,7 @@ _MIN_EVENT_RATE = 1e-4
 
 
 class RunDerivatives:
-    """Derivatives of a run with respect to parameters whose equations have a common structure.
+    """Derivatives of a run with respect to parameters that the same equations serve.
 
     `starts` are the derivatives of the initial positions and velocities by parameter, if they do
     not follow from the models.
@@ -448,12 +452,12 @@ def _numbers(phases: list[Phase]) -> list[Array]:
 
 
 def _derive_all(phases: list[Phase]) -> list[StartDerivatives]:
-    """Return the derivatives of consistent states by parameter; equal structures share one."""
+    """Return the derivatives of consistent states by parameter; equal equations share one."""
     known: dict[Any, StartDerivatives] = {}
+    keys = [further_key(x.active.base) for x in phases]
     return [
-        known.get(x.active.base.structure)
-        or known.setdefault(x.active.base.structure, derive_states(x.active))
-        for x in phases
+        known.get(key) or known.setdefault(key, derive_states(x.active))
+        for key, x in zip(keys, phases, strict=True)
     ]
 
 

@@ -17,7 +17,7 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_unreliable_run,
 )
 from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
-from beamdae.analysis.sensitivities.further_forces import locate_numbers
+from beamdae.analysis.sensitivities.further_forces import further_key, locate_numbers
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
@@ -532,7 +532,7 @@ def _differentiate(
     redundant = RedundantConstraints.of(solution)
     trajectories: dict[str, Any] = {}
     with single_threaded:
-        for group in _group_by_structure(solution.equations, differences):
+        for group in _group_by_equations(solution.equations, differences):
             _require_memory(solution, len(group))
             if redundant is None:
                 trajectories |= RunDerivatives(solution, method, group).trajectories()
@@ -543,25 +543,26 @@ def _differentiate(
     return Sensitivities(solution, parameters, trajectories, differences)
 
 
-def _group_by_structure(
+def _group_by_equations(
     run: EquationsOfMotion, differences: Mapping[str, Difference]
 ) -> list[dict[str, Difference]]:
-    """Group parameters by the structure of the equations in which their forces are present.
+    """Group parameters by the equations in which their forces are present.
 
     Parameters with the same further forces belong to those without. A parameter that moves
     operators is a group.
     """
-    extended = {
-        x.base.structure
+    extended = [
+        x.base
         for x in differences.values()
         if not moves_operators(x) and locate_numbers(run, x.base) is not None
-    }
-    # Steps are differentiated with the further forces of one structure.
-    shared = {run.structure, max(extended, key=lambda x: len(x.forces), default=run.structure)}
+    ]
+    # Steps are differentiated with the further forces of one model.
+    largest = max(extended, key=lambda x: len(x.forces), default=run)
+    shared = {further_key(run), further_key(largest)}
     groups: dict[Any, dict[str, Difference]] = {}
     for name, difference in differences.items():
-        structure = difference.base.structure
-        key: Any = run.structure if structure in shared else structure
+        key: Any = further_key(difference.base)
+        key = further_key(run) if key in shared else key
         key = name if moves_operators(difference) else key
         groups.setdefault(key, {})[name] = difference
     return list(groups.values())
