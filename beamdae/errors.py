@@ -130,14 +130,24 @@ def record_messages() -> Iterator[list[str]]:
 def record_warnings(function: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate an analysis: its result lists the messages that the call issued in `warnings`.
 
-    They follow those that the result already contains.
+    They follow those that the result already contains. The same applies to a partial result of the
+    call.
     """
 
     @wraps(function)
     def call(*arguments: Any, **settings: Any) -> Any:
+        def add(result: Any) -> None:
+            set_fields(result, warnings=tuple(dict.fromkeys([*result.warnings, *messages])))
+
         with record_messages() as messages:
-            result = function(*arguments, **settings)
-        set_fields(result, warnings=tuple(dict.fromkeys([*result.warnings, *messages])))
+            try:
+                result = function(*arguments, **settings)
+            except KeyboardInterrupt as problem:
+                partial = getattr(problem, "partial", None)
+                if partial is not None and getattr(problem, "call", "") == function.__name__:
+                    add(partial)
+                raise
+        add(result)
         return result
 
     return call

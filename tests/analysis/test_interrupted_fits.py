@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.errors import warn_user
 from beamdae.interrupts import Interrupted
 
 METHOD = bd.GeneralizedAlpha(step=0.02)
@@ -85,3 +86,22 @@ def test_regression_derivatives_survive_an_interrupt_of_their_error_estimate(cal
     with pytest.raises(Interrupted, match="error of the derivatives was estimated") as caught:
         function(spring, *objective, "stiffness", METHOD)
     assert isinstance(caught.value.partial, (bd.Gradient, bd.Sensitivities))
+
+
+@pytest.mark.parametrize("call", ["sensitivities", "gradient"])
+def test_regression_derivatives_of_interrupted_calls_list_warnings(call, monkeypatch):
+    """The warnings of the call were lost, although they were issued before the interrupt."""
+    from beamdae.analysis.gradients import gradients
+    from beamdae.analysis.sensitivities import sensitivities
+
+    def interrupt(*_):
+        warn_user("coarse: a message")
+        raise KeyboardInterrupt
+
+    for module in (gradients, sensitivities):
+        monkeypatch.setattr(module, "_warn_of_step_errors", interrupt)
+    spring, _ = model()
+    objective = [bd.EndValue("mass.x")] * (call == "gradient")
+    with pytest.warns(bd.BeamdaeWarning, match="coarse"), pytest.raises(Interrupted) as caught:
+        getattr(bd, call)(spring, *objective, "stiffness", METHOD)
+    assert caught.value.partial.warnings == ("coarse: a message",)

@@ -1,6 +1,7 @@
 """Evaluation of forces, constraints and matrices at single states."""
 
 import gc
+from copy import copy
 
 import numpy as np
 from numpy.testing import assert_array_equal
@@ -42,3 +43,14 @@ def test_models_that_differ_in_numbers_reuse_sums_one_after_the_other():
     third = StateEvaluator(heavy)
     assert_array_equal(third.force(TIME, q, rest), force_by_new_sum(heavy, q))
     assert third._motion is used
+
+
+def test_regression_copies_have_their_own_sums():
+    """The sum of a copy was reused by other instances after the original had been deleted."""
+    equations = build_pendulum(0.2)
+    evaluator = StateEvaluator(equations)
+    q, rest = equations.q0 + 0.1, np.zeros(equations.n)
+    evaluator.force(TIME, q, rest)
+    other = copy(evaluator)
+    assert_array_equal(other.force(TIME, q, rest), force_by_new_sum(equations, q))
+    assert other._motion is not evaluator._motion

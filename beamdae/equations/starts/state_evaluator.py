@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -150,6 +151,10 @@ class StateEvaluator:
     """
 
     equations: EquationsOfMotion
+
+    def __copy__(self) -> Self:
+        """Return an instance with its own buffers."""
+        return type(self)(self.equations)
 
     @property
     def sums(self) -> StateSums:
