@@ -58,9 +58,6 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 # Number of steps between two checks for contacts that steps passed over, so large that the checks
 # take a small part of the time.
 _STEPS_PER_ONSET_CHECK = 256
-# Samples of controllers at shorter intervals, relative to the spacing at which forces are evaluated
-# to find their peaks, bound the steps themselves; a check would cost more than a step.
-_MIN_SPACINGS_PER_SAMPLE = 16.0
 # Size of the rows from which on freed memory is returned to the system after a run.
 _MAX_RETAINED_BYTES = 1e8
 
@@ -547,8 +544,10 @@ class _RunInProgress:
         detector = self._force_detector
         if detector is None:
             return end
-        least = _MIN_SPACINGS_PER_SAMPLE if self._sampler.controllers else 1.0
-        if self._history.end - checked_until < least * detector.spacing:
+        if self._history.end - checked_until < detector.spacing:
+            return end
+        # Between frequent samples of controllers, a check would cost more than the steps.
+        if self._history.longest_gap(unchecked) < detector.spacing:
             return end
         segment = self._segments[-1]
         tail = segment.tail(unchecked, self._equations.m)

@@ -264,6 +264,10 @@ class StepHistory:
             return None
         return self._make_interval([rows[:count]], branch), float(rows[first - 1 - begin, 0])
 
+    def longest_gap(self, first: int) -> float:
+        """Return the longest time [s] between rows from the one before `first` on."""
+        return float(np.diff(self._rows_from(first - 1)[:, 0]).max(initial=0.0))
+
     def truncate(self, tail: Interval, t: float) -> None:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 

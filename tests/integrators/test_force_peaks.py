@@ -14,8 +14,8 @@ WIDTH = 0.003
 PLACE = 0.5123
 
 
-def gauss(x):
-    return ca.exp(-((x / WIDTH) ** 2)) / (np.sqrt(np.pi) * WIDTH)
+def gauss(x, width=WIDTH):
+    return ca.exp(-((x / width) ** 2)) / (np.sqrt(np.pi) * width)
 
 
 def box(x):
@@ -52,6 +52,42 @@ def test_regression_short_pulses_are_not_passed_over(method):
     run = bd.simulate(mech, method, t_end=1.0)
     assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.0, abs=1e-3)
     assert run["count"].iloc[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def build_pulses(places, impulses):
+    def law(t):
+        return sum(a * gauss(t - place) for place, a in zip(places, impulses, strict=True))
+
+    mech, ball, _ = build_ball()
+    mech.add(bd.Force("pulses", ball.point, (0.0, law)))
+    return mech
+
+
+@pytest.mark.parametrize("method", METHODS[:2], ids=["ida", "radau"])
+def test_regression_earlier_lower_pulses_are_not_passed_over(method):
+    """A restart at one of the four highest pulses kept the steps over lower pulses before it."""
+    count = np.arange(1, 10)
+    mech = build_pulses(0.1 * count + 0.037, 0.5 + 0.05 * count)
+    run = bd.simulate(mech, method, t_end=1.0)
+    assert run["ball.y_dot"].iloc[-1] == pytest.approx(6.75, abs=5e-3)
+
+
+def test_regression_lower_pulse_in_the_same_step_is_not_passed_over():
+    """The run restarted at the beginning of the highest pulse of a step."""
+    mech = build_pulses([0.3, 0.32], [0.4, 1.0])
+    run = bd.simulate(mech, bd.Ida(), t_end=1.0)
+    assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.4, abs=1e-3)
+
+
+def test_regression_pulses_between_frequent_samples_are_not_passed_over():
+    """Steps between samples of controllers were not checked, however few and long they were."""
+    mech, ball, x = build_ball()
+    mech.add(bd.Force("pulse", ball.point, (0.0, lambda t: gauss(t - 0.5047, 0.8e-3))))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("control", ball.point, (force, 0.0)))
+    mech.add(bd.Controller("controller", 0.015, [x], [force], lambda sample: 0.0))
+    run = bd.simulate(mech, bd.GeneralizedAlpha(rtol=1e-5), t_end=1.0)
+    assert run["ball.y_dot"].iloc[-1] == pytest.approx(1.0, abs=2e-3)
 
 
 def test_smooth_formulas_take_the_same_steps(monkeypatch):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,8 @@ SAMPLE_SPACING = 1.0 / 1024.0
 # A peak differs from the polynomial by more than this fraction of the range of the force, and by
 # more than the difference of the force between the nodes around it.
 _MIN_PEAK = 0.2
-# A peak begins after the last sample before it that is lower than this fraction of it.
+# Peaks in one step are separated by samples lower than this fraction of the highest one.
 _QUIET = 1e-2
-# The candidates with the highest peaks are examined; the others are found after a restart.
-_MAX_CANDIDATES = 4
 # Change of a velocity that matters, relative to the tolerance.
 _SIGNIFICANT_CHANGE = 10.0
 # Peaks whose impulse, estimated from the samples, has less than this share of that change are not
@@ -87,15 +86,16 @@ class ForcePeakDetector:
         order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
         samples = _Samples(interval, t)
-        peaks = [
-            peak for term in self.terms for peak in self._find_peaks(term, samples, first, gap)
-        ]
-        return min(peaks, default=None)
+        peaks = (self._find_first_of_force(term, samples, first, gap) for term in self.terms)
+        return min((peak for peak in peaks if peak is not None), default=None)
 
-    def _find_peaks(
+    def _find_first_of_force(
         self, term: FormulaForceTerm, samples: _Samples, first: int, gap: Array
-    ) -> Iterator[ForcePeak]:
-        """Yield peaks of one force; the samples follow the nodes with the indices `gap`."""
+    ) -> ForcePeak | None:
+        """Return the first peak of one force; the samples follow the nodes with the indices `gap`.
+
+        The steps before this peak are kept: an earlier peak, even a lower one, would be lost.
+        """
         interval, t = samples.interval, samples.t
         at_nodes = term.evaluate(interval.nodes, interval.branch, interval.rows.q, interval.rows.v)
         force = samples.evaluate(term)
@@ -110,21 +110,21 @@ class ForcePeakDetector:
         )
         height = excess.max(axis=1)
         weigh = None
-        for k in _highest_of_gaps(np.where(is_peak, height, 0.0), gap):
+        for rows, k in _candidates(np.where(is_peak, height, 0.0), height, gap):
             if weigh is None:
                 state = State(*(x[0] for x in interval.at(t[k : k + 1])))
                 weigh = self.weigh_at(float(t[k]), interval.branch, state)
-            (rows,) = np.nonzero(gap == gap[k])
-            times = np.concatenate(
-                [[interval.nodes[gap[k]]], t[rows], [interval.nodes[gap[k] + 1]]]
-            )
+            before, after = interval.nodes[gap[k]], interval.nodes[gap[k] + 1]
+            if rows.start and gap[rows.start - 1] == gap[k]:
+                before = t[rows.start - 1]
+            if rows.stop < len(t) and gap[rows.stop] == gap[k]:
+                after = t[rows.stop]
+            times = np.concatenate([[before], t[rows], [after]])
             values = np.pad(missed[rows], ((1, 1), (0, 0)))
             if weigh(term.operator.T @ _integrate(times, values)) < _MIN_COARSE_WEIGHT:
                 continue
-            at = k - rows[0] + 1
-            quiet = np.append(0, 1 + np.flatnonzero(height[rows[0] : k] <= _QUIET * height[k]))
-            foot, probe = float(times[quiet[-1]]), float(t[k])
-            left, right = times[at - 1], times[at + 1]
+            at = k - rows.start + 1
+            probe, left, right = float(t[k]), times[at - 1], times[at + 1]
             for _ in range(_REFINEMENTS):
                 near = _Samples(interval, np.linspace(left, right, _REFINED_SAMPLES))
                 of_peak = near.evaluate(term) - near.interpolate(at_nodes)
@@ -134,7 +134,8 @@ class ForcePeakDetector:
                 left = near.t[max(highest - 1, 0)]
                 right = near.t[min(highest + 1, _REFINED_SAMPLES - 1)]
             if weigh(term.operator.T @ _integrate(times, values)) > 1.0:
-                yield ForcePeak(foot, probe)
+                return ForcePeak(float(before), probe)
+        return None
 
 
 def _integrate(times: Array, values: Array) -> Array:
@@ -190,12 +191,18 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
     return ForcePeakDetector(terms, SAMPLE_SPACING * plan.duration, weigh_at)
 
 
-def _highest_of_gaps(height: Array, gap: Array) -> Iterator[int]:
-    """Yield the index of the highest sample of each of the gaps with the highest samples."""
-    seen: set[int] = set()
-    for k in np.argsort(height)[::-1].tolist():
-        if height[k] == 0.0 or len(seen) == _MAX_CANDIDATES:
-            return
-        if int(gap[k]) not in seen:
-            seen.add(int(gap[k]))
-            yield k
+def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:
+    """Yield the samples of each peak in order of time, and the index of its highest sample.
+
+    `peak_height` is the height of the samples that may belong to a peak, otherwise zero.
+    """
+    (starts,) = np.nonzero(np.diff(gap, prepend=-1))
+    for first, end in pairwise([*starts.tolist(), len(gap)]):
+        highest = peak_height[first:end].max()
+        if highest == 0.0:
+            continue
+        quiet = first + np.flatnonzero(height[first:end] <= _QUIET * highest)
+        for before, after in pairwise([first - 1, *quiet.tolist(), end]):
+            rows = slice(before + 1, after)
+            if peak_height[rows].any():
+                yield rows, rows.start + int(np.argmax(peak_height[rows]))
