@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, format_message, short_repr
+from beamdae.errors import BeamdaeError, format_message, short_repr, warn_user
 
 _COMMENTS = ("#", "%", "//")
 # Spreadsheets name the separator of columns in a first line such as "sep=;".
@@ -17,6 +17,10 @@ _SEPARATOR_LINE = re.compile(r'"?sep=(.)"?')
 _SEPARATORS = (";", "\t", ",")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+# Spreadsheets write errors, such as #N/A and #DIV/0!, into cells.
+_ERROR_IN_CELL = re.compile(r"#(?:N/?[ADV]|[^\W\d_]+(?:/0)?[!?])\"?\s*(?:[;,\t]|$)")
+_UNIT_IN_HEADER = re.compile(r"\[[^\]]+\]|\([^)]+\)")
 _ROW_OF_NUMBERS = re.compile(r"[-+\d.,;\teE ]*\d[-+\d.,;\teE ]*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null"}  # in lower case
 _MAX_BYTES = 1_000_000_000
@@ -29,9 +33,10 @@ def read_csv_table(
 
     Columns are separated by semicolons, tabs or commas. Decimal commas are accepted unless commas
     separate the columns, and become decimal points. Byte-order marks, all line ends, UTF-8, UTF-16
-    and Windows encodings are accepted. Lines that begin with "#", "%" or "//" are comments; the
-    last one before rows of numbers alone is the header, as `numpy.savetxt` writes it. Missing cells
-    at the end of a row are empty.
+    and Windows encodings are accepted. Lines that begin with "#", "%" or "//" are comments. Before
+    rows of numbers alone, the one with as many cells as the first row is the header, as
+    `numpy.savetxt` writes it; of several, the only one with units. Missing cells at the end of a
+    row are empty.
 
     Parameters
     ----------
@@ -48,13 +53,18 @@ def read_csv_table(
     ------
     BeamdaeError
         If the file cannot be read, is larger than 1 GB, has more rows, or is not such a table.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If all decimal commas may be separators of thousands, as in 1,200.
     """
     lines = [x for x in _read_text(part, path).splitlines() if x.strip(" \t")]
     separator = None
     if lines and (match := _SEPARATOR_LINE.fullmatch(lines[0].strip(" "))):
         separator = match[1]
         lines = lines[1:]
-    lines = _omit_comments(lines)
+    lines = _omit_comments(part, path, lines, separator)
     if not lines:
         raise BeamdaeError(f"{part}: {path} is empty; write a table with a header.")
     if len(lines) > most + 1:
@@ -93,17 +103,29 @@ def parse_numbers(cells: Sequence[str]) -> np.ndarray | Sequence[str]:
         return cells
 
 
-def _omit_comments(lines: list[str]) -> list[str]:
+def _omit_comments(part: str, path: str, lines: list[str], separator: str | None) -> list[str]:
     """Return the header and the rows."""
     first = next((k for k, x in enumerate(lines) if not _is_comment(x)), len(lines))
     table = [x for x in lines[first:] if not _is_comment(x)]
     if 0 < first < len(lines) and _ROW_OF_NUMBERS.fullmatch(table[0]):
-        table = [lines[first - 1].lstrip(' "#%/'), *table]
+        comments = [x.lstrip(' "#%/') for x in lines[:first]]
+        separator = separator or next((x for x in _SEPARATORS if x in table[0]), ",")
+        count = table[0].rstrip(f" {separator}").count(separator)
+        headers = [x for x in comments if x.rstrip(f" {separator}").count(separator) == count]
+        if len(headers) > 1:
+            headers = [x for x in headers if _UNIT_IN_HEADER.search(x)] or headers
+        if len(headers) > 1:
+            raise BeamdaeError(
+                f"{part}: several comments of {path} may be the header: {short_repr(headers[0])} "
+                f"and {short_repr(headers[1])}; write one header without '#' above the numbers."
+            )
+        table = [*(headers or comments[-1:]), *table]
     return table
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip(' "').startswith(_COMMENTS)
+    text = line.lstrip(' "')
+    return text.startswith(_COMMENTS) and not _ERROR_IN_CELL.match(text)
 
 
 def _require_headers(part: str, path: str, cells: Sequence[str]) -> list[str]:
@@ -149,14 +171,20 @@ def _transpose(
 
 def _has_decimal_commas(part: str, path: str, columns: list[list[str]]) -> bool:
     """Return True if numbers have decimal commas; reject files that also have decimal points."""
-    commas = (x for column in columns for x in column if "," in x)
-    comma = next((x for x in commas if _DECIMAL_COMMA.fullmatch(x)), None)
-    if comma is None:
+    cells = (x for column in columns for x in column if "," in x)
+    commas = [x for x in cells if _DECIMAL_COMMA.fullmatch(x)]
+    if not commas:
         return False
+    comma = commas[0]
     points = (x for column in columns for x in column if "." in x)
     point = next((x for x in points if _DECIMAL_POINT.fullmatch(x)), None)
     if point is not None:
         raise _table_error(part, path, f"it contains the numbers {comma} and {point}")
+    if all(_THOUSANDS.fullmatch(x) for x in commas):
+        warn_user(
+            f"{part}: numbers of {path} such as {comma} are read with decimal commas, as "
+            f"{comma.replace(',', '.')}; omit separators of thousands."
+        )
     return True
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
@@ -67,6 +67,21 @@ _WITHOUT_PREFIX |= {"psi", "%", "1", "-"}
 _FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
+# Units that readers would take for others: "in" may be a word, and ms^-1 may be m/s.
+_MISLEADING = re.compile(r"in\s+[\w°%].*|.*(?<![^\W\d])(?:ms|[^\W\d]?N[cm]?m)\^?-[1-9].*")
+_DENSITY: Mapping[str, int] = {"kg": 1, "m": -3}
+_INERTIA: Mapping[str, int] = {"kg": 1, "m": 2}
+# Unknown units by their lower-case spelling, and known units that they may mean.
+_UNKNOWN_UNITS: Mapping[str, list[str]] = {
+    "inch": ["in"],
+    "inches": ["in"],
+    "lbm": ["lb"],
+    "lbs": ["lb", "lbf"],
+    "degrees": ["deg"],
+    "ksi": [],
+    "kip": [],
+    "mph": [],
+}
 # Spellings of rpm. A frequency per minute is a number of revolutions in practice.
 _PER_MINUTE = {"1/min", "/min", "min^-1", "min-1", "r/min", "U/min"}
 # The number is the longest one: "2.0" is no "2." with the unit "0".
@@ -121,7 +136,10 @@ class _DescribedInt(_DescribedNumber, int):
 def param(default: float, unit: str = "-", description: str = "") -> Any:
     """Return a default value with its unit and description, for the arguments of a model function.
 
-    The result is a number: it can be used in every formula.
+    The result is a number: it can be used in every formula. The function receives its values in
+    this unit. Parts expect SI units and reject values of parameters with other units, such as "deg"
+    or "N/mm", that the function has not converted. Users can write values in any unit of the same
+    quantity anyway.
 
     Parameters
     ----------
@@ -275,15 +293,19 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
 
     The base units are m, kg, s, rad, K and A. A product is written with spaces, `*`, `·`, `.` or
     `-`, and a quotient with `/`, as in "N m/rad"; each factor may have a prefix from n to G and an
-    integer exponent. Numbers per minute are speeds of rotation.
+    integer exponent. Numbers per minute are speeds of rotation. Units with several usual meanings,
+    such as in-lb, kg/cm^2 and ms^-1, are unknown.
     """
     if len(unit) > _MAX_UNIT_LENGTH:
         return None
-    unit = unit.translate(_SUPERSCRIPTS).replace("**", "^")
+    unit = _normalize_powers(unit)
+    if _MISLEADING.fullmatch(unit):
+        return None
     if unit in _PER_MINUTE:
         unit = "rpm"
     factor: Fraction | float = Fraction(1)
     exponents: dict[str, int] = {}
+    symbols = set()
     numerator, *denominators = unit.split("/")
     for sign, product in [(1, numerator), *((-1, x) for x in denominators)]:
         factors = product.strip()
@@ -295,11 +317,27 @@ def parse_unit(unit: str) -> tuple[Fraction | float, dict[str, int]] | None:
             symbol = None if match is None else _parse_symbol(match[1])
             if match is None or symbol is None:
                 return None
+            symbols.add(match[1])
             power = sign * int(match[2] or 1)
             factor = factor * symbol[0] ** power
             for base, exponent in symbol[1].items():
                 exponents[base] = exponents.get(base, 0) + power * exponent
-    return factor, {base: exponent for base, exponent in exponents.items() if exponent}
+    exponents = {base: exponent for base, exponent in exponents.items() if exponent}
+    return None if _is_weight(symbols, exponents) else (factor, exponents)
+
+
+def _normalize_powers(unit: str) -> str:
+    return unit.translate(_SUPERSCRIPTS).replace("**", "^")
+
+
+def _is_weight(symbols: Set[str], exponents: Mapping[str, int]) -> bool:
+    """Return True if a unit of mass usually means a force, as in in-lb and kg/cm^2."""
+    if exponents in (_DENSITY, _INERTIA):
+        return False
+    if "lb" in symbols:
+        return not symbols.isdisjoint({"in", "ft"})
+    is_metric = "kg" in symbols and not symbols.isdisjoint({"mm", "cm"})
+    return is_metric and exponents.keys() == {"kg", "m"}
 
 
 def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | None:
@@ -327,22 +365,56 @@ def conversion_factor(unit: str, target: str) -> Fraction | float | None:
 
 def suggest_unit(unit: str) -> str:
     """Return the hint " (did you mean 'kN'?)" for an unknown unit such as "kn", or "" if none."""
+    hint = _explain_rejection(unit)
+    if hint:
+        return f" ({hint})"
+    candidates = _similar_units(unit)
+    if not candidates:
+        return "" if unit.casefold() in _UNKNOWN_UNITS else suggest(unit, _UNITS)
+    return f" (did you mean {' or '.join(map(repr, candidates))}?)"
+
+
+def _explain_rejection(unit: str) -> str:
+    """Return the reason why an unknown unit is rejected although its symbols are known, or ""."""
+    unit = _normalize_powers(unit)
+    symbols = set(re.findall(r"[^\W\d]+", unit))
+    if "lb" in symbols:
+        return "lb is a mass, write lbf for a force"
+    if "kg" in symbols and symbols & {"mm", "cm"}:
+        return "kg is a mass, write kgf, N or Pa for forces and pressures"
+    first, _, second = unit.partition(" ")
+    if first == "in" and parse_unit(second.strip()) is not None:
+        return "omit the word in, or write a product of inches as in*lbf"
+    if first != "in" and _MISLEADING.fullmatch(unit):
+        return "write a quotient, such as m/s, N/m or 1/ms"
+    return ""
+
+
+def _similar_units(unit: str) -> list[str]:
+    """Return known units that differ from an unknown one in upper and lower case."""
     spellings = _spellings()
-    parts = re.split(r"([^\W\d]+)", unit)
+    parts = re.split(r"([^\W\d]+)", _normalize_powers(unit))
     candidates = [""]
     for part in parts:
         known = [part] if not part or parse_unit(part) else spellings.get(part.casefold(), [part])
         candidates = [first + x for first in candidates for x in known][:_MAX_SPELLINGS]
-    candidates = [x for x in candidates if parse_unit(x) is not None]
-    if not candidates:
-        return suggest(unit, _UNITS)
-    return f" (did you mean {' or '.join(map(repr, candidates))}?)"
+    return [x for x in candidates if parse_unit(x) is not None]
+
+
+@lru_cache(maxsize=256)
+def _resembles_unit(text: str) -> bool:
+    """Return True for an unknown unit such as KN; single letters other than G are names."""
+    if len(text) > _MAX_UNIT_LENGTH:
+        return False
+    if text == "G" or text.casefold() in _UNKNOWN_UNITS or _explain_rejection(text):
+        return True
+    return len(text) > 1 and bool(_similar_units(text))
 
 
 @lru_cache(maxsize=1)
 def _spellings() -> dict[str, list[str]]:
     """Return the usual symbols with and without a prefix by their lower-case spelling."""
-    found: dict[str, list[str]] = {}
+    found = dict(_UNKNOWN_UNITS)
     for symbol in _UNITS:
         prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
         for text in (prefix + symbol for prefix in prefixes):
@@ -360,7 +432,8 @@ def split_unit(header: str) -> tuple[str, str]:
 def standardize_header(header: str) -> str:
     """Return a header of measured data, such as 't (ms)' or 't[ms]', in the form 't [ms]'.
 
-    Text in parentheses is part of the name unless it is a unit.
+    Text in parentheses is part of the name unless it is a unit or resembles one, such as "KN"; "h"
+    is a unit of times only.
     """
     # Spreadsheets write no-break spaces.
     text = header.replace("\xa0", " ").strip()
@@ -369,7 +442,9 @@ def standardize_header(header: str) -> str:
         return text
     name, in_brackets, in_parentheses = match.groups()
     unit = (in_parentheses if in_brackets is None else in_brackets).strip()
-    is_unit = bool(unit) if in_brackets is not None else _is_unit(unit)
+    is_unit = bool(unit) if in_brackets is not None else _is_unit(unit) or _resembles_unit(unit)
+    if in_parentheses is not None and unit == "h" and name.casefold() not in ("t", "time"):
+        return text
     return f"{name} [{unit}]" if is_unit else text
 
 
@@ -392,6 +467,11 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
     source, target = parse_unit(symbol), parse_unit(unit)
     if not unit and source is None:
         return None
+    if re.match(r",\d", symbol):
+        raise BeamdaeError(
+            f"{call}: the number contains a comma; write a decimal point, and no separators of "
+            "thousands."
+        )
     if not unit:
         raise BeamdaeError(
             f"{call}: the model states no unit of this parameter; give the number alone, or add "

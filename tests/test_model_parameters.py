@@ -116,6 +116,8 @@ MISTAKES = {
     "length=3 N": "swing: length=3 N: the unit N measures another quantity; give the value in m.",
     "length=3 mn": "swing: length=3 mn: the unit mn is unknown",
     "length=3 mrpm": "swing: length=3 mrpm: the unit mrpm is unknown",
+    "length=1,5 m": "swing: length=1,5 m: the number contains a comma; write a decimal point",
+    "mass=3 lb/in": "the unit lb/in is unknown (lb is a mass, write lbf for a force); give the",
     "tilt=3 Hz": "the unit Hz measures another quantity; give the value in rad.",
     "speed=3 Hz": "the unit Hz measures another quantity; give the value in rad/s.",
     "copies=3 m": "the unit m measures another quantity; give the number alone.",
@@ -165,3 +167,47 @@ def test_runs_record_the_units_of_their_parameters():
     model = bd.simulate(swing(length=0.5), t_end=0.1).metadata()["model"]
     assert model["parameters"]["length"] == 0.5
     assert model["units"] == {"length": "m", "mass": "kg", "tilt": "rad", "speed": "rad/s"}
+
+
+@bd.model(t_end=0.1)
+def foreign(
+    swing=bd.param(40.0, "deg"),
+    stiffness=bd.param(60.0, "N/mm"),
+    share=bd.param(5.0, "%"),
+    converts="all",
+):
+    """Spring and driver with parameters that are not in SI units."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 1.0))
+    at = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
+    mech.add(bd.Revolute("bearing", *at))
+    angle = swing if converts == "stiffness" else math.radians(swing)
+    mech.add(bd.Driver("motor", *at, bd.sine(angle, 2.0)))
+    stiffness = stiffness if converts == "swing" else 1e3 * stiffness
+    mech.add(bd.TorsionSpring("spring", *at, stiffness, 0.01 * share))
+    mech.observe("wheel", wheel.at(0.0, 0.0))
+    return mech
+
+
+def test_regression_parameters_in_other_units_must_be_converted():
+    """Angles in degrees were used as radians, and N/mm as N/m."""
+    for converts, words in (
+        ("stiffness", "amplitude must be in SI units, got the parameter swing in deg"),
+        ("swing", "spring: stiffness must be in SI units, got the parameter stiffness in N/mm"),
+    ):
+        with pytest.raises(bd.BeamdaeError, match=words):
+            foreign(converts=converts)
+
+
+def test_converted_parameters_in_other_units_are_numbers():
+    solution = bd.simulate(foreign(swing="1 rad", stiffness="60 kN/m"))
+    assert solution["wheel.angle"].max() == pytest.approx(math.sin(0.4 * math.pi), rel=1e-3)
+    parameters = solution.metadata()["model"]["parameters"]
+    assert parameters["stiffness"] == 60.0
+    assert type(parameters["stiffness"]) is float
+
+    @bd.model(t_end=0.1)
+    def outer(swing=bd.param(40.0, "deg")):
+        return foreign(swing=swing)
+
+    outer()

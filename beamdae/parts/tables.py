@@ -55,11 +55,15 @@ _MAX_OVERSHOOT = 0.3
 _MIN_OVERSHOOT = 1e-12
 
 # Units with two usual meanings, whose columns would be wrong by many powers of ten, or by 9810.
-_AMBIGUOUS_UNITS = {"g": "kg or m/s^2 (gn, the standard gravity)", "nm": "m or N m"}
+_GRAM_OR_GRAVITY = "kg or m/s^2 (gn, the standard gravity)"
+_AMBIGUOUS_UNITS = {"g": _GRAM_OR_GRAVITY, "mg": _GRAM_OR_GRAVITY, "nm": "m or N m"}
 _MAX_ROWS = 1_000_000
 # Separators of the words of a name that may end in a unit, such as "travel_mm" or "travel / mm".
 _WORD_SEPARATORS = re.compile(r"[\s_/,]+")
-_WORDS_LIKE_UNITS = ("min", "in", "g", "h", "us", "rev", "sec")
+# Names such as F_min, x_cg and flow_in end in other words.
+_UNIT_AFTER_UNDERSCORE = re.compile(
+    r"[mcuµμ]m|deg|°|[mu]s|rpm|[mkM]N|lbf|Nmm|kNm|kW|[kMG]Pa|bar|psi|ft"
+)
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 
 
@@ -654,7 +658,8 @@ def table_from_csv(
     Warns
     -----
     BeamdaeWarning
-        As in `table`, with values in SI units.
+        As in `table`, with values in SI units; also if all decimal commas may be separators of
+        thousands, as in 1,200.
 
     Examples
     --------
@@ -737,10 +742,11 @@ def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:
 
 def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> str:
     text = as_text(wanted)
-    matches = []
-    if text is not None:
+    matches = [x for x in headers if x == text]
+    if text is not None and not matches:
         standard = standardize_header(text)
-        matches = [x for x in headers if standard in (standardize_header(x), _split_header(x)[0])]
+        matches = [x for x in headers if standardize_header(x) == standard]
+        matches = matches or [x for x in headers if _split_header(x)[0] == standard]
     if not matches:
         raise BeamdaeError(
             f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
@@ -762,11 +768,12 @@ def _split_header(header: str) -> tuple[str, str]:
 def _find_unit_in_name(name: str) -> str:
     """Return a unit other than an SI unit in brackets or at the end of a name, '' if none.
 
-    Short words of names, as in "F_min" or "flow_in", are units only after a slash or a space.
+    Words after an underscore, as in "F_min" or "x_cg", are units only if they are common ones.
     """
+    name = name.removesuffix("(h)").rstrip()
     inside = [x.strip() for x in _IN_BRACKETS.findall(name)]
     *first, last = _WORD_SEPARATORS.split(name)
-    if first and (last not in _WORDS_LIKE_UNITS or not name.endswith(f"_{last}")):
+    if first and (_UNIT_AFTER_UNDERSCORE.fullmatch(last) or not name.endswith(f"_{last}")):
         inside.append(last)
     return next((x for x in inside if (unit := parse_unit(x)) and unit[0] != 1), "")
 

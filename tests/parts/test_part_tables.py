@@ -321,6 +321,22 @@ def test_regression_csv_units_in_parentheses_are_converted(tmp_path):
     assert plain(1.0) == 3.0
 
 
+@pytest.mark.parametrize("header", ["F_cs", "p_ug", "x_cg", "omega_gn", "height (h)", "F (a)"])
+def test_regression_names_that_end_like_units_are_names(tmp_path, header):
+    """The words after underscores, and h, were read as units."""
+    table = bd.table_from_csv(write(tmp_path, f"x,{header}\n0,0\n1,3\n2,9\n"), kind="linear")
+    assert table(1.0) == 3.0
+
+
+def test_regression_commas_that_may_separate_thousands_are_named(tmp_path):
+    path = write(tmp_path, "t [s];F [N]\n0;1,200\n1;1,500\n")
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"numbers of .* such as 1,200 are read with decimal"
+    ):
+        table = bd.table_from_csv(path, kind="linear")
+    assert table(0.0) == 1.2
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -329,6 +345,8 @@ def test_regression_csv_units_in_parentheses_are_converted(tmp_path):
         "travel [mm]\tforce [kN]\n0\t0\n1,5\t3,5\n3\t7\n",
         "% press 3\n// raw\ntravel [mm],force [kN],\n0,0,\n1.5,3.5,\n,,\n3,7,\n",
         "# travel [mm],force [kN]\n0,0\n1.5,3.5\n3,7\n",
+        "# travel [mm],force [kN]\n# recorded 2024-05-01, sensor 3\n0,0\n1.5,3.5\n3,7\n",
+        "# travel [mm],force [kN]\n# recorded by hand\n0,0\n1.5,3.5\n3,7\n",
     ],
 )
 def test_regression_tables_read_the_files_that_fit_reads(tmp_path, text):
@@ -364,6 +382,11 @@ def test_regression_tables_read_the_files_that_fit_reads(tmp_path, text):
         ("µm/m", 1e-6),
         ("psi", 6894.757293168361),
         ("N/mm²", 1e6),
+        ("in / s", 0.0254),
+        ("in-lbf", 0.0254 * 4.4482216152605),
+        ("lb/ft^3", 0.45359237 / 0.3048**3),
+        ("kg mm^2", 1e-6),
+        ("mm^-1", 1e3),
     ],
 )
 def test_units_of_tables(tmp_path, unit, factor):
@@ -402,6 +425,21 @@ def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
         ("x [mm],F [kn]\n0,1\n1,2\n", r"unit of 'F \[kn\]' is unknown \(did you mean 'kN'\?\);"),
         ("x [mm],p [mpa]\n0,1\n1,2\n", r"\(did you mean 'MPa' or 'mPa'\?\); write a unit such"),
         ("t [s],a [g]\n0,1\n1,2\n", r"unit g of 'a \[g\]' is ambiguous; write the values in kg or"),
+        ("t [s],a [mg]\n0,1\n1,2\n", r"unit mg of 'a \[mg\]' is ambiguous"),
+        ("t [s],M [in-lb]\n0,1\n1,2\n", r"unknown \(lb is a mass, write lbf for a force\); wr"),
+        ("t [s],k (lb/in)\n0,1\n1,2\n", r"'k \(lb/in\)' is unknown \(lb is a mass, write lbf"),
+        ("t [s],p [kg/cm^2]\n0,1\n1,2\n", r"unknown \(kg is a mass, write kgf, N or Pa for"),
+        ("t [s],x [in mm]\n0,1\n1,2\n", r"unit of 'x \[in mm\]' is unknown \(omit the word in"),
+        ("t [s],x (in mm)\n0,1\n1,2\n", r"unit of 'x \(in mm\)' is unknown \(omit the word in"),
+        ("t [s],v [ms-1]\n0,1\n1,2\n", r"unknown \(write a quotient, such as m/s, N/m or 1/ms\)"),
+        ("t [s],k [kNm⁻¹]\n0,1\n1,2\n", r"unknown \(write a quotient, such as m/s, N/m or 1/ms"),
+        ("t [s],p (kg/cm²)\n0,1\n1,2\n", r"unknown \(kg is a mass, write kgf, N or Pa for"),
+        ("t [s],F (KN)\n0,1\n1,2\n", r"unit of 'F \(KN\)' is unknown \(did you mean 'kN'\?\);"),
+        ("t [s],F (lbs)\n0,1\n1,2\n", r"unknown \(did you mean 'lb' or 'lbf'\?\);"),
+        ("t [s],p (ksi)\n0,1\n1,2\n", r"unit of 'p \(ksi\)' is unknown; write a unit such as"),
+        ("x,F\n0,1\n#DIV/0!,2\n2,3\n", "row 2 of 'x' must be a finite number, got '#DIV/0!'"),
+        ("x,F\n0,1\n#N/A,2\n2,3\n", "row 2 of 'x' must be a finite number, got '#N/A'"),
+        ("# x,F\n# mm,kN\n0,1\n1,2\n2,3\n", "may be the header: 'x,F' and 'mm,kN'; write one"),
         ("t [s],M [nm]\n0,1\n1,2\n", r"unit nm of .* is ambiguous; write the values in m or N m"),
         ("0,0\n1,3\n2,4\n", "has no header; write a first line such as 't"),
         (
@@ -491,6 +529,8 @@ def test_regression_headers_that_differ_in_their_unit_are_ambiguous(tmp_path):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.table_from_csv(file, "travel", "force", kind="linear")
     assert bd.table_from_csv(file, "travel", "force [kN]", kind="linear")(1e-3) == 8000.0
+    file.write_text("travel [mm],force,force [kN]\n0,0,0\n1,9,8\n", "utf-8")
+    assert bd.table_from_csv(file, "travel", "force", kind="linear")(1e-3) == 9.0
 
 
 @pytest.mark.parametrize("outside", ["hold", "error"])
