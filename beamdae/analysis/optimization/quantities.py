@@ -496,7 +496,7 @@ class Limit:
 def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
     """Return the unit of a quantity, or None if it is unknown, as for sums.
 
-    Factors have no unit.
+    A sign keeps the unit. Other factors may convert it, for example to mm or to costs.
 
     Parameters
     ----------
@@ -513,10 +513,11 @@ def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
         case EquilibriumValue():
             return columns.get(quantity.column)
         case RunQuantity():
-            (_, value), *others = quantity.objective.terms
-            if not others and isinstance(value, (EndValue, SmoothMaximum)):
+            (factor, value), *others = quantity.objective.terms
+            is_single = abs(factor) == 1.0 and not others
+            if is_single and isinstance(value, (EndValue, SmoothMaximum)):
                 return columns.get(value.column)
-        case QuantitySum(((_, term),)):
+        case QuantitySum(((factor, term),)) if abs(factor) == 1.0:
             return find_unit(term, columns)
         case LargestOf():
             units = {find_unit(x, columns) for x in quantity.quantities}
