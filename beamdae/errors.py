@@ -16,7 +16,7 @@ from functools import lru_cache, wraps
 from itertools import islice
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does not overflow
 _USUAL_DEGREES, _MAX_DEGREES = 15.0, 720.0  # multiples of angles in degrees
@@ -342,6 +342,25 @@ def is_instance(value: Any, protocol: type) -> bool:
         return False
 
 
+class ForeignNumber(float):
+    """Value of a model parameter whose unit is not an SI unit; formulas give plain floats.
+
+    Parts reject it: a function that passes such a parameter on has not converted it.
+    """
+
+    parameter: str
+    unit: str
+
+    def __new__(cls, value: float, parameter: str, unit: str) -> Self:
+        """Return the number with the name and the unit of its parameter."""
+        number = super().__new__(cls, value)
+        number.parameter, number.unit = parameter, unit
+        return number
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (float(self), self.parameter, self.unit)
+
+
 def require_finite(part: str, name: str, value: Any) -> float:
     """Return `value` as a float, or raise BeamdaeError.
 
@@ -350,6 +369,12 @@ def require_finite(part: str, name: str, value: Any) -> float:
     """
     if type(value) is float and -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
         return value
+    if isinstance(value, ForeignNumber):
+        raise BeamdaeError(
+            f"{part}: {name} must be in SI units, got the parameter {value.parameter} in "
+            f"{value.unit}; convert it in the model function, or declare the parameter in the SI "
+            f"unit, for which values such as '{float(value):g} {value.unit}' are converted."
+        )
     number = as_real(value)
     if number is None:
         text = as_text(unbox_scalar(value))
