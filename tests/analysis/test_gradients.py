@@ -608,7 +608,16 @@ def test_regression_missing_springs_and_dampers_that_differ_in_their_points(kind
 
 
 @pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
-def test_regression_parameters_that_move_different_breakpoints(method):
+def test_regression_parameters_that_move_different_breakpoints(method, monkeypatch):
     """The second derivative was zero: the sweep of the first did not shift its breakpoint."""
+    sweeps, transpose = [], gradients.transpose_run
+
+    def count(objective, run, phases):
+        sweeps.append(phases.shifted)
+        return transpose(objective, run, phases)
+
+    monkeypatch.setattr(gradients, "transpose_run", count)
     expected = {"first": -2.0 * (0.1 - 0.02), "second": -2.0 * (0.1 - 0.05)}
     assert_derivatives_of_rod("torques", expected, method, 1e-3)
+    # Of each of the two gradients, the first sweep serves parameters that move no breakpoints.
+    assert sweeps == [frozenset(), frozenset({1, 2})] * 2

@@ -494,11 +494,15 @@ def _differentiate_one_by_one(
     time, at = node_state(run.adjoint.intervals[0], 0)
     adjoints: dict[Any, RunAdjoint] = dict(known)
     result = np.zeros(len(names))
-    for k, name in enumerate(names):
-        phases = run.phases(name)
-        if phases.key not in adjoints:
-            adjoints[phases.key] = transpose_run(objective, run.adjoint, phases)
-        adjoint, first = adjoints[phases.key], phases.phases[0].active
+    shifted: dict[Any, frozenset[int]] = {}
+    for phases in map(run.phases, names):
+        shifted[phases.key] = shifted.get(phases.key, frozenset()) | phases.shifted
+    for k, phases in enumerate(map(run.phases, names)):
+        key = phases.key
+        if key not in adjoints:
+            common = replace(phases, shifted=shifted[key])
+            adjoints[key] = transpose_run(objective, run.adjoint, common)
+        adjoint, first = adjoints[key], phases.phases[0].active
         dp = first.derivative(lambda e: e.p)
         dq, dv = differentiate_start(first, derive_states(first), time, at, dp)
         result[k] = adjoint.derivative(phases, dq, dv)

@@ -96,11 +96,14 @@ class RunPhases:
         Equations of the active parts, by interval.
     impacts
         Equations of the impacts at the start of an interval, by index of the interval.
+    shifted
+        Indices of the intervals that begin at a breakpoint that depends on the parameter.
     """
 
     whole: Difference
     phases: tuple[Phase, ...]
     impacts: Mapping[int, ImpactDifference]
+    shifted: frozenset[int]
 
     @classmethod
     def of(cls, run: AdjointRun, difference: Difference) -> RunPhases:
@@ -110,14 +113,16 @@ class RunPhases:
         ------
         BeamdaeError
             If the parameter changes the structure of the equations after an event, or moves a
-            breakpoint across the start or the end of the run.
+            breakpoint across the start or the end of the run, or one of several breakpoints at the
+            same time.
         """
         solution, redundant = run.solution, run.redundant
+        rounding = time_rounding(solution.trajectory)
         intervals = solution.trajectory.intervals
         reduced = difference if redundant is None else redundant.reduce(difference)
         phase = Phase.first(reduced, intervals[0].configuration)
         require_inner_breakpoints(phase.active, solution.trajectory)
-        phases, impacts = [phase], {}
+        phases, impacts, shifted = [phase], {}, set()
         for k in range(1, len(intervals)):
             number, configuration = run.events[k], intervals[k].configuration
             if number is not None:
@@ -128,8 +133,10 @@ class RunPhases:
                     impacts[k] = phase.impact(number, solution.equations, before)
                 time, at = node_state(intervals[k], 0)
                 phase = phase.after_event(number, configuration, time, 0.0, at.q, 0.0 * at.q)
+            elif differentiate_breakpoint(phase.active, float(intervals[k].t[0]), rounding):
+                shifted.add(k)
             phases.append(phase)
-        return cls(difference, tuple(phases), impacts)
+        return cls(difference, tuple(phases), impacts, frozenset(shifted))
 
     @property
     def moves_operators(self) -> bool:
@@ -139,23 +146,20 @@ class RunPhases:
     @property
     def moves_breakpoints(self) -> bool:
         """True if breakpoints of laws depend on the parameter."""
-        return any(map(any, self._moved_breakpoints))
-
-    @property
-    def _moved_breakpoints(self) -> list[tuple[bool, ...]]:
-        """True for the breakpoints of each phase that depend on the parameter."""
-        return [tuple(dt != 0.0 for _, dt in breakpoint_derivatives(x.active)) for x in self.phases]
+        return any(dt != 0.0 for x in self.phases for _, dt in breakpoint_derivatives(x.active))
 
     @property
     def key(self) -> object:
-        """Key that parameters share if one backward sweep serves all of them."""
+        """Key that parameters share if one backward sweep serves all of them.
+
+        The sweep must shift the intervals of all these parameters.
+        """
         if self.moves_operators:
             return self.whole.name
         return (
+            self.moves_breakpoints,
             further_key(self.whole.base),
             *(x.active.base.structure for x in self.phases),
-            # The sweep does not shift other breakpoints.
-            *self._moved_breakpoints,
         )
 
 
@@ -421,7 +425,7 @@ class _RunSweep:
             return False  # The onset of a contact.
         # Breakpoints of laws that begin at an event move with the event.
         is_after_event = not has_breakpoint(self._phases.whole.base)
-        return is_after_event or differentiate_breakpoint(active, t, rounding) != 0.0
+        return is_after_event or k in self._phases.shifted
 
     def _weigh_shift(
         self, k: int, solver: ConsistencySolver, v: Array, by_nodes: Array, by_steps: State
