@@ -54,6 +54,8 @@ WORDS = {
         "eigenvalue",
         "resonance",
         "Campbell diagram",
+        "engine order",
+        "critical speed",
         "mode shape",
         "vibration",
         "damping ratio",

@@ -519,3 +519,10 @@ def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
         bd.optimize(mass_under_load, bd.Frequency(1), *arguments)
     result = bd.optimize(mass_under_load, bd.Frequency(1, about="equilibrium"), *arguments)
     assert result.parameters["stiffness"] == pytest.approx(50.0)
+
+
+def test_functions_of_parameters_receive_the_parameters_that_they_name():
+    parameters = {"height": 2.0, "width": 3.0}
+    for function in (lambda height: height, lambda height, **others: height):
+        assert bd.ParameterFunction(function).evaluate(parameters) == 2.0
+    assert bd.ParameterFunction(dict).evaluate(parameters) == parameters

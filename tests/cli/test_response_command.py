@@ -19,6 +19,7 @@ import beamdae as bd
 
 @bd.model(t_end=1.0)
 def oscillator(frequency=0.2, damping=0.4, force=0.1, angular=False):
+    "Oscillator with a `force` [N]."
     mech = bd.Mechanism()
     bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("line", mech.ground.at(0.0, 0.0), bob.point))
@@ -72,7 +73,7 @@ def test_json_of_an_angular_frequency(response):
 
 @pytest.mark.slow(reason="a curve")
 def test_a_constant_period_belongs_to_another_parameter(response):
-    result = response("--over", "force=0.1:0.2", "--period", "5", "--max-step", "1", "--json")
+    result = response("--over", "force=0.1:200mN", "--period", "5", "--max-step", "1", "--json")
     points = json.loads(result.stdout)["points"]
     expected = [amplitude(0.4 * np.pi, point["force"]) for point in points]
     assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
@@ -89,6 +90,8 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     ("options", "message"),
     [
         (("--over", "frequency=1"), "form FIRST:LAST"),
+        (("--over", "frequency=1Hz:2Hz"), "the model states no unit of this parameter"),
+        (("--over", "force=0.1m:0.2m"), "force"),
         (("--over", "frequency=1:1"), "two different values"),
         (("--over", "frequncy=1:2"), "frequency"),
         (("--over", "frequency=1:2", "--angular", "--period", "1"), "mutually exclusive"),

@@ -405,7 +405,7 @@ class ParameterAnalysis(Analysis):
         return result
 
     def _evaluate(self, quantity: ParameterFunction, changed: dict[str, float]) -> float:
-        value = quantity.function(**self._flat.change(changed))
+        value = quantity.evaluate(self._flat.change(changed))
         number = as_real(value)
         if number is None:
             raise BeamdaeError(

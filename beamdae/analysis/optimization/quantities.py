@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -238,16 +239,16 @@ class ParameterFunction(AnalysisQuantity):
     Attributes
     ----------
     function
-        Function that takes the parameters of the model by name, like the model function, and
-        returns a number. It may accept some of the parameters and `**others`. It must be smooth;
-        its derivatives are central differences of fourth order.
+        Function that takes parameters of the model by name, like the model function, and returns a
+        number. Without `**others`, it receives only the parameters that it names. It must be
+        smooth; its derivatives are central differences of fourth order.
     name
         Name in tables.
 
     Examples
     --------
     >>> import beamdae as bd
-    >>> volume = bd.ParameterFunction(lambda thickness, **others: 0.02 * sum(thickness), "volume")
+    >>> volume = bd.ParameterFunction(lambda thickness: 0.02 * sum(thickness), "volume")
     >>> volume.label
     'volume'
     """
@@ -267,6 +268,17 @@ class ParameterFunction(AnalysisQuantity):
     def label(self) -> str:
         """See `Quantity`."""
         return self.name
+
+    def evaluate(self, parameters: Mapping[str, Any]) -> Any:
+        """Return the value of the function for the parameters of the model."""
+        try:
+            accepted = inspect.signature(self.function).parameters
+        except ValueError:
+            # Some built-in functions have no signature.
+            return self.function(**parameters)
+        if any(x.kind is x.VAR_KEYWORD for x in accepted.values()):
+            return self.function(**parameters)
+        return self.function(**{x: y for x, y in parameters.items() if x in accepted})
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,10 @@ from beamdae.cli.output import (
 )
 from beamdae.cli.output_paths import plan_outputs
 from beamdae.errors import BeamdaeError, require_positive
+from beamdae.model_parameters import parse_number
 
 if TYPE_CHECKING:
+    from beamdae.model_functions import Model
     from beamdae.results.frequency_response import FrequencyResponse
 
 
@@ -86,7 +88,7 @@ def response_command(
 
     file = ModelFile(path)
     model = load_configured_model(file, model_name, settings)
-    parameter, ends = _parse_range(over)
+    parameter, ends = _parse_range(over, model)
     method = create_periodic_integrator("response", integrator, rtol, file)
     plotted = select_plotted_columns("response", model, plot, picture)
     table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture, page)
@@ -126,13 +128,16 @@ def response_command(
     files.finish(result.status)
 
 
-def _parse_range(over: str) -> tuple[str, tuple[float, float]]:
-    """Return the parameter and the range of --over NAME=FIRST:LAST."""
+def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
+    """Return the parameter and the range of --over NAME=FIRST:LAST, whose ends may have units."""
     ((name, text),) = parse_assignments([over], "--over").items()
-    try:
-        first, last = map(float, text.split(":"))
-    except ValueError:
-        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST.") from None
+    ends = [x.strip() for x in text.split(":")]
+    if len(ends) != 2 or not all(ends):
+        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST.")
+    info = model.parameter_info.get(name)
+    first, last = (parse_number("--over", name, x, info.unit if info else "") for x in ends)
+    if first is None or last is None:
+        raise BeamdaeError(f"--over {over}: the ends of the range must be numbers.")
     return name, (first, last)
 
 

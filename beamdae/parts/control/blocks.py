@@ -208,7 +208,8 @@ def pid(
         Rate of the error, such as the negative value of a sensor. If None, `filter_time` is
         required for kd.
     filter_time
-        Time constant T of the derivative [s].
+        Time constant T of the derivative [s]. Its filter starts at zero, so that an error e at the
+        start causes a peak of kd e / T; `start={"NAME filter.value": e}` avoids it.
     limits
         Smallest and largest output.
     tracking_time
