@@ -277,3 +277,33 @@ def test_regression_fits_of_constant_data_cause_no_warning(noise):
     start = {"mass.x_dot": 0.0}
     result = bd.fit(oscillator_with_unused_number, at_rest, "stiffness", METHOD, start=start)
     assert not any("variance" in sentence or "mean" in sentence for sentence in result.warnings)
+
+
+@bd.model(t_end=0.5)
+def pushed_rod(near=0.0, far=0.0):
+    """Free rod with forces at its center and at its end, which are missing in the equations."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), mass=1.0))
+    for name, x, force in (("near", 0.5, near), ("far", 1.0, far)):
+        if force:
+            mech.add(bd.Force(name, rod.at(x, 0.0), (0.0, force)))
+    mech.observe("rod", rod.at(0.5, 0.0))
+    return mech
+
+
+@SLOW
+def test_regression_missing_forces_that_differ_in_their_points():
+    """The derivatives of both were those of the first: the fit ended at zero, infinitely uncertain.
+
+    The force at the end turns the rod, whose inertia is 1/12 kg m^2, with a lever of 0.5 m.
+    """
+    times = np.linspace(0.05, 0.5, 10)
+    noise = np.random.default_rng(1).normal(scale=NOISE, size=(2, times.size))
+    data = {"t [s]": times, "rod.y": noise[0], "rod.angle": noise[1]}
+    result = bd.fit(pushed_rod, data, ["near", "far"], METHOD, sigma=NOISE)
+    path = times**2 / 2.0
+    columns = np.array([[path, path], [0.0 * path, 6.0 * path]]).swapaxes(1, 2).reshape(-1, 2)
+    expected = np.linalg.lstsq(columns, noise.ravel())[0]
+    assert list(result.parameters.values()) == pytest.approx(expected, rel=1e-3)
+    covariance = NOISE**2 * np.linalg.inv(columns.T @ columns)
+    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
