@@ -221,6 +221,22 @@ def test_regression_resonances_do_not_depend_on_the_given_speeds():
     assert_allclose(np.sort(table["speed [rad/s]"]), [-2.5, 2.5, 5.0], rtol=1e-6)
 
 
+@pytest.mark.parametrize("speeds", [[1.0, 9.0], [0.0, 7.0]])
+def test_regression_resonances_on_both_sides_of_an_instability(speeds):
+    """One resonance was listed for both modes, and those of the first mode were missing."""
+    table = bd.campbell(with_driver(*particle_in_rotor()), speeds, n=2).resonances([1, 2])
+    # A root l = i k W: (25 - (1 + k^2) W^2) (40 - (1 + k^2) W^2) = 4 k^2 W^4.
+    expected = [(1.842922, 1, 2), (2.773501, 1, 1), (5.719681, 2, 2)]
+    actual = table[["speed [rad/s]", "mode", "multiple"]]
+    assert_allclose(actual.to_numpy(), expected, rtol=1e-6)
+
+
+def test_modes_that_cannot_be_followed_are_named():
+    """A mode grows at 5.6 rad/s; up to 30 rad/s, halvings do not resolve where this ends."""
+    diagram = bd.campbell(with_driver(*particle_in_rotor()), [0.0, 5.6, 30.0], n=2)
+    assert "mode 1 was not followed from 5.6 to 6.3625 rad/s" in diagram.warnings[-1]
+
+
 def test_campbell_diagram_follows_modes_through_crossings():
     mech = with_driver(*particle_in_rotor())
     diagram = bd.campbell(mech, [0.0, 1.0, 2.0, 3.0], n=2)

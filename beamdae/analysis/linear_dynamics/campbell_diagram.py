@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -63,6 +63,25 @@ class _ModeSolver:
         return self.known[speed]
 
 
+class _Stop(NamedTuple):
+    """Speed through which modes are followed.
+
+    Attributes
+    ----------
+    speed
+        Rotation speed [rad/s].
+    modes, order
+        Modes at this speed, and the indices (k,) of the followed modes.
+    lost
+        For each mode (k,), whether its shape differs too much from that at the stop before.
+    """
+
+    speed: float
+    modes: Modes
+    order: Array
+    lost: Array
+
+
 class _End(NamedTuple):
     """End of an interval of speeds that contains a resonance.
 
@@ -113,6 +132,7 @@ class Campbell(HasTable, HasPage):
     modes: tuple[Modes, ...] = field(repr=False)
     center: tuple[float, float] = (0.0, 0.0)
     damping: bool = True
+    _stops: tuple[_Stop, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         count, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
@@ -126,7 +146,7 @@ class Campbell(HasTable, HasPage):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the model and about the modes at each speed."""
+        """Warnings about the model, the modes at each speed, and modes that were not followed."""
         # Warnings of the model do not depend on the speed.
         sets = [set(at_speed.warnings) for at_speed in self.modes]
         common = set.intersection(*sets) if len(sets) > 1 else set()
@@ -138,6 +158,12 @@ class Campbell(HasTable, HasPage):
                 for speed, at_speed in zip(self.speeds, self.modes, strict=True)
                 for sentence in at_speed.warnings
                 if sentence not in common
+            ),
+            *(
+                f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
+                "where its shape changes, and its resonances there are not listed; add speeds"
+                for before, after in pairwise(self._stops)
+                for k in np.flatnonzero(after.lost).tolist()
             ),
         )
 
@@ -161,7 +187,8 @@ class Campbell(HasTable, HasPage):
 
         Modes are computed at further speeds until the resonances are accurate to a relative error
         below 1e-6. Resonances where a frequency passes a multiple of the speed and returns
-        between two successive speeds of the diagram are not found.
+        between two successive speeds of the diagram are not found. Where a mode was not followed,
+        its resonances are not listed; see `warnings`.
 
         Parameters
         ----------
@@ -186,13 +213,12 @@ class Campbell(HasTable, HasPage):
             for k in require_sequence("Campbell", "multiples", multiples, "a list of numbers")
         ]
         rows = []
-        for mode, ends in enumerate(self._followed_modes, 1):
+        for mode, before, after in self._intervals:
             for multiple in numbers:
-                for before, after in pairwise(ends):
-                    speed = self._find_resonance(before, after, multiple)
-                    # At rest, motions without stiffness have the frequency of an excitation: zero.
-                    if speed:
-                        rows.append((speed, multiple * abs(speed) / (2.0 * np.pi), mode, multiple))
+                speed = self._find_resonance(before, after, multiple)
+                # At rest, motions without stiffness have the frequency of an excitation: zero.
+                if speed:
+                    rows.append((speed, multiple * abs(speed) / (2.0 * np.pi), mode + 1, multiple))
         rows.sort(key=lambda row: abs(row[0]))
         names = ["speed [rad/s]", "frequency [Hz]", "mode", "multiple"]
         return pd.DataFrame(rows, columns=names)
@@ -202,20 +228,23 @@ class Campbell(HasTable, HasPage):
         return _ModeSolver(self)
 
     @property
-    def _followed_modes(self) -> list[list[_End]]:
-        """The followed modes at ascending speeds, including rest if the diagram passes it."""
-        order = np.argsort(self.speeds, kind="stable")
-        result = []
-        for values in self.eigenvalues.T:
-            ends: list[_End] = []
-            for k in order.tolist():
-                nearest = int(np.argmin(np.abs(self.modes[k].eigenvalues - values[k])))
-                end = _End(float(self.speeds[k]), self.modes[k], nearest)
-                if ends and ends[-1].speed < 0.0 < end.speed:
-                    ends.append(self._match(0.0, ends[-1], end))
-                ends.append(end)
-            result.append(ends)
-        return result
+    def _intervals(self) -> Iterator[tuple[int, _End, _End]]:
+        """Intervals of ascending speeds in which each mode, from 0, is followed; rest ends one."""
+        for before, after in pairwise(sorted(self._stops, key=lambda stop: stop.speed)):
+            # Given speeds may not ascend: modes are not necessarily followed from `before`.
+            lost = [
+                b.lost
+                for a, b in pairwise(self._stops)
+                if min(a.speed, b.speed) < after.speed and before.speed < max(a.speed, b.speed)
+            ]
+            for mode in np.flatnonzero(~np.any(lost, axis=0)).tolist() if lost else ():
+                first, last = (_End(x.speed, x.modes, int(x.order[mode])) for x in (before, after))
+                if first.speed < 0.0 < last.speed:
+                    rest = self._match(0.0, first, last)
+                    yield mode, first, rest
+                    yield mode, rest, last
+                else:
+                    yield mode, first, last
 
     def _match(self, speed: float, before: _End, after: _End) -> _End:
         """Return the mode at a speed whose shape is closest to the modes at two other speeds."""
@@ -338,33 +367,37 @@ def campbell(
 
     all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))
+    stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
     rows = [all_modes[0].eigenvalues[order]]
-    for (speed, before), (next_speed, after) in pairwise(zip(values, all_modes, strict=True)):
-        order = _follow(solve, order, (speed, before), (next_speed, after))
-        rows.append(after.eigenvalues[order])
+    for speed, after in zip(values[1:], all_modes[1:], strict=True):
+        stops += _follow(solve, stops[-1], speed, after)
+        rows.append(after.eigenvalues[stops[-1].order])
     place = rotation(0.0, center).center
-    return Campbell(np.array(values), np.array(rows), tuple(all_modes), place, damping)
+    return Campbell(
+        np.array(values), np.array(rows), tuple(all_modes), place, damping, tuple(stops)
+    )
 
 
 def _follow(
     solve: Callable[[float], Modes],
-    order: Array,
-    start: tuple[float, Modes],
-    end: tuple[float, Modes],
+    start: _Stop,
+    speed: float,
+    after: Modes,
     halvings: int = _MAX_HALVINGS,
-) -> Array:
-    """Return the indices, among the modes at the second speed, of modes at the first speed.
+) -> list[_Stop]:
+    """Follow modes to a speed, at which the modes are `after`; return the stops after `start`.
 
     If shapes differ much, the modes are followed through the speed in the middle.
     """
-    (speed, before), (next_speed, after) = start, end
-    mac = before.mac(after)[order]
-    weights = np.where(np.array(after.kinds) == DECAY, _DECAY_WEIGHT, 1.0)
+    mac = start.modes.mac(after)[start.order]
+    decayed, decays = (np.array(x.kinds) == DECAY for x in (start.modes, after))
+    weights = np.where(decays & ~decayed[start.order, None], _DECAY_WEIGHT, 1.0)
     rows, matches = linear_sum_assignment(-weights * mac)
-    if halvings and np.min(mac[rows, matches], initial=1.0) < _MIN_MAC:
-        middle = 0.5 * (speed + next_speed)
+    lost = mac[rows, matches] < _MIN_MAC
+    if halvings and lost.any():
+        middle = 0.5 * (start.speed + speed)
         at_middle = solve(middle)
-        if len(at_middle) >= len(order):
-            order = _follow(solve, order, start, (middle, at_middle), halvings - 1)
-            return _follow(solve, order, (middle, at_middle), end, halvings - 1)
-    return matches
+        if len(at_middle) >= len(start.order):
+            stops = _follow(solve, start, middle, at_middle, halvings - 1)
+            return [*stops, *_follow(solve, stops[-1], speed, after, halvings - 1)]
+    return [_Stop(speed, after, matches, lost)]
