@@ -11,6 +11,7 @@ is differenced. Shared numbers, such as time and matrix factors, are constant.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -144,7 +145,7 @@ def tangent_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     size of x.
     """
     table = plan.batch_table.copy()
-    columns: dict[str, Array] = {}
+    columns: dict[str, Any] = {}
     for kind, end in (("pick", 2), ("gather", 3)):
         is_tangent = getattr(plan, f"{kind}_sources") >= n_inputs
         counts = np.concatenate([[0], np.cumsum(is_tangent)])
