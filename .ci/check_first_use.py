@@ -1,4 +1,4 @@
-"""Check that a run with an empty cache compiles nothing and costs about the same as a later one.
+"""Check that a run costs about the same with an empty cache, and does not import numba.
 
     venv/bin/python .ci/check_first_use.py
 
@@ -55,8 +55,6 @@ def main() -> None:
         for rounds in range(1, _MAX_ROUNDS + 1):
             with tempfile.TemporaryDirectory() as cache:
                 first = min(first, run_seconds(Path(cache), Path(fonts)))
-                if compiled := [path.name for path in Path(cache).rglob("*.o")]:
-                    sys.exit(f"the first use compiled {', '.join(compiled)}")
                 second = min(second, run_seconds(Path(cache), Path(fonts)))
             if rounds >= _MIN_ROUNDS and first <= _MAX_RATIO * second:
                 break
