@@ -67,11 +67,28 @@ def _call_in_thread(function: Callable[[], None]) -> None:
     """
     with ThreadPoolExecutor(1) as threads:
         try:
-            future = threads.submit(function)
+            future = threads.submit(_call_after_last_thread, function)
         except RuntimeError:
             function()
         else:
             future.result()
+
+
+_order_of_threads = threading.Lock()
+_last_thread: threading.Thread | None = None
+
+
+def _call_after_last_thread(function: Callable[[], None]) -> None:
+    """Call a function as soon as the thread of the last call has ended.
+
+    An interrupted caller does not wait for its thread.
+    """
+    global _last_thread
+    with _order_of_threads:
+        last, _last_thread = _last_thread, threading.current_thread()
+    if last is not None:
+        last.join()
+    function()
 
 
 @lru_cache(maxsize=1)

@@ -331,6 +331,24 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
+def test_regression_blas_is_restored_after_the_thread_of_an_interrupted_search_has_ended(
+    monkeypatch, two_threads_of_blas
+):
+    """The limits can be changed only when the thread that made the first change has ended."""
+    follow_count = type(blas_threads.single_threaded)._follow_count
+
+    def end_slowly(context):
+        os.kill(os.getpid(), signal.SIGINT)
+        monkeypatch.setattr(type(context), "_follow_count", follow_count)
+        follow_count(context)
+        time.sleep(0.1)
+
+    monkeypatch.setattr(type(blas_threads.single_threaded), "_follow_count", end_slowly)
+    with pytest.raises(KeyboardInterrupt), blas_threads.single_threaded:
+        time.sleep(1.0)
+    assert two_threads_of_blas.items() <= threads_of_blas().items()
+
+
 def test_regression_blas_is_used_again_before_an_interrupted_restoration_ends(
     monkeypatch, two_threads_of_blas
 ):
