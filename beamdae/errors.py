@@ -342,7 +342,7 @@ def is_instance(value: Any, protocol: type) -> bool:
         return False
 
 
-class ForeignNumber(float):
+class UnconvertedNumber(float):
     """Value of a model parameter whose unit is not an SI unit; formulas give plain floats.
 
     Parts reject it: a function that passes such a parameter on has not converted it.
@@ -369,7 +369,7 @@ def require_finite(part: str, name: str, value: Any) -> float:
     """
     if type(value) is float and -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
         return value
-    if isinstance(value, ForeignNumber):
+    if isinstance(value, UnconvertedNumber):
         raise BeamdaeError(
             f"{part}: {name} must be in SI units, got the parameter {value.parameter} in "
             f"{value.unit}; convert it in the model function, or declare the parameter in the SI "

@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
-    ForeignNumber,
+    UnconvertedNumber,
     as_real,
     plain_text,
     record_messages,
@@ -228,7 +228,7 @@ class Model:
         parameters = self.complete(values)
         with extend_import_path(self.home), record_messages() as messages:
             # The function may change its arguments.
-            mechanism = self.build(**copy_containers(parameters | self._foreign(parameters)))
+            mechanism = self.build(**copy_containers(parameters | self._unconverted(parameters)))
         if mechanism is None or isinstance(mechanism, Model):
             what = "None" if mechanism is None else f"the model {mechanism.name}"
             raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
@@ -261,14 +261,16 @@ class Model:
         return public("view")(self, **settings)
 
     @cached_property
-    def _foreign_units(self) -> dict[str, str]:
+    def _other_units(self) -> dict[str, str]:
         """Units of the float parameters with a unit that is not an SI unit."""
         floats = [x for x in self.parameter_info.values() if type(x.default) is float]
         factors = {x.name: parse_unit(x.unit) for x in floats if x.unit not in ("", "-")}
         return {x.name: x.unit for x in floats if (factors.get(x.name) or (1,))[0] != 1}
 
-    def _foreign(self, parameters: dict[str, Any]) -> dict[str, Any]:
-        return {x: ForeignNumber(parameters[x], x, unit) for x, unit in self._foreign_units.items()}
+    def _unconverted(self, parameters: dict[str, Any]) -> dict[str, Any]:
+        return {
+            x: UnconvertedNumber(parameters[x], x, unit) for x, unit in self._other_units.items()
+        }
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
@@ -301,8 +303,6 @@ class Model:
     def _convert(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
         value = plain_number(unbox_scalar(value))
-        if isinstance(value, ForeignNumber):
-            value = float(value)
         if isinstance(value, str) and kind is not str:
             value = self._parse(name, value, kind)
         value = self._convert_numbers(name, value)

@@ -9,7 +9,15 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
-from beamdae.errors import BeamdaeError, as_real, as_text, short_repr, suggest, unbox_scalar
+from beamdae.errors import (
+    BeamdaeError,
+    UnconvertedNumber,
+    as_real,
+    as_text,
+    short_repr,
+    suggest,
+    unbox_scalar,
+)
 
 _STANDARD_GRAVITY = Fraction("9.80665")  # m/s^2, ISO 80000-3
 _ACCELERATION: Mapping[str, int] = {"m": 1, "s": -2}
@@ -195,8 +203,8 @@ def param(default: float, unit: str = "-", description: str = "") -> Any:
 
 
 def plain_number(value: Any) -> Any:
-    """Return a number created by `param` as a plain float or int; other values unchanged."""
-    if isinstance(value, _DescribedFloat):
+    """Return a number of `param` or of a model's arguments as a plain one; others unchanged."""
+    if isinstance(value, (_DescribedFloat, UnconvertedNumber)):
         return float(value)
     return int(value) if isinstance(value, _DescribedInt) else value
 

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.dependent_constraints import require_independent_constraints
 from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
@@ -281,8 +281,7 @@ class ConsistencySolver(StateEvaluator):
         """
         e = self.equations
         g_dot = self.constraint_levels(time, q, v)[1]
-        size = max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
-        is_open = np.abs(g_dot) > _OPENING_TOLERANCE * size
+        is_open = np.abs(g_dot) > _OPENING_TOLERANCE * velocity_size(e, v)
         if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
@@ -439,6 +438,11 @@ def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
         return 0.0, 0
     values, vectors = la.eigh(dense, subset_by_index=(0, 0))
     return float(values[0]), int(np.argmax(np.abs(vectors[:, 0])))
+
+
+def velocity_size(e: EquationsOfMotion, v: Array) -> float:
+    """Return the size of velocities v (n,) to which errors of constraints are compared."""
+    return max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
 
 
 def _rigid_change(

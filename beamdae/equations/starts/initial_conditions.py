@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Start
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.smooth_intervals import time_on_branch
-from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.consistent_start import ConsistencySolver, velocity_size
 from beamdae.equations.starts.least_strain import minimize_strain, solve_least_change
 from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 from beamdae.equations.starts.relaxation import relax_to_equilibrium
@@ -121,9 +121,8 @@ def _require_rotation(
     """Reject a rotation that joints or drivers do not allow."""
     e = solver.equations
     g_dot = solver.constraint_levels(time, q, v)[1]
-    size = max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
     worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
-    if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * size:
+    if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * velocity_size(e, v):
         raise BeamdaeError(
             f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:g} rad/s "
             f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
@@ -225,10 +224,9 @@ def _project_velocities(
     gaps = np.concatenate([g_dot, np.zeros(len(prescribed))])
     v = requested + solve_least_change(mass, rows, -gaps)
     g_dot = solver.constraint_levels(time, q, v)[1]
-    size = max(1.0, e.length, float(np.max(np.abs(requested), initial=0.0)))
     deviations = np.abs((v - requested)[prescribed])
     error = max(np.max(np.abs(g_dot), initial=0.0), np.max(deviations, initial=0.0))
-    if not error <= _VELOCITY_TOLERANCE * size:
+    if not error <= _VELOCITY_TOLERANCE * velocity_size(e, requested):
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
         if not values:
             raise BeamdaeError(

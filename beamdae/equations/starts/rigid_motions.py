@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import list_first
 
 Array = np.ndarray
 
@@ -25,7 +26,7 @@ _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 def join_names(names: Sequence[str]) -> str:
     """Join names as "a, b and c"; of more than nine, list eight and the number of more names."""
     if len(names) > _MAX_NAMES:
-        names = [*names[: _MAX_NAMES - 1], f"{len(names) - _MAX_NAMES + 1} more"]
+        return list_first(names, _MAX_NAMES - 1)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

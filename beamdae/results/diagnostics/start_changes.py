@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,28 +78,30 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
         changes.append(
             StartChange(part.name, float(displacement.max()), float(velocity.max()), largest)
         )
-    summary = StartSummary(request, tuple(changes), _warn_of_velocities(e, v, state.v, request))
-    change = summary.largest
-    if (
-        is_moved
-        or change is None
-        or not (change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length)
-    ):
-        return summary
-    warning = (
+    summary = StartSummary(request, tuple(changes), "")
+    warning = "" if is_moved else _describe_displacement(e, summary.largest)
+    if request == _AS_DRAWN and not warning:
+        warning = _describe_lost_velocity(e, v, state.v)
+    return replace(summary, warning=warning)
+
+
+def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> str:
+    """Return a sentence on the part that was displaced most, or an empty string."""
+    if change is None or not change.displacement > _MAX_UNREPORTED_DISPLACEMENT * e.length:
+        return ""
+    return (
         f"{change.part}: the joints are not closed in the reference configuration, and "
         f"closing them displaces this part by {change.displacement:.3g} m (mostly "
         f"{change.coordinate}) in a mechanism of {e.length:.3g} m; correct the "
         "positions of the parts, or pass start= with positions by name."
     )
-    return StartSummary(request, summary.changes, warning)
 
 
-def _warn_of_velocities(e: EquationsOfMotion, requested: Array, actual: Array, request: str) -> str:
+def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Array) -> str:
     """Return a sentence on the requested velocity that changed most, or an empty string."""
     worst, largest = None, _MAX_UNREPORTED_VELOCITY_CHANGE
     # Elastic coordinates adapt to the rigid motion.
-    for part in (x for x in e.parts if request == _AS_DRAWN and not x.is_state):
+    for part in (x for x in e.parts if not x.is_state):
         rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
         is_angle = np.array([e.coordinates[k].unit == "rad" for k in rows], bool)
         vectors = [rows[is_angle], rows[~is_angle]]
