@@ -284,7 +284,7 @@ class StartDerivatives:
     ) -> tuple[Array, Array]:
         """Return G at positions q, and its derivative along (dq, dp), (m, n) each."""
         n, at, along = self.equations.n, State(q, *self._zeros), State(dq, *self._zeros)
-        change = self._matrix_change(time, at, along, dp, _MASS)
+        change = self._as_matrix(self._nonzero_changes(time, at, along, dp, _MASS))
         return self.solver.constraint_matrix(time, q).toarray(), change[n:, :n].toarray()
 
     def correct_equilibrium(self, time: Array, at: State, dq: Array, dp: Array) -> Array:
@@ -296,7 +296,8 @@ class StartDerivatives:
         e = self.equations
         rest, zeros = State(at.q, *self._zeros), State(dq, *self._zeros)
         force, levels = self._evaluate_motion(time, rest._replace(lam=at.lam), zeros, dp)
-        gradient = self._matrix_change(time, rest, zeros, dp, _MASS)[e.n :, : e.n]
+        nonzeros = self._nonzero_changes(time, rest, zeros, dp, _MASS)
+        gradient = self._as_matrix(nonzeros)[e.n :, : e.n]
         residual = np.concatenate([force + gradient.T @ at.lam, levels[0]])
         matrix = StaticEquations(e, time).matrix(at.q, at.lam)
         try:
@@ -360,7 +361,8 @@ class StartDerivatives:
         db = np.concatenate([zeros, -(1.0 + coefficients) * change - by_parameter * rates])
         kept = np.concatenate([np.arange(n), n + active])
         matrix = self._saddle_matrix(time, at)[kept][:, kept]
-        matrix_change = self._matrix_change(time, at, along, dp, _MASS, dt)[kept][:, kept]
+        nonzeros = self._nonzero_changes(time, at, along, dp, _MASS, dt)
+        matrix_change = self._as_matrix(nonzeros)[kept][:, kept]
         factors = splu(sp.csc_array(matrix))
         z = factors.solve(b[kept])
         return along.v + factors.solve(db[kept] - matrix_change @ z)[:n]
@@ -524,18 +526,9 @@ class StartDerivatives:
         evaluate_sum(total, np.concatenate([*at, *along, dp]), result)
         return result[: e.n], result[e.n :].reshape(3, e.m)
 
-    def _matrix_change(
-        self,
-        time: Array,
-        at: State,
-        along: State,
-        dp: Array,
-        coefficients: tuple[float, float, float],
-        dt: float = 0.0,
-    ) -> sp.csc_array:
-        """Return the derivative dA of the saddle-point matrix."""
+    def _as_matrix(self, nonzeros: Array) -> sp.csc_array:
+        """Return the matrix with the pattern of the saddle-point matrix."""
         pattern = self._sums.saddle_pattern
-        nonzeros = self._nonzero_changes(time, at, along, dp, coefficients, dt)
         return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     @cached_property
