@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -32,18 +32,26 @@ MEASURES: Mapping[str, Callable[[Array, Array], Array]] = {
 def measure_table(
     table: pd.DataFrame, steps: Mapping[str, StepExtremes] | None = None
 ) -> dict[str, list[float]]:
+    """Return `measure_rows` of a trajectory, given as a table indexed by time [s]."""
+    numbers = np.column_stack([table.index.to_numpy(float), table.to_numpy(float)])
+    return measure_rows([str(column) for column in table], numbers, steps)
+
+
+def measure_rows(
+    columns: Sequence[str], numbers: Array, steps: Mapping[str, StepExtremes] | None = None
+) -> dict[str, list[float]]:
     """Return all `MEASURES` of each observed column of a trajectory, by column.
 
-    "max", "min" and "RMS" include the values at the steps of the run, `steps`. The measures of a
-    table without rows are NaN.
+    `numbers` contains the times [s] and the `columns`. "max", "min" and "RMS" include the values at
+    the steps of the run, `steps`. The measures of a trajectory without rows are NaN.
     """
-    headers = observed_columns([str(column) for column in table])
+    headers = observed_columns(columns)
     values = np.full((len(headers), len(MEASURES)), np.nan)
-    if headers and len(table):
-        positions = {str(column): k for k, column in enumerate(table)}
-        curves = table.to_numpy(float)[:, [positions[header] for header in headers]]
+    if headers and len(numbers):
+        positions = {column: k for k, column in enumerate(columns, 1)}
+        curves = numbers[:, [positions[header] for header in headers]]
         # Rows in memory are summed with smaller rounding errors.
-        times, curves = table.index.to_numpy(float), np.ascontiguousarray(curves.T)
+        times, curves = np.ascontiguousarray(numbers[:, 0]), np.ascontiguousarray(curves.T)
         for k, measure in enumerate(MEASURES.values()):
             values[:, k] = measure(times, curves)
         smallest, largest, rms = (list(MEASURES).index(name) for name in ("min", "max", "RMS"))

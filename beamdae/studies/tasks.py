@@ -20,6 +20,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_table
+from beamdae.studies.run_values import TrajectoryRows
 
 # Status of a case whose model was measured; it has no rows.
 MEASURED = Status("ok", "measured without a run")
@@ -180,6 +181,15 @@ def read_table(outcome: Outcome) -> pd.DataFrame | None:
     """Return `outcome.table` without a copy; a table that must be read is not kept in memory."""
     rows = vars(outcome)["_rows"]
     return cast("pd.DataFrame | None", rows() if callable(rows) else rows)
+
+
+def trajectory_columns(outcome: Outcome) -> list[str] | None:
+    """Return the columns of `outcome.table`, which is not created, or None without a trajectory."""
+    rows = vars(outcome)["_rows"]
+    if isinstance(rows, TrajectoryRows):
+        return list(rows.headers)
+    table = shared_table(outcome)
+    return None if table is None else [str(column) for column in table]
 
 
 def shared_measures(outcome: Outcome) -> dict[str, list[float]]:

@@ -206,22 +206,23 @@ def write_text(path: Path, text: str) -> Path:
     return write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write bytes with `atomic_write` and return the path."""
-    with atomic_write(path) as scratch:
+def write_bytes(path: Path, content: bytes, durable: bool = True) -> Path:
+    """Write bytes with `atomic_write` and return the path; see there for `durable`."""
+    with atomic_write(path, durable) as scratch:
         scratch.write_bytes(content)
     return path
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path, durable: bool = True) -> Iterator[Path]:
     """Yield a scratch file that replaces the file at `path` when the block ends.
 
     The folder of `path` is created if needed. If the block raises any exception, including
     KeyboardInterrupt, the file at `path` is unchanged and the scratch file is removed. Permissions
     of an existing file are preserved. If `path` is a symbolic link, the link is replaced and its
     target is unchanged; links to folders in the path are followed. Devices and pipes, and links of
-    the system such as /dev/stdout, are written directly.
+    the system such as /dev/stdout, are written directly. A file that is not `durable` may be empty
+    after a power failure.
 
     Raises
     ------
@@ -240,7 +241,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
         scratch.touch(exist_ok=False)
         try:
             yield scratch
-            _flush_to_disk(scratch)
+            if durable:
+                _flush_to_disk(scratch)
             _replace_file(target, scratch)
         finally:
             with suppress(OSError):

@@ -13,6 +13,7 @@ from typing import Any
 import cloudpickle
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning, KernelWarning, working_folder
 from beamdae.memory import limit_memory, peak_memory, reset_peak_memory
 from beamdae.report.scene.frame_export import export_run_frames
@@ -20,14 +21,14 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
 from beamdae.studies.case import Case
-from beamdae.studies.column_measures import measure_table
+from beamdae.studies.column_measures import measure_rows
 from beamdae.studies.run_values import (
     MEASURING_TIME_COLUMN,
     PEAK_MEMORY_COLUMN,
+    collect_rows,
     collect_run_values,
     evaluate_outputs,
     summarize_wall_times,
-    tabulate_trajectory,
 )
 from beamdae.studies.store.file_reads import (
     FileReads,
@@ -35,7 +36,7 @@ from beamdae.studies.store.file_reads import (
     digest_reads,
     record_file_reads,
 )
-from beamdae.studies.store.trajectory_csv import format_trajectory
+from beamdae.studies.store.trajectory_csv import format_numbers
 from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
 
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
@@ -124,11 +125,9 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
                 values |= evaluate_outputs(task.outputs, solution)
             except BeamdaeError as problem:
                 status = Status("failed", str(problem))
-        table = tabulate_trajectory(solution)
-        text = format_trajectory(table)
-        # Without contacts and other abrupt forces, the measures are those of the table.
-        steps = solution.step_extremes
-        measures = measure_table(table, steps) if steps else None
+        rows = collect_rows(solution)
+        text = format_numbers(TIME, rows.headers, rows.numbers)
+        measures = measure_rows(rows.headers, rows.numbers, solution.step_extremes)
         frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(wall_times) + sum(s.statistics.setup_time for s in solutions)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
@@ -137,7 +136,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
     return Outcome(
         status,
         values,
-        table,
+        rows,
         frames,
         text=text,
         kernel_warnings=messages,

@@ -31,7 +31,7 @@ from beamdae.results.storage.schema import anything, choice, record, text
 from beamdae.studies.store.file_reads import changed_files
 from beamdae.studies.store.record_rules import check_outcome, parse_rows
 from beamdae.studies.store.trajectory_csv import format_trajectory
-from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table
+from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table, trajectory_columns
 
 _FORMAT = 3
 _KIND = FileKind("record", "run the case again")
@@ -67,20 +67,23 @@ class Store:
         The record is written last: if the record exists, the trajectory is complete. The record
         contains checksums of the trajectory and of the other entries of the record.
 
+        The files are not flushed to the disk, which would take as long as a short run: after a
+        power failure, the checksums show which runs must be repeated.
+
         Raises
         ------
         BeamdaeError
             If a file cannot be written. Existing files are not damaged.
         """
-        rows, table = None, shared_table(outcome)
-        if table is not None:
-            text = outcome.text or format_trajectory(table)
-            source = write_bytes(self.rows_path(task), text)
+        rows, columns = None, trajectory_columns(outcome)
+        if columns is not None:
+            text = outcome.text or _format_rows(outcome)
+            source = write_bytes(self.rows_path(task), text, durable=False)
             _link_trajectory(source, self.trajectory_path(task), text)
             rows = {
                 "sha256": hashlib.sha256(text).hexdigest(),
                 # The CSV file escapes some headers.
-                "columns": [str(c) for c in table],
+                "columns": columns,
                 # Tables and plots of large studies need only these numbers.
                 "measures": shared_measures(outcome),
             }
@@ -96,7 +99,7 @@ class Store:
         # Convert NumPy scalars to Python numbers.
         content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _compute_checksum(content), "outcome": content}
-        write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode())
+        write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode(), durable=False)
         file = outcome.file if rows is None else self.trajectory_path(task).name
         return replace(outcome, file=file, text=b"")
 
@@ -173,6 +176,12 @@ def _read_rows(path: Path, link: Path, content: dict[str, Any]) -> Callable[[], 
         raise _TRAJECTORY.error(path, "the trajectory has changed since it was written")
     _link_trajectory(path, link, csv_text)
     return partial(_parse_rows, path, csv_text, content)
+
+
+def _format_rows(outcome: Outcome) -> bytes:
+    table = shared_table(outcome)
+    assert table is not None
+    return format_trajectory(table)
 
 
 def _link_trajectory(source: Path, path: Path, text: bytes) -> None:

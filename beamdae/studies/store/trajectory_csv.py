@@ -14,6 +14,8 @@ import pandas as pd
 from beamdae.results.storage.files import escape_cell
 from beamdae.results.storage.number_text import format_rows
 
+Array = np.ndarray
+
 _NOT_SEPARATORS = bytes(k for k in range(256) if k not in b",\n")
 _NUMBER_CHARACTERS = b"0123456789+-.eEnaif"
 
@@ -24,9 +26,14 @@ def format_trajectory(table: pd.DataFrame) -> bytes:
     Except for escaped headers (see `escape_cell`), the result equals the output of
     `DataFrame.to_csv`, which takes ten times as long.
     """
-    headers = _format_headers(str(table.index.name), tuple(str(c) for c in table))
     rows = np.column_stack([table.index.to_numpy(float), table.to_numpy(float)])
-    return (headers + format_rows(rows)).encode(errors="replace")
+    return format_numbers(str(table.index.name), [str(c) for c in table], rows)
+
+
+def format_numbers(index: str, columns: Sequence[str], numbers: Array) -> bytes:
+    """Return `format_trajectory` of numbers (k, 1 + columns), whose first column is the index."""
+    headers = _format_headers(index, tuple(columns))
+    return (headers + format_rows(numbers)).encode(errors="replace")
 
 
 # The runs of a study have the same columns.
