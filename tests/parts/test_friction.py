@@ -67,7 +67,6 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
     solution = run(block(turn=turn, at=(2.0, -1.0)), integrator, 0.5, 0.1)
     travel = 2.0 * solution.t - 0.5 * COEFFICIENT * GRAVITY * solution.t**2
     distance = np.hypot(solution.q[:, 0] - 2.0, solution.q[:, 1] + 1.0)
-    # Smoothing reduces the reaction N of 20 N by (1e-3 / N)^2 / 2 = 1e-9; the rest is rtol.
     assert_allclose(distance, travel, rtol=0.0, atol=2e-8)
     friction_force = COEFFICIENT * MASS * GRAVITY
     assert_allclose(solution.columns["friction.F [N]"], -friction_force, rtol=1e-6)
@@ -76,6 +75,21 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
     )
     assert solution.quality.energy_imbalance < 1e-7
     assert_allclose(solution.ledger["energy.dissipated [J]"], friction_force * travel, atol=1e-6)
+
+
+@pytest.mark.parametrize("force", [1e-7, 1e-4, 1e2])
+def test_regression_reactions_below_a_millinewton_cause_friction(force):
+    """A block of a watch slows down as one of a crane; the default smoothing was 1e-3 N."""
+    mass = force / GRAVITY
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    slider = mech.add(bd.PointMass("slider", mass, at=(0.0, 0.0), velocity=(2.0, 0.0)))
+    guide = mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), slider.point))
+    rubbing = mech.add(bd.Friction("rubbing", guide, COEFFICIENT, friction_speed=1e-3))
+    mech.observe("friction", rubbing.reaction)
+    solution = bd.simulate(mech, bd.Radau(1e-8), t_end=0.5, output_step=0.1)
+    travel = 2.0 * solution.t - 0.5 * COEFFICIENT * GRAVITY * solution.t**2
+    assert_allclose(solution.q[:, 0], travel, rtol=0.0, atol=2e-8)
+    assert_allclose(solution.columns["friction.F [N]"], -COEFFICIENT * force, rtol=1e-6)
 
 
 def test_a_force_below_the_friction_limit_makes_it_creep():
@@ -96,7 +110,7 @@ def test_stribeck(speed):
     expected = -MASS * GRAVITY * np.tanh(speed / 1e-3)
     expected *= 0.3 + 0.2 * np.exp(-((speed / 0.02) ** 2))
     solution = numeric.observed("friction", v=[speed, 0.0, 0.0], lam=[-MASS * GRAVITY])
-    assert_allclose(solution, [expected, speed], rtol=1e-8)  # by the smoothing
+    assert_allclose(solution, [expected, speed], rtol=1e-12)
 
 
 def pendulum(turn=0.0, at=(0.0, 0.0), swap=False, **friction):

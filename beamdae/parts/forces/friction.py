@@ -37,6 +37,9 @@ from beamdae.symbolic.statements import (
     rebuilt_for_mesh,
 )
 
+# [N]; far below the reactions of micrometer-sized mechanisms. Step counts are those of 1e-3 N.
+_DEFAULT_SMOOTHING = 1e-12
+
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
     """Return the travel of the rim of a bearing; `numbers[0]` is its radius."""
@@ -151,7 +154,7 @@ class Friction(ObservableLoad):
         these joints, and not accepted for others.
     smoothing
         Reaction [N] below which the magnitude |N| is smoothed. The error of the magnitude is at
-        most smoothing^2 / (2 |N|).
+        most smoothing^2 / (2 |N|); choose a value far below the reactions that matter.
 
     Raises
     ------
@@ -177,7 +180,7 @@ class Friction(ObservableLoad):
     static: float | None = None
     stribeck: float | None = None
     radius: float | None = None
-    smoothing: float = 1e-3
+    smoothing: float = _DEFAULT_SMOOTHING
 
     def __post_init__(self) -> None:
         set_fields(self, name=require_name("Friction", self.name))
