@@ -34,6 +34,7 @@ from beamdae.integrators.method import (
     LoopMethod,
     Method,
     ResumableMethod,
+    SamplingMethod,
     StepError,
     StepMethod,
 )
@@ -248,6 +249,7 @@ class _RunInProgress:
         self._onset_detector, self._table_detector = onset_detector, table_detector
         self._rtol = rtol
         self._force_detector = self._detect_force_peaks()
+        self._method_samples = self._let_method_sample()
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
@@ -266,6 +268,19 @@ class _RunInProgress:
     def _detect_force_peaks(self) -> ForcePeakDetector | None:
         """Return the detector for the active parts; None for fixed steps."""
         return None if self._rtol is None else detect_force_peaks(self._plan, self._rtol)
+
+    def _let_method_sample(self) -> bool:
+        """Let the method take samples, if possible; return False if the driver takes them.
+
+        The driver checks steps between samples, not across them.
+        """
+        checks = self._detector, self._onset_detector, self._table_detector, self._force_detector
+        if not self._sampler.controllers or any(check is not None for check in checks):
+            return False
+        if not isinstance(self.method, SamplingMethod):
+            return False
+        self.method.sampler = self._sampler
+        return True
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -334,7 +349,8 @@ class _RunInProgress:
             branch = branch_time(start, self._interval_ends[0])
             before = list(self._segments), self._history.count
             try:
-                state = self._sampled_state(start, branch, self._history.last_state)
+                # Measured before the jump of laws.
+                state = self._sampler.sample(start, branch, self._history.last_state)
             except BeamdaeError as problem:
                 return self._failure(problem)
             if (resumed := self._resume_after_sample(start, state)) is not None:
@@ -395,7 +411,7 @@ class _RunInProgress:
         start, state = self._history.end, self._history.last_state
         self._stop_at_next_sample(start)
         branch = branch_time(start, self._interval_ends[0])
-        sampled = self._sampled_state(start, branch, state)
+        sampled = self._sampler.sample(start, branch, state)
         if sampled is not state:
             time, starter = np.array([start, branch]), self._plan.starter
             state = starter.state(time, sampled.q, sampled.v)
@@ -406,21 +422,11 @@ class _RunInProgress:
 
     def _stop_at_next_sample(self, t: float) -> None:
         """End the interval that begins at `t` [s] at the next sample of a controller."""
-        following = self._sampler.next_time(t)
-        if following < self._interval_ends[0] - SAME_TIME * abs(following):
+        if self._method_samples:
+            return
+        end = self._interval_ends[0]
+        if (following := self._sampler.next_stop(t, end)) < end:
             self._interval_ends = (following, *self._interval_ends)
-
-    def _sampled_state(self, t: float, branch: float, state: State) -> State:
-        """Return the state with the values that controllers hold after the samples at `t` [s].
-
-        Raises
-        ------
-        BeamdaeError
-            If a law fails.
-        """
-        # Measured before the jump of laws.
-        q = self._sampler.sample(np.array([t, branch]), state)
-        return state if q is None else state._replace(q=q)
 
     def _integrate_to(self, end: float, is_resumed: bool = False) -> Status:
         """Take steps until `end` [s], a limit, a terminal event or a failure; return the status.
@@ -442,6 +448,9 @@ class _RunInProgress:
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
                 self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
+                if self._method_samples and cast(SamplingMethod, method).awaits_sample:
+                    end = history.end
+                    self._interval_ends = (end, *self._interval_ends)
                 is_due = self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
                 outside = ""
                 if checks_steps and (is_due or self._max_batch or history.end >= end):
@@ -620,11 +629,18 @@ def _take_steps(method: Method, history: StepHistory, most: int, end: float) -> 
             raise StepError(_UNORDERED_STAGES)
         return 1
     loop = cast(LoopMethod, method)
-    rows = loop.advance(most)
+    rows, has_jumps = loop.advance(most), False
+    jumps = 0
+    if getattr(method, "sampler", None) is not None:
+        if not len(rows):
+            return 0
+        has_jumps = True
+        ends = rows[loop.rows_per_step - 1 :: loop.rows_per_step, 0]
+        jumps = int(np.count_nonzero(np.diff(ends, prepend=history.end) == 0.0))
     _require_progress(history, rows[-1, 0], end)
-    if not history.extend(rows, loop.rows_per_step):
+    if not history.extend(rows, loop.rows_per_step, has_jumps):
         raise StepError(STEP_TOO_SMALL)
-    return len(rows) // loop.rows_per_step
+    return len(rows) // loop.rows_per_step - jumps
 
 
 def _require_progress(history: StepHistory, t: float, end: float) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
+from beamdae.equations.controller_reads import compile_reads
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.smooth_intervals import SAME_TIME
 
 Array = np.ndarray
 
@@ -28,61 +27,42 @@ class Sampler:
 
     def __init__(self, equations: EquationsOfMotion) -> None:
         self.controllers = equations.controllers
-        self._readers = [_create_reader(term, equations.p) for term in self.controllers]
-
-    def next_time(self, t: float) -> float:
-        """Return the time of the first sample after `t` [s]; infinity without controllers."""
-        # Of Python, which is faster than NumPy for single numbers.
-        times = [
-            (math.floor(t / every + _SAME_SAMPLE) + 1.0) * every
-            for every in (term.controller.every for term in self.controllers)
+        self._tasks = [
+            (term.controller, term.controller.every, term.rows, compile_reads(term, equations.p))
+            for term in self.controllers
         ]
-        return min(times, default=math.inf)
 
-    def sample(self, time: Array, state: State) -> Array | None:
-        """Return the coordinates after the samples at `time` = (t, branch); None if none is due.
+    def next_stop(self, t: float, end: float) -> float:
+        """Return the time of the first sample after `t` [s]; `end` if none is before `end`."""
+        # Of Python, which is faster than NumPy for single numbers.
+        for _, every, *_ in self._tasks:
+            following = (math.floor(t / every + _SAME_SAMPLE) + 1.0) * every
+            if following < end - SAME_TIME * abs(following):
+                end = following
+        return end
 
-        All controllers read the state before the samples.
+    def update(self, t: float, branch: float, q: Array, v: Array) -> bool:
+        """Set the values in `q` that controllers hold after the samples at `t` [s].
+
+        Return False if no sample is due. All controllers read the state before the samples.
 
         Raises
         ------
         BeamdaeError
-            If a law fails or does not return finite numbers.
+            If a law fails or does not return finite numbers; `q` is then unchanged.
         """
-        t, q = float(time[0]), None
-        for term, read in zip(self.controllers, self._readers, strict=True):
-            controller = term.controller
-            index = round(t / controller.every)
-            if abs(t / controller.every - index) > _SAME_SAMPLE:
-                continue
-            q = state.q.copy() if q is None else q
-            values = controller.next_values(t, index, read(time, state), state.q[term.rows])
-            q[term.rows] = values
-        return q
+        updates = []
+        for controller, every, rows, read in self._tasks:
+            ratio = t / every
+            index = round(ratio)
+            if abs(ratio - index) <= _SAME_SAMPLE:
+                values = controller.next_values(t, index, read(t, branch, q, v), q[rows])
+                updates.append((rows, values))
+        for rows, values in updates:
+            q[rows] = values
+        return bool(updates)
 
-
-def _create_reader(term: ControllerTerm, p: Array) -> Callable[[Array, State], Array]:
-    """Return a function of (t, branch) and the state that evaluates the reads of a controller.
-
-    A call takes microseconds. Local coordinates are summed without SciPy, whose products take ten
-    times as long for few rows.
-    """
-    if not term.reads:
-        return lambda time, state: np.zeros(0)
-    operator = sp.coo_array(sp.vstack([o.operator for o in term.reads]))
-    weights, row, column = operator.data, operator.row, operator.col
-    count = operator.shape[0]
-    ends = np.cumsum([0, *(o.operator.shape[0] for o in term.reads)]).tolist()
-    functions = [
-        (o.function.evaluator(), slice(*rows), p[o.data])
-        for o, rows in zip(term.reads, pairwise(ends), strict=True)
-    ]
-
-    def read(time: Array, state: State) -> Array:
-        q, v = (np.bincount(row, weights * x[column], count) for x in state[:2])
-        values = [
-            evaluate(time, q[rows], v[rows], data)[0].copy() for evaluate, rows, data in functions
-        ]
-        return values[0] if len(values) == 1 else np.concatenate(values)
-
-    return read
+    def sample(self, t: float, branch: float, state: State) -> State:
+        """Return `state` with the values held after the samples at `t` [s]; see `update`."""
+        q = state.q.copy()
+        return state._replace(q=q) if self.update(t, branch, q, state.v) else state

@@ -74,6 +74,10 @@ class Compiled:
         """Evaluate the function with `arguments` as its first inputs; return the output buffers."""
         for buffer, argument in zip(self.inputs, arguments):  # noqa: B905 trailing inputs stay
             buffer[:] = argument
+        return self.evaluate()
+
+    def evaluate(self) -> list[Array]:
+        """Evaluate the function with the values in `inputs`; return the output buffers."""
         self._evaluate()
         self.calls += 1
         return self.outputs
@@ -197,6 +201,11 @@ class RowFunction:
     def express(self, *symbols: ca.SX) -> ca.SX:
         """Return the outputs as an expression in symbols, one column per argument."""
         return ca.densify(ca.vec(self._function(*symbols)))
+
+    def apply(self, *arguments: ca.MX) -> ca.MX:
+        """Return the outputs as a call in an expression graph; missing last arguments are zero."""
+        sizes = [self._function.size_in(i) for i in range(len(arguments), self._function.n_in())]
+        return ca.vec(self._function(*arguments, *(ca.DM.zeros(*size) for size in sizes)))
 
     def derivative(self, argument: int) -> RowFunction:
         """Return a row function for the Jacobian with respect to argument number `argument`.

@@ -1,12 +1,16 @@
 """Sampled inputs: methods continue across the jumps, with consistent accelerations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
 from beamdae.integrators import step_history, step_thinning
+from beamdae.integrators.alpha import stepper
 from beamdae.integrators.alpha.stepper import AlphaStepper
+from beamdae.integrators.drive import _RunInProgress
 from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.radau.stepper import RadauStepper
@@ -43,6 +47,7 @@ def forbid_resuming(monkeypatch):
     """Let methods restart from a consistent state at each sample."""
     for kind in (AlphaStepper, IdaStepper, RadauStepper):
         monkeypatch.setattr(kind, "resume", lambda *_: None)
+    monkeypatch.setattr(stepper.FixedAlphaStepper, "_count_resumed_steps", lambda *_: 0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.2], ids=["smooth", "friction"])
@@ -93,6 +98,48 @@ def test_steps_that_do_not_divide_the_sampling_interval_restart():
     exact = bd.simulate(two_rates(0.02), bd.Radau(1e-8), 0.1, output_step=0.05)
     assert len(run.trajectory.intervals) > 1
     assert_allclose(run.q, exact.q, atol=5e-4)
+
+
+def failing_law(sample):
+    if sample.t > 0.2:
+        raise ValueError("no signal")
+    return 30.0 * (0.5 - sample.reads[0])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"delay": 2}, {"every": 0.0005}, {"every": 0.0371}, {"law": failing_law}],
+    ids=["plain", "delay", "one step per sample", "remainder", "failure"],
+)
+@pytest.mark.parametrize("method", ["fixed steps", "stabilized"])
+def test_methods_that_take_samples_give_the_bits_of_the_driver(method, options, monkeypatch):
+    def run():
+        mech = crank(**options)
+        push = mech.input("side force", unit="N")
+        mech.add(bd.Force("push", mech.parts["bar"].at(1.0, 0.0), (push, 0.0)))
+        law = lambda sample: 0.1 * sample.index  # noqa: E731
+        mech.add(bd.Controller("second", 0.01, [], [push], law))
+        return bd.simulate(mech, METHODS[method], 0.33)
+
+    a = run()
+    monkeypatch.setattr(_RunInProgress, "_let_method_sample", lambda _: False)
+    b = run()
+    assert a.status == b.status
+    assert a.statistics.steps == b.statistics.steps
+    assert len(a.trajectory.intervals) == len(b.trajectory.intervals)
+    for one, other in zip(a.trajectory.intervals, b.trajectory.intervals, strict=True):
+        assert_array_equal(one.t, other.t)
+        for x, y in zip(one.rows, other.rows, strict=True):
+            assert_array_equal(x, y)
+
+
+def test_slow_laws_do_not_delay_limits(monkeypatch):
+    monkeypatch.setattr(stepper, "MAX_TIME_BETWEEN_CHECKS", 0.0)
+    stopped = bd.simulate(crank(), replace(METHODS["fixed steps"], time_limit=1e-9), 0.33)
+    assert stopped.t[-1] < 2.0 * EVERY
+    run = bd.simulate(crank(), METHODS["fixed steps"], 0.33)
+    monkeypatch.undo()
+    assert_array_equal(run.table(), bd.simulate(crank(), METHODS["fixed steps"], 0.33).table())
 
 
 @pytest.mark.slow(reason="half a second and more")
