@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from beamdae.results.columns import observed_columns
 from beamdae.results.diagnostics.missed_peaks import StepExtremes
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = np.ndarray
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, as_real, format_exception, short_repr, unbox_scalar
 from beamdae.results.event_records import format_event_counts
 from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = np.ndarray
 
@@ -211,6 +213,9 @@ class TrajectoryRows:
 
     def __call__(self) -> pd.DataFrame:
         """Return the columns as a table, indexed by time."""
+        # Imported here, because worker processes create no tables.
+        import pandas as pd
+
         times = pd.Index(self.numbers[:, 0], name=TIME)
         return pd.DataFrame(self.numbers[:, 1:], times, pd.Index(self.headers))
 

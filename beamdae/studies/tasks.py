@@ -9,11 +9,10 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import cloudpickle
 import numpy as np
-import pandas as pd
 
 from beamdae.errors import format_exception, require_positive, set_fields, short_repr
 from beamdae.read_only import read_only_data
@@ -21,6 +20,9 @@ from beamdae.results.outcome import REACHED_END, Status
 from beamdae.studies.case import Case
 from beamdae.studies.column_measures import measure_table
 from beamdae.studies.run_values import TrajectoryRows
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Status of a case whose model was measured; it has no rows.
 MEASURED = Status("ok", "measured without a run")

@@ -254,3 +254,29 @@ def test_deleted_working_folder_is_reported(tmp_path, monkeypatch):
         bd.sweep(swing, {"mass": [1.0, 2.0]}, folder="results", progress=delete)
     # Without a folder, results need no working folder.
     assert list(bd.sweep(swing, {"mass": [1.0, 2.0]}).table["status"]) == ["ok", "ok"]
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_worker_processes_do_not_import_pandas():
+    """Importing pandas took a third of the start of a process."""
+    code = """
+import sys
+from beamdae.studies.execution import worker_processes
+from beamdae.studies.tasks import Task
+import beamdae as bd
+@bd.model(t_end=0.05)
+def fall(mass=1.0):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point)
+    return mech
+task = Task("key", bd.Case(fall), 0.05, 0.01)
+outcome = worker_processes.run_task(task.serialize({}))
+assert outcome.status.success, outcome.status
+print(*{name.partition(".")[0] for name in sys.modules})
+table = outcome.table
+assert list(table)[0] == "ball.x [m]" and table.index.name == "t [s]"
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    )
+    assert not {"pandas", "rich", "matplotlib"} & set(result.stdout.split()), result.stdout

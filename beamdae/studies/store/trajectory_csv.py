@@ -7,12 +7,15 @@ import io
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from beamdae.results.storage.files import escape_cell
 from beamdae.results.storage.number_text import format_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = np.ndarray
 
@@ -75,6 +78,8 @@ def parse_trajectory(content: bytes, index: str, columns: Sequence[str]) -> pd.D
     ValueError
         If the headers differ, or the rows do not have one number or empty cell per column.
     """
+    import pandas as pd
+
     body = _require_body(content, index, columns)
     rows = body.count(b"\n")
     # Empty cells are nan; a second replacement is needed for neighbors.
