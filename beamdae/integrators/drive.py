@@ -515,11 +515,7 @@ class _RunInProgress:
         """Return the reason why the present state or time is outside a table, or ""."""
         segment, configuration = self._segments[-1], self._configuration
         t, branch = segment.history.end, segment.branch
-        # Events may have changed laws.
-        active = self._equations if configuration is None else configuration.equations
-        mechanism = active.mechanism
-        ranges = () if mechanism is None else (x for law in mechanism.laws for x in law.ranges)
-        for x in ranges:
+        for x in segment.ranges:
             if reason := x.reason_to_stop(t, branch):
                 return reason
         if self._table_detector is None:

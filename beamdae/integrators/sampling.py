@@ -44,7 +44,7 @@ class Sampler:
     def update(self, t: float, branch: float, q: Array, v: Array) -> bool:
         """Set the values in `q` that controllers hold after the samples at `t` [s].
 
-        Return False if no sample is due. All controllers read the state before the samples.
+        Return False if no held value changes. All controllers read the state before the samples.
 
         Raises
         ------
@@ -58,11 +58,17 @@ class Sampler:
             if abs(ratio - index) <= _SAME_SAMPLE:
                 values = controller.next_values(t, index, read(t, branch, q, v), q[rows])
                 updates.append((rows, values))
+        has_changed = False
         for rows, values in updates:
+            # Lists of few numbers are compared faster than arrays.
+            has_changed |= q[rows].tolist() != values.tolist()
             q[rows] = values
-        return bool(updates)
+        return has_changed
 
     def sample(self, t: float, branch: float, state: State) -> State:
-        """Return `state` with the values held after the samples at `t` [s]; see `update`."""
+        """Return `state` with the values held after the samples at `t` [s]; see `update`.
+
+        If no value changes, the object is the same.
+        """
         q = state.q.copy()
         return state._replace(q=q) if self.update(t, branch, q, state.v) else state

@@ -16,6 +16,7 @@ from beamdae.equations.equations_of_motion import Configuration, EquationsOfMoti
 from beamdae.equations.measures import BalanceRows, balance_rows
 from beamdae.integrators.step_thinning import Measure, ThinnedRows
 from beamdae.memory import available_memory, format_gigabytes, release_freed_memory
+from beamdae.parts.laws import TableRange
 from beamdae.results.trajectory import Interval, StepRecord
 
 Array = np.ndarray
@@ -354,6 +355,12 @@ class RunSegment:
     branch: float
     configuration: Configuration | None
     equations: EquationsOfMotion
+
+    @cached_property
+    def ranges(self) -> tuple[TableRange, ...]:
+        """Ranges of time outside which laws have no values; events may change laws."""
+        mechanism = self.equations.mechanism
+        return () if mechanism is None else tuple(x for law in mechanism.laws for x in law.ranges)
 
     @property
     def block_count(self) -> int:

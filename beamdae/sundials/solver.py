@@ -90,6 +90,9 @@ _GETTERS: tuple[tuple[str, Any], ...] = (
 )
 
 
+_FAILURE_GETTERS = (_GETTERS[1], _GETTERS[2], _GETTERS[4])
+
+
 class SolverPointers(NamedTuple):
     """Addresses for compiled code that calls IDA: its memory, and vectors for y, y' and errors."""
 
@@ -259,12 +262,19 @@ class IdaSolver:
     @property
     def statistics(self) -> IdaStatistics:
         """Counters since the last start, the last order, and the last and next step size [s]."""
-        values = []
-        for name, kind in _GETTERS:
-            value = kind()
-            self._call_ida(name, ctypes.byref(value))
-            values.append(value.value)
-        return IdaStatistics(*values)
+        return IdaStatistics(*(self._read(getter) for getter in _GETTERS))
+
+    @property
+    def failures(self) -> tuple[int, int, int]:
+        """`error_test_failures`, `failed_solves` and `newton_failures` since the last start."""
+        error_tests, newton, solves = (self._read(getter) for getter in _FAILURE_GETTERS)
+        return error_tests, solves, newton
+
+    def _read(self, getter: tuple[str, Any]) -> Any:
+        name, kind = getter
+        value = kind()
+        self._call_ida(name, ctypes.byref(value))
+        return value.value
 
     def _call_ida(self, name: str, *arguments: Any) -> None:
         """Call a function whose first argument is IDA's memory, and check its status."""

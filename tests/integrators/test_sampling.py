@@ -111,7 +111,7 @@ def failing_law(sample):
     [{}, {"delay": 2}, {"every": 0.0005}, {"every": 0.0371}, {"law": failing_law}],
     ids=["plain", "delay", "one step per sample", "remainder", "failure"],
 )
-@pytest.mark.parametrize("method", ["fixed steps", "stabilized"])
+@pytest.mark.parametrize("method", ["fixed steps", "stabilized", "Radau"])
 def test_methods_that_take_samples_give_the_bits_of_the_driver(method, options, monkeypatch):
     def run():
         mech = crank(**options)

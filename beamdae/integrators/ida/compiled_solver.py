@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from collections import Counter
 from collections.abc import Generator
 from typing import Any
 
@@ -121,7 +120,7 @@ class CompiledIda:
         self._renew = _RENEW_CALLBACK(renewal.__next__)
         newton.renew_address = ctypes.cast(self._renew, ctypes.c_void_p).value or 0
         loop.bind()
-        self._earlier_failures: Counter[str] = Counter()
+        self._earlier_failures = dict.fromkeys(_FAILURE_COUNTS, 0)
         self.code = DONE
 
     def start(
@@ -159,10 +158,9 @@ class CompiledIda:
         """Last y and y' returned by IDA, and the last residual before premultiplication."""
         return self._run.y, self._run.yp, self._newton.raw_residual
 
-    def _count_failures(self) -> Counter[str]:
-        statistics = self._solver.statistics
-        recent = Counter({name: getattr(statistics, name) for name in _FAILURE_COUNTS})
-        return self._earlier_failures + recent
+    def _count_failures(self) -> dict[str, int]:
+        recent = zip(_FAILURE_COUNTS, self._solver.failures, strict=True)
+        return {name: self._earlier_failures[name] + count for name, count in recent}
 
     @property
     def counts(self) -> Statistics:

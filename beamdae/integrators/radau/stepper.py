@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time as clock
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -19,7 +21,8 @@ from beamdae.equations.formulations.kinematic_reduction import (
     KinematicReduction,
     reduce_kinematics,
 )
-from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
+from beamdae.errors import BeamdaeError
+from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
@@ -29,11 +32,17 @@ from beamdae.integrators.error_control import (
     resolve_error_control,
 )
 from beamdae.integrators.input_jumps import InputJump
-from beamdae.integrators.method import MATRIX_SINGULAR, RESIDUAL_NOT_FINITE, StepError
+from beamdae.integrators.method import (
+    MATRIX_SINGULAR,
+    MAX_TIME_BETWEEN_CHECKS,
+    RESIDUAL_NOT_FINITE,
+    StepError,
+)
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.native.return_codes import ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.integrators.sampling import Sampler
+from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
 
 Array = np.ndarray
@@ -45,6 +54,18 @@ _MIN_STEP_SHARE = 1e-12
 # Fewer than with Ida, because a step of Radau costs as much as ten steps of Ida.
 _STEPS_PER_CHECK = 8
 _STAGES = 3
+# Numbers of the workspace that change at samples of controllers.
+_SAMPLE_INPUTS = (
+    "most",
+    "filled",
+    "end",
+    "step_size.smallest",
+    "step_size.next_step",
+    "step_size.last_step",
+    "step_size.last_error",
+    "step_size.is_retry",
+)
+_SAMPLE_OUTPUTS = ("filled", "step_size.next_step")
 _FAILURES = {
     NOT_CONVERGED: "Newton's iteration did not converge at the smallest step; check the model near "
     "this time",
@@ -149,10 +170,18 @@ class StepTolerance:
 
 
 class RadauStepper:
-    """Stepper of Radau IIA: up to 8 steps per call, with one row per stage."""
+    """Stepper of Radau IIA: up to 8 steps per call, with one row per stage.
+
+    Attributes
+    ----------
+    sampler, awaits_sample
+        See `SamplingMethod`.
+    """
 
     rows_per_step: ClassVar[int] = _STAGES
     steps_per_check: ClassVar[int] = _STEPS_PER_CHECK
+    sampler: Sampler | None = None
+    awaits_sample: bool = False
 
     def __init__(
         self,
@@ -200,6 +229,8 @@ class RadauStepper:
 
         self._step_loop = StepLoop(take_radau_steps, make_run, matrices, form.is_native)
         self._run = self._step_loop.work
+        self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, _SAMPLE_OUTPUTS)
+        self._problem: BeamdaeError | None = None
 
     @property
     def workspace(self) -> RadauWorkspace:
@@ -238,10 +269,10 @@ class RadauStepper:
         Earlier factors are discarded.
         """
         run, size = self._run, self._run.step_size
-        run.t, run.end, run.branch = start, end, branch
+        run.t, run.branch = start, branch
+        self._set_end(start, end)
         run.y[:], run.yp[:] = self._form.pack(state)
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
-        size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
         size.newton_limit = size.longest
         # A long run with a law that changes fast may ask for a first step too small for the clock.
         first = max(self._scales.first_step(self._tolerance.local, state), size.smallest)
@@ -257,21 +288,25 @@ class RadauStepper:
         run, size = self._run, self._run.step_size
         if run.t != start:
             return None
-        if np.array_equal(q, run.y[: len(q)]):
-            run.end = end
-            size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
-            size.next_step = max(size.next_step, size.smallest)
-            return State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
-        state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
-        if state is None:
-            return None
-        run.end = end
-        run.y[:], run.yp[:] = self._form.pack(state)
-        size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(end))
+        has_jumped = not np.array_equal(q, run.y[: len(q)])
+        state: State | None = State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
+        if has_jumped:
+            state = self._input_jump.apply(start, run.branch, q, run.y, run.yp)
+            if state is None:
+                return None
+            run.y[:], run.yp[:] = self._form.pack(state)
+            size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
+        self._set_end(start, end)
         # The last step may have been cut down by the end of a short interval.
         size.next_step = max(size.next_step, size.smallest)
-        size.last_step, size.last_error, size.is_retry = 0.0, 0.0, 0
         return state
+
+    def _set_end(self, start: float, end: float) -> None:
+        """Set the interval from `start` to `end` [s], and the first stop in it."""
+        run = self._run
+        self._interval_end, self.awaits_sample = end, False
+        run.end = end if self.sampler is None else self.sampler.next_stop(start, end)
+        run.step_size.smallest = _MIN_STEP_SHARE * max(abs(start), abs(run.end))
 
     @cached_property
     def _input_jump(self) -> InputJump:
@@ -280,18 +315,65 @@ class RadauStepper:
     def advance(self, most: int) -> Array:
         """Take 1 to `most` steps, but at most 8; return rows (t, q, v, a, lam) of all stages.
 
+        If there is a sampler, take the samples between the steps, too; see `SamplingMethod`.
+
         Raises
         ------
         StepError
             If no step is possible.
+        BeamdaeError
+            If the law of a controller fails.
         """
         run = self._run
         run.most, run.filled = min(most, _STEPS_PER_CHECK), 0
         # Steps before a failure are returned first; the next call fails again.
-        code = self._step_loop()
-        if run.filled == 0:
-            raise StepError(_FAILURES[code], run.stage_residuals[-1])
+        if self.sampler is None:
+            code = self._step_loop()
+        elif self._problem is None:
+            code = self._advance_through_samples(self.sampler)
+        if run.filled == 0 and not self.awaits_sample:
+            raise self._problem or StepError(_FAILURES[code], run.stage_residuals[-1])
         return run.rows[: run.filled]
+
+    def _advance_through_samples(self, sampler: Sampler) -> int:
+        """Take up to `run.most` steps, and the samples between them; return the loop's code."""
+        run, call, most = self._run, self._call, self._run.most
+        n, y, yp = run.form.n, run.y, run.yp
+        q, v = y[:n], y[n : 2 * n]
+        deadline = clock.perf_counter() + MAX_TIME_BETWEEN_CHECKS
+        call.begin()
+        try:
+            stop, before = run.end, len(run.rows)
+            code, (filled, next_step) = call()
+            while code == DONE and stop < self._interval_end:
+                # The state after the sample and a step need as many rows as two steps.
+                is_full = filled >= _STAGES * most or filled + 2 * _STAGES > len(run.rows)
+                if is_full or (filled and clock.perf_counter() > deadline):
+                    break
+                start, stop = stop, sampler.next_stop(stop, self._interval_end)
+                has_jumped = sampler.update(start, run.branch, q, v)
+                if has_jumped and not self._input_jump.apply_in_place(start, run.branch, y, yp):
+                    self.awaits_sample = True
+                    break
+                rows = run.rows[filled : filled + _STAGES]
+                rows[:, 0] = start
+                rows[:, 1 : 1 + 2 * n] = y[: 2 * n]
+                rows[:, 1 + 2 * n :] = yp[n : n + rows.shape[1] - 1 - 2 * n]
+                before, most = filled, most + 1
+                smallest = _MIN_STEP_SHARE * max(abs(start), abs(stop))
+                values = most, filled + _STAGES, stop, smallest, max(next_step, smallest)
+                code, (filled, next_step) = call(*values, *((0.0, 0.0, 0) if has_jumped else ()))
+        except BeamdaeError as problem:
+            self._problem = problem
+        finally:
+            call.finish()
+        if self.awaits_sample:
+            # The held values have changed: the driver restarts.
+            run.t = math.nan
+        elif run.filled == before + _STAGES:
+            # The state after a sample without a step.
+            run.filled = before
+        return code
 
 
 def make_workspace(
@@ -344,6 +426,7 @@ def make_workspace(
         iteration_weights=np.concatenate([positions, velocities]),
         velocity_weights=velocities,
         velocity_rounding_weights=tolerance.rounding_weights,
-        rows=np.zeros((_STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+        # A state after a sample may precede each step.
+        rows=np.zeros((2 * _STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
         stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
     )
