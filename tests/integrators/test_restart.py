@@ -320,6 +320,7 @@ def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes
         mech.add(bd.Controller("count", 0.1, [], [force], count, state=[0.0]))
         return mech
 
+    monkeypatch.setattr(drive._RunInProgress, "_let_method_sample", lambda _: False)
     if not resumes:
         monkeypatch.setattr(RadauStepper, "resume", lambda *_: None)
     whole = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05)
@@ -336,4 +337,33 @@ def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes
     monkeypatch.setattr(drive, "_take_steps", take_steps)
     later = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05, start=first)
     assert first.trajectory.end == pytest.approx(0.1 * number)
+    assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", [bd.Radau(1e-7), bd.GeneralizedAlpha(0.01)], ids=type)
+@pytest.mark.parametrize("time", [0.05, 0.25])
+def test_interrupted_laws_leave_samples_that_are_continued(method, time):
+    interrupts = []
+
+    def count(sample):
+        if interrupts and sample.t > interrupts[0]:
+            raise KeyboardInterrupt
+        sample.state[0] += 1.0
+        return sample.state[0]
+
+    def counter():
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        force = mech.input("force", unit="N")
+        mech.add(bd.Force("push", mass.point, (force, 0.0)))
+        mech.add(bd.Controller("count", 0.1, [], [force], count, state=[0.0]))
+        return mech
+
+    whole = bd.simulate(counter(), method, 0.45, 0.05)
+    interrupts.append(time)
+    with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
+        first = bd.simulate(counter(), method, 0.45, 0.05, partial="return")
+    interrupts.clear()
+    later = bd.simulate(counter(), method, 0.45, 0.05, start=first)
+    assert first.trajectory.end < time + 0.1
     assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
