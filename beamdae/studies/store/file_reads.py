@@ -47,18 +47,9 @@ class _FileWatcher:
     def start(self) -> None:
         if not self.is_started:
             self.is_started = True
-            sys.addaudithook(self._handle_event)
+            sys.addaudithook(_handle_event)
 
-    def _handle_event(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if event != "open" or not isinstance(arguments[0], (str, bytes)):
-            return
-        try:
-            self._record(os.fsdecode(arguments[0]), *arguments[1:])
-        except (OSError, ValueError):
-            # Paths that cannot be resolved cannot be opened either.
-            return
-
-    def _record(self, path: str, mode: str | None, flags: int) -> None:
+    def record(self, path: str, mode: str | None, flags: int) -> None:
         absolute = _absolute(path)
         if is_installed(absolute):
             return
@@ -75,6 +66,18 @@ class _FileWatcher:
 
 
 _WATCHER = _FileWatcher()
+
+
+# Calling a method as audit hook would take four times as long, and a short run causes a thousand
+# events.
+def _handle_event(event: str, arguments: tuple[Any, ...]) -> None:
+    if event != "open" or not isinstance(arguments[0], (str, bytes)):
+        return
+    try:
+        _WATCHER.record(os.fsdecode(arguments[0]), *arguments[1:])
+    except (OSError, ValueError):
+        # Paths that cannot be resolved cannot be opened either.
+        return
 
 
 def _absolute(path: str | Path) -> str:
