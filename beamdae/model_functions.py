@@ -247,10 +247,20 @@ class Model:
         values = ReadOnlyDict(copy_containers(dict(parameters)))
         return Origin(self.name, values, self.t_end, self._units)
 
-    @cached_property
+    @property
     def _units(self) -> dict[str, str]:
-        units = {x.name: x.unit for x in self.parameter_info.values() if x.unit not in ("", "-")}
-        return ReadOnlyDict(units)
+        return self._units_and_other_units[0]
+
+    @cached_property
+    def _units_and_other_units(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Units by parameter, and those of float parameters with a unit that is not an SI unit."""
+        parameters = [x for x in self.parameter_info.values() if x.unit not in ("", "-")]
+        other_units = {
+            x.name: x.unit
+            for x in parameters
+            if type(x.default) is float and (parse_unit(x.unit) or (1,))[0] != 1
+        }
+        return ReadOnlyDict({x.name: x.unit for x in parameters}), other_units
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a complete run; see `beamdae.check`."""
@@ -260,16 +270,10 @@ class Model:
         """Show the model with sliders for its parameters; see `beamdae.view`."""
         return public("view")(self, **settings)
 
-    @cached_property
-    def _other_units(self) -> dict[str, str]:
-        """Units of the float parameters with a unit that is not an SI unit."""
-        floats = [x for x in self.parameter_info.values() if type(x.default) is float]
-        factors = {x.name: parse_unit(x.unit) for x in floats if x.unit not in ("", "-")}
-        return {x.name: x.unit for x in floats if (factors.get(x.name) or (1,))[0] != 1}
-
     def _unconverted(self, parameters: dict[str, Any]) -> dict[str, Any]:
         return {
-            x: UnconvertedNumber(parameters[x], x, unit) for x, unit in self._other_units.items()
+            x: UnconvertedNumber(parameters[x], x, unit)
+            for x, unit in self._units_and_other_units[1].items()
         }
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:

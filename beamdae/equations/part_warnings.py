@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -156,7 +157,7 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
     """
     kernel = statement.kernel
     x, evaluate = kernel.local, kernel.force_kernel.function
-    state = np.random.default_rng(_SEED).standard_normal(3 * x.size + x.n_multipliers)
+    state = _random_state(3 * x.size + x.n_multipliers)
     copies = statement.data if statement.data.shape[1] == 1 else np.unique(statement.data, axis=1)
     for numbers in copies.T if x.data.numel() else [np.zeros(0)]:
         for branch in branches if kernel.has_branches else branches[:1]:
@@ -168,6 +169,11 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
             if not force.is_zero():
                 return False
     return True
+
+
+@lru_cache(maxsize=16)
+def _random_state(size: int) -> Array:
+    return np.random.default_rng(_SEED).standard_normal(size)
 
 
 def _is_within_rigid_body(part: Part, coordinates: CoordinateMap) -> bool:
