@@ -45,6 +45,10 @@ class ReadOnlyDict(dict[Any, Any]):
         return ReadOnlyDict, (dict(self),)
 
 
+# Other values are immutable, or objects that are not copied.
+_COPIED_TYPES = frozenset({list, dict, ReadOnlyDict, tuple, set, np.ndarray})
+
+
 def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     """Return a value whose arrays, dictionaries and lists, also nested ones, cannot be changed.
 
@@ -57,6 +61,11 @@ def read_only(value: Any, depth: int = 0, known: _Known | None = None) -> Any:
     kind: Any = type(value)
     protect = _protection(kind)
     if protect is None:
+        return value
+    # Most values are read-only already.
+    if protect is _protect_array and not value.flags.writeable:
+        return value
+    if kind is tuple and not any(map(_protection, set(map(type, value)))):
         return value
     known = {} if known is None else known
     # Called once, because audit hooks, such as the one that records file reads, slow it down.
@@ -131,6 +140,8 @@ def copy_containers(value: Any) -> Any:
 
 def _copy(value: Any, copies: dict[int, Any], depth: int) -> Any:
     kind = type(value)
+    if kind not in _COPIED_TYPES:
+        return value
     if id(value) in copies or depth > _MAX_DEPTH:
         # A container may contain itself.
         return copies.get(id(value), value)
@@ -145,7 +156,7 @@ def _copy(value: Any, copies: dict[int, Any], depth: int) -> Any:
         return items
     if kind is tuple:
         return tuple([_copy(entry, copies, depth + 1) for entry in value])
-    return value.copy() if kind in (set, np.ndarray) else value
+    return value.copy()
 
 
 def read_only_data(cls: _T) -> _T:

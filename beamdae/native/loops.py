@@ -113,7 +113,7 @@ class CompiledLoop:
     def __init__(
         self, function: Any, work: Any, *, compiles: bool = True, **callbacks: tuple[Any, str]
     ) -> None:
-        layout = _TableLayout(work, {})
+        layout = _TableLayout(work, [])
         self._kind, self._addresses = layout.kind, layout.addresses
         self._numbers = _group_numbers(layout.numbers)
         self.table = np.array(layout.words, np.int64)
@@ -187,7 +187,7 @@ def _group_numbers(
 class _TableLayout:
     """Positions of the fields of an object in a table.
 
-    `known_addresses` are the `addresses` of an earlier layout of the object.
+    `known_addresses` are the `addresses` of an earlier layout of the object, or an empty list.
 
     Attributes
     ----------
@@ -198,12 +198,12 @@ class _TableLayout:
     kind
         (class name, ((field, word, type), ...)): the part on which machine code depends.
     addresses
-        (array, address) of the arrays, by the id of the array.
+        (array, address) of the arrays, in the order of the words.
     """
 
     def __init__(self, work: Any, known_addresses: _Addresses) -> None:
         # Reading the address of an array takes longer than all other operations on it here.
-        self.addresses: _Addresses = {}
+        self.addresses: _Addresses = []
         self._known_addresses = known_addresses
         self.words: list[int] = []
         self.numbers: list[tuple[Any, str, int, type]] = []
@@ -231,12 +231,12 @@ class _TableLayout:
         return type(owner).__name__, tuple(entries)
 
     def _find_address(self, name: str, array: Array) -> int:
-        key = id(array)
-        known = self._known_addresses.get(key) or self.addresses.get(key)
-        if known is None:
+        position, earlier = len(self.addresses), self._known_addresses
+        known = earlier[position] if position < len(earlier) else None
+        if known is None or known[0] is not array:
             assert array.flags.c_contiguous, name
             known = array, _address_of(array)
-        self.addresses[key] = known
+        self.addresses.append(known)
         return known[1]
 
 
@@ -250,8 +250,8 @@ def _address_of(array: Array) -> int:
     return int(array.ctypes.data)
 
 
-# The arrays are kept, because the id of a deleted array may be used again.
-_Addresses = dict[int, tuple[Array, int]]
+# Not by the id of the array: calls of `id` take longer where opened files are recorded.
+_Addresses = list[tuple[Array, int]]
 _dtype_name = cache(str)
 
 
