@@ -25,7 +25,7 @@ from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.parts.part import Part
-from beamdae.read_only import read_only_data
+from beamdae.read_only import read_only_copy, read_only_data
 from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import (
@@ -455,6 +455,9 @@ class EquationsOfMotion:
         when the equations were assembled. Empty for a constrained system.
     build_warnings
         Warnings issued while the model was built, which are part of all its results.
+    activities
+        Indices of the numbers `p` that are 1 while a part is active and 0 while it is inactive, by
+        part. Observed and measured loads of the part have this factor.
     """
 
     coordinates: tuple[Variable, ...]
@@ -480,6 +483,7 @@ class EquationsOfMotion:
     inputs: tuple[InputTerm, ...] = field(default=(), repr=False)
     controllers: tuple[ControllerTerm, ...] = field(default=(), repr=False)
     build_warnings: tuple[str, ...] = field(default=(), repr=False)
+    activities: Mapping[str, tuple[int, ...]] = field(default_factory=dict, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __deepcopy__(self, memo: Any) -> EquationsOfMotion:
@@ -514,6 +518,25 @@ class EquationsOfMotion:
     def joints(self) -> tuple[ConstraintTerm, ...]:
         """Terms of g, one per kernel."""
         return self.structure.joints
+
+    def with_loads_of(self, configuration: Configuration | None) -> EquationsOfMotion:
+        """Return the equations whose observed loads are zero for inactive parts.
+
+        Returns these equations if all parts whose loads are observed are active.
+        """
+        return self if configuration is None else self.without_loads_of(configuration.inactive)
+
+    def without_loads_of(self, parts: frozenset[str]) -> EquationsOfMotion:
+        """Return the equations with observed and measured loads of `parts` equal to zero."""
+        inactive = parts.intersection(self.activities)
+        if not inactive:
+            return self
+        key = (EquationsOfMotion.without_loads_of, inactive)
+        if key not in self._derived:
+            p = self.p.copy()
+            p[[k for name in inactive for k in self.activities[name]]] = 0.0
+            self._derived[key] = replace(self, p=read_only_copy(p))
+        return self._derived[key]
 
     @cached_property
     def nonholonomic_rows(self) -> Array:
@@ -634,6 +657,10 @@ class Configurations(Protocol):
     @property
     def initially_inactive(self) -> frozenset[str]:
         """Names of the parts that are inactive at the start of a run."""
+
+    @property
+    def switched_parts(self) -> frozenset[str]:
+        """Names of the parts that are inactive at times."""
 
     def starting_with(self, inactive: frozenset[str], frozen_gaps: FrozenGaps) -> Configurations:
         """Return a copy with these parts inactive and these gaps frozen at the start of a run."""

@@ -244,7 +244,8 @@ class _RunInProgress:
         self._configuration = initial_configuration(equations)
         self._is_resumable = isinstance(self.method, ResumableMethod)
         self.methods = MethodCache(method_on, self.method, self._configuration)
-        self._sampler = Sampler(equations)
+        self._sampled_equations = equations.with_loads_of(self._configuration)
+        self._sampler = Sampler(self._sampled_equations)
         self._detector = EventDetector(equations) if equations.events else None
         self._onset_detector, self._table_detector = onset_detector, table_detector
         self._rtol = rtol
@@ -281,6 +282,12 @@ class _RunInProgress:
             return False
         self.method.sampler = self._sampler
         return True
+
+    def _switch_sampled_loads(self) -> None:
+        """Let controllers read zero for the loads of inactive parts."""
+        equations = self._equations.with_loads_of(self._configuration)
+        if self._sampler.controllers and equations is not self._sampled_equations:
+            self._sampled_equations, self._sampler = equations, Sampler(equations)
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -589,6 +596,7 @@ class _RunInProgress:
             self.method = self.methods.get(result.plan, result.configuration)
             self._is_resumable = isinstance(self.method, ResumableMethod)
             self._force_detector = self._detect_force_peaks()
+            self._switch_sampled_loads()
         except BeamdaeError as problem:
             return self._failure(f"event {event.name}: {problem}")
         self._begin_segment(t, result.branch, result.state)

@@ -102,6 +102,8 @@ class Mechanism(HasOrigin):
         Names of the parts that are inactive at the start.
     inputs
         Inputs added by `input`, by name.
+    removed
+        Names of the parts that an analysis has removed, whose measured loads are zero.
 
     Raises
     ------
@@ -140,6 +142,7 @@ class Mechanism(HasOrigin):
         self.events: list[Event] = []
         self.inactive: set[str] = set()
         self.inputs: dict[str, Input] = {}
+        self.removed: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         names = list(islice(self.parts, _MAX_NAMES_IN_REPR))

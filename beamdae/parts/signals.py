@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from inspect import Parameter, signature
 from typing import Any
 
@@ -26,6 +27,7 @@ from beamdae.parts.part import Part
 from beamdae.symbolic.local_symbols import SX, Local
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import (
+    LOAD_UNITS,
     ForceKernel,
     ForceStatement,
     Piece,
@@ -117,6 +119,33 @@ class Input(Value):
 
 
 @dataclass(frozen=True, eq=False)
+class Activity(Signal):
+    """Factor of a measured load: 1 while its part is active, otherwise 0.
+
+    Attributes
+    ----------
+    name
+        Name of the part.
+    """
+
+    name: str
+
+    @property
+    def reference(self) -> float:
+        """1, for active parts."""
+        return 1.0
+
+    @property
+    def data(self) -> Sequence[float]:
+        """The factor."""
+        return (1.0,)
+
+    def express(self, local: Local) -> SX:
+        """Return the factor."""
+        return local.data
+
+
+@dataclass(frozen=True, eq=False)
 class Sensor(Value):
     """Measured value, created by `Mechanism.sensor`.
 
@@ -160,7 +189,20 @@ class Sensor(Value):
     def _select_column(self) -> Quantity:
         of, k = self.of.current, self.column
         variable = Variable("", self.unit)
-        return Quantity((variable,), of.pieces, lambda local: of.expression(local)[k], of.data)
+        return Quantity(
+            (variable,),
+            of.pieces,
+            lambda local: of.expression(local)[k],
+            of.data,
+            load_of=of.load_of,
+        )
+
+    @cached_property
+    def activity(self) -> Activity | None:
+        """Factor of a measured load, which is zero while its part is inactive."""
+        if self.of.load_of is None or self.unit not in LOAD_UNITS:
+            return None
+        return Activity(self.of.load_of)
 
     @property
     def rows(self) -> int:
@@ -179,7 +221,8 @@ class Sensor(Value):
 
     def express(self, local: Local) -> SX:
         """Return the measured column."""
-        return self.of.current.expression(local)[self.column]
+        value = self.of.current.expression(local)[self.column]
+        return value if self.activity is None else value * self.activity.value_symbol
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,7 +213,8 @@ class Equilibrium(HasPage):
         present = set(static_headers(e))
         at_rest = np.zeros_like(self.q)
         times = np.full((rows, 2), self.t)
-        values = ObservedRows(e)(times, self.q, at_rest, at_rest, self.lam).T
+        observe = ObservedRows(self.observed_equations)
+        values = observe(times, self.q, at_rest, at_rest, self.lam).T
         return {
             header: column
             for header, column in zip(headers, values, strict=True)
@@ -413,6 +414,11 @@ class Equilibrium(HasPage):
         at_rest = dict.fromkeys(self.equations.q_names, 0.0)
         doubt = "" if self.status.success else self.status.sentence
         return Checkpoint(self.t, self.positions, at_rest, inactive=self._inactive, doubt=doubt)
+
+    @property
+    def observed_equations(self) -> EquationsOfMotion:
+        """Equations whose observed loads are zero for inactive parts."""
+        return self.equations.without_loads_of(frozenset(self._inactive))
 
     @property
     def _inactive(self) -> tuple[str, ...]:

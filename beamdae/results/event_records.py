@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,9 +90,13 @@ def format_event_times(event_records: Sequence[EventRecord]) -> str:
 
 
 def tabulate_events(
-    equations: EquationsOfMotion, event_records: Sequence[EventRecord]
+    equations: EquationsOfMotion,
+    event_records: Sequence[EventRecord],
+    observe: Callable[..., Array],
 ) -> dict[str, Any]:
     """Return table columns by header, with one row per event.
+
+    `observe` returns rows of the observed columns at rows of (t, branch) and of states.
 
     The columns are name, direction and time, energy lost and impulses (if any event has impulses),
     and the observed columns.
@@ -114,5 +118,5 @@ def tabulate_events(
     sizes = (equations.n, equations.n, equations.n, equations.m)
     states = zip(*(record.state for record in event_records), strict=True) if count else [()] * 4
     rows = (np.reshape(x, (count, size)) for x, size in zip(states, sizes, strict=True))
-    values = measures.ObservedRows(equations)(times, *rows)
+    values = observe(times, *rows)
     return columns | dict(zip(headers, values.T, strict=True))

@@ -124,7 +124,16 @@ class RunData:
         headers = [header for o in e.observables for header in o.headers]
         if not headers:
             return {}
-        return dict(zip(headers, self._evaluate_rows(measures.ObservedRows(e)).T, strict=True))
+        return dict(zip(headers, self._evaluate_rows(self._observe).T, strict=True))
+
+    def _observe(self, times: Array, *state: Array) -> Array:
+        """Return rows of the observed columns at rows of (t, branch) and of states."""
+        e = self.equations
+        rows = np.zeros((len(times), sum(len(o.columns) for o in e.observables)))
+        for configuration, here in self.trajectory.by_configuration(times[:, 0]):
+            observe = measures.ObservedRows(e.with_loads_of(configuration))
+            rows[here] = observe(times[here], *(x[here] for x in state))
+        return rows
 
     @cached_property
     def step_extremes(self) -> dict[str, StepExtremes]:

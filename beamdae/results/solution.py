@@ -141,7 +141,7 @@ class Solution(RunData, TimeSeries):
         """
         import pandas as pd
 
-        return pd.DataFrame(tabulate_events(self.equations, self.event_records))
+        return pd.DataFrame(tabulate_events(self.equations, self.event_records, self._observe))
 
     def coordinates(self) -> pd.DataFrame:
         """Return time, coordinates, velocities and multipliers; headers contain names and units."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.bounded_cache import bounded_cache
-from beamdae.equations.equations_of_motion import Configuration, State
+from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, require_finite, warn_user
 from beamdae.read_only import read_only, read_only_data
 
@@ -447,6 +448,32 @@ class Trajectory:
         """Return the index of the interval of each time; at a boundary, of the earlier interval."""
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
+
+    def by_configuration(self, times: Array) -> Iterator[tuple[Configuration | None, Array]]:
+        """Yield configurations with different active parts, and masks (k,) of their times (k,)."""
+        configurations = [interval.configuration for interval in self.intervals]
+        inactive = [frozenset() if x is None else x.inactive for x in configurations]
+        if len(set(inactive)) == 1:
+            yield configurations[0], np.ones(len(times), bool)
+            return
+        index = self.interval_index(times)
+        for parts in dict.fromkeys(inactive[k] for k in np.unique(index).tolist()):
+            here = np.array([x == parts for x in inactive])
+            yield configurations[int(np.argmax(here))], here[index]
+
+    def observed_numbers(
+        self, equations: EquationsOfMotion, times: Array
+    ) -> Callable[[slice], Array]:
+        """Return a function that selects numbers p of observables, (n,) or (k, n) for k times.
+
+        They differ between times at which other parts are active.
+        """
+        parts = list(self.by_configuration(times))
+        numbers = [equations.with_loads_of(configuration).p for configuration, _ in parts]
+        if all(x is numbers[0] for x in numbers):
+            return lambda data: numbers[0][data]
+        index = np.argmax([here for _, here in parts], axis=0)
+        return lambda data: np.array([p[data] for p in numbers])[index]
 
     def at(self, times: Array) -> tuple[Array, State]:
         """Return rows (t, branch), (k, 2), and the states at ascending times (k,) [s]."""

@@ -318,6 +318,9 @@ class RangeStatement:
     remedies: tuple[str, ...] = ()
 
 
+LOAD_UNITS = ("N", "N m", "W")  # of forces, moments and powers
+
+
 @read_only_data
 @dataclass(frozen=True)
 class Quantity:
@@ -343,6 +346,9 @@ class Quantity:
     has_accelerations
         True if the values depend on local.a. Such quantities are columns of results only, not of
         events, controllers or FMUs, because accelerations follow from the forces.
+    load_of
+        Name of the force part that exerts the loads, which are the columns in `LOAD_UNITS`; they
+        are zero while the part is inactive. None if the values are not loads.
     """
 
     columns: tuple[Variable, ...]
@@ -353,6 +359,7 @@ class Quantity:
     joint_part: Any = field(default=None, repr=False, compare=False)
     recipe: _Recipe | None = field(default=None, repr=False, compare=False)
     has_accelerations: bool = False
+    load_of: str | None = None
 
     @property
     def can_be_rebuilt(self) -> bool:

@@ -22,8 +22,9 @@ def column_rates(run: Solution) -> dict[str, Array]:
     # Rates of (t, branch): laws do not change their piece.
     clock = np.broadcast_to([1.0, 0.0], times.shape)
     result: dict[str, Array] = {}
+    numbers = trajectory.observed_numbers(equations, run.t)
     for o in equations.observables:
-        p, lam, count = equations.p[o.data], at.lam[:, o.rows], len(o.columns)
+        p, lam, count = numbers(o.data), at.lam[:, o.rows], len(o.columns)
         q, v, dq, dv = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v, rate.q, rate.v))
         arguments, rates = [times, q, v, p, lam], {0: clock, 1: dq, 2: dv, 4: rate.lam[:, o.rows]}
         if o.has_accelerations:

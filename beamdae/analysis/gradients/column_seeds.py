@@ -113,8 +113,9 @@ def differentiate_objective(
         rows = np.stack([times, branches], axis=1)
         is_direct = len(samples) == 1 and samples[0].nodes is not None
         by_state = states[0][samples[0].nodes] if is_direct else np.zeros((len(times), size))
+        numbers = solution.trajectory.observed_numbers(equations, times)
         for factor, term in terms:
-            add_term(result, by_state, equations, factor, term, rows, at, grid.weights)
+            add_term(result, by_state, equations, factor, term, rows, at, grid.weights, numbers)
         first = 0
         for k, sample in enumerate(() if is_direct else samples):
             last = first + len(sample.times)
@@ -175,10 +176,12 @@ def add_term(
     rows: Array,
     at: State,
     weights: Array,
+    numbers: Callable[[slice], Array],
 ) -> None:
     """Add the value of a term, and its derivatives with respect to the states `at` `rows`.
 
-    `weights` are those of integrals, see `ColumnObjective.evaluate`.
+    `weights` are those of integrals, see `ColumnObjective.evaluate`; `numbers` selects the numbers
+    p of observables, see `Trajectory.observed_numbers`.
     """
     number, column = _locate_column(equations, term.column)
     if number is None:
@@ -193,7 +196,7 @@ def add_term(
             "gradient: the objective must not contain accelerations, got "
             f"{o.headers[column]}; use a velocity, a force or bd.sensitivities."
         )
-    arguments = _column_arguments(o, equations, rows, at)
+    arguments = _column_arguments(o, numbers(o.data), rows, at)
     value, derivatives = term.evaluate(o.function(*arguments)[:, column], weights)
     seeds.value += factor * value
     by_columns = np.zeros((len(rows), len(o.columns)))
@@ -245,7 +248,8 @@ def add_columns(
     by_columns
         Derivatives of the objective with respect to the columns, (rows, columns).
     """
-    arguments = _column_arguments(select(equations), equations, rows, at)
+    o = select(equations)
+    arguments = _column_arguments(o, equations.p[o.data], rows, at)
     _add_gradient(seeds, by_state, equations, select, arguments, at, by_columns)
 
 
@@ -261,7 +265,7 @@ def _add_gradient(
     """Do the work of `add_columns`, with the arguments of the observable."""
     o, n = select(equations), equations.n
     gradient = o.function.weighted_gradient()(*arguments, by_columns)
-    ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], len(arguments[3])])
+    ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
     seeds.numbers[o.data] += by_p.sum(axis=0)
     seeds.operators.append(OperatorSeeds(select, by_q, by_v, at))
@@ -273,13 +277,13 @@ def _add_gradient(
 
 
 def _column_arguments(
-    o: Observable, equations: EquationsOfMotion, rows: Array, at: State
+    o: Observable, numbers: Array, rows: Array, at: State
 ) -> tuple[Array, Array, Array, Array, Array]:
     # Operators have few columns; products with all coordinates would copy these.
     acting = np.unique(o.operator.indices)
     operator = o.operator[:, acting].T
     q, v = (np.asarray(x[:, acting] @ operator) for x in (at.q, at.v))
-    return rows, q, v, equations.p[o.data], at.lam[:, o.rows]
+    return rows, q, v, numbers, at.lam[:, o.rows]
 
 
 def differentiate_end(
@@ -298,10 +302,12 @@ def differentiate_end(
     rates = np.concatenate([at.v, at.a, lam_rate])
     columns = dict(zip(coordinates, zip(values, rates, strict=True), strict=True))
     time = np.array([grid.end, interval.branch])
+    equations = equations.with_loads_of(interval.configuration)
     for o in equations.observables:
         if o.has_accelerations:  # Objectives do not contain them.
             continue
-        arguments = _column_arguments(o, equations, time[None], State(*(x[None] for x in at)))
+        state = State(*(x[None] for x in at))
+        arguments = _column_arguments(o, equations.p[o.data], time[None], state)
         observed = o.function(*arguments)[0]
         changes = time_derivative(o, equations, time, at, lam_rate)
         columns |= dict(zip(o.headers, zip(observed, changes, strict=True), strict=True))

@@ -520,7 +520,7 @@ class _RunSweep:
         add_columns(
             result.seeds,
             result.seeds.states[k][-1:],
-            whole,
+            whole.with_loads_of(before.configuration),
             lambda e: e.events[number].observable,
             np.array([[t, before.branch]]),
             before.at(np.array([t])),

@@ -131,7 +131,13 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
-    return replace(lin, warnings=(*lin.equations.build_warnings, *lin.warnings, *outside))
+    whole = lin.full_equations
+    if whole.configurations is not None:
+        now = about.configuration if isinstance(about, Instant) else None
+        inactive = whole.configurations.initially_inactive if now is None else now.inactive
+        whole = whole.without_loads_of(inactive)
+    warnings = (*lin.equations.build_warnings, *lin.warnings, *outside)
+    return replace(lin, full_equations=whole, warnings=warnings)
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:

@@ -265,7 +265,8 @@ class EquilibriumAnalysis(Analysis):
         seeds = ColumnSeeds(0.0, [], np.zeros(len(e.p)), [])
         by_state = np.zeros((1, 2 * e.n + e.m))
         for name, weight in zip(names, weights.values(), strict=True):
-            add_term(seeds, by_state, e, weight, EndValue(name), times, at, np.ones(1))
+            term, select = EndValue(name), e.p.__getitem__
+            add_term(seeds, by_state, e, weight, term, times, at, np.ones(1), select)
         with single_threaded:
             start = StartAdjoint(ConsistencySolver(e), np.zeros(len(e.p)))
             numbers = start.equilibrium(

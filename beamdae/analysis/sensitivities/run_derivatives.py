@@ -389,7 +389,12 @@ def differentiate_event_time(
         event_rate(equations, number, interval, t),
     )
     changes = differentiate_columns(
-        lambda e: e.events[number].observable, equations, times, at, along, differences
+        lambda e: e.events[number].observable,
+        equations.with_loads_of(interval.configuration),
+        times,
+        at,
+        along,
+        differences,
     )
     thresholds = {
         name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()
@@ -408,7 +413,7 @@ def event_rate(equations: EquationsOfMotion, number: int, interval: Interval, t:
     BeamdaeError
         If the event quantity hardly changes at the event.
     """
-    term = equations.events[number]
+    term, equations = equations.events[number], equations.with_loads_of(interval.configuration)
     time, at = np.array([t, interval.branch]), interval.at(np.array([t]))
     state = State(*(x[0] for x in at))
     lam_rate = interval.derivative_at(np.array([t])).lam[0]

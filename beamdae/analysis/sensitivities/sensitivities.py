@@ -212,17 +212,32 @@ class Sensitivities(SensitivityResult):
         times, at = run.trajectory.at(run.t)
         along = {name: x.at(run.t)[1] for name, x in self.trajectories.items()}
         observed: dict[str, dict[str, Array]] = {name: {} for name in self.parameters}
+        parts = list(run.trajectory.by_configuration(run.t))
         for number, observable in enumerate(run.equations.observables):
-            for name, rows in differentiate_observable(
-                run.equations, number, times, at, along, self._differences
-            ).items():
-                observed[name] |= dict(zip(observable.headers, rows.T, strict=True))
+            headers = observable.headers
+            derivatives = {name: np.zeros((len(times), len(headers))) for name in along}
+            for configuration, here in parts:
+                for name, rows in differentiate_observable(
+                    run.equations.with_loads_of(configuration),
+                    number,
+                    times[here],
+                    _select_rows(at, here),
+                    {name: _select_rows(x, here) for name, x in along.items()},
+                    self._differences,
+                ).items():
+                    derivatives[name][here] = rows
+            for name, rows in derivatives.items():
+                observed[name] |= dict(zip(headers, rows.T, strict=True))
         headers = coordinate_headers(run.equations)[1:]
         coordinates = {
             name: dict(zip(headers, np.hstack([x.q, x.v, x.lam]).T, strict=True))
             for name, x in along.items()
         }
         return ColumnDerivatives(run.t, self.parameters, observed, coordinates)
+
+
+def _select_rows(state: State, rows: Array) -> State:
+    return State(*(x[rows] for x in state))
 
 
 def differentiate_observable(

@@ -220,9 +220,10 @@ class EquilibriumSensitivities(SensitivityResult):
         at = State(path.q, rest, rest, path.lam)
         along = {name: State(self.q[name], rest, rest, self.lam[name]) for name in self.q}
         times = np.full((len(path.q), 2), path.t)
-        for number, observable in enumerate(path.equations.observables):
+        equations = path.observed_equations
+        for number, observable in enumerate(equations.observables):
             for name, rows in differentiate_observable(
-                path.equations, number, times, at, along, self._differences
+                equations, number, times, at, along, self._differences
             ).items():
                 derivatives = dict(zip(observable.headers, rows.T, strict=True))
                 result[name] |= {x: y for x, y in derivatives.items() if x in path.columns}
@@ -372,7 +373,7 @@ class _PathPoints:
         times = np.full((len(path.q), 2), path.t)
         along = {difference.name: State(rest, rest, rest, none)}
         columns = differentiate_observable(
-            path.equations,
+            path.observed_equations,
             number,
             times,
             State(path.q, rest, rest, path.lam),

@@ -355,6 +355,7 @@ def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:
     excluded_names = names | mechanism.inactive
     rest.parts = {name: part for name, part in rest.parts.items() if name not in excluded_names}
     rest.observables, rest.events, rest.inactive, rest.start = {}, [], set(), AS_DRAWN
+    rest.removed = frozenset(excluded_names)
     if GRAVITY in names:
         rest.gravity, rest.gravity_laws = np.zeros(2), None
     return rest

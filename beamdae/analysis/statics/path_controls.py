@@ -104,7 +104,9 @@ class DisplacementControl:
                 f"{short_repr(name)}{suggest(name, positions)}; observe this position, or name an "
                 f"observed one (observed: {names})."
             )
-        return cls(equations, *positions[name], time)
+        switching = equations.configurations
+        inactive = frozenset() if switching is None else switching.initially_inactive
+        return cls(equations.without_loads_of(inactive), *positions[name], time)
 
     @cached_property
     def _position_derivative(self):  # type: ignore[no-untyped-def]

@@ -169,7 +169,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         equations = replace(equations, redundant=True)
     if mechanism.build_warnings:
         equations = replace(equations, build_warnings=mechanism.build_warnings)
-    return apply_initial_conditions(equations, start)
+    return apply_initial_conditions(equations.without_loads_of(mechanism.removed), start)
 
 
 @lru_cache(maxsize=_MAX_CACHED_NAMES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -47,7 +47,7 @@ from beamdae.parts.events import DIRECTIONS, Event
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import as_quantity
-from beamdae.parts.signals import Input
+from beamdae.parts.signals import Activity, Input
 from beamdae.read_only import ReadOnlyDict, read_only_copy
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.kernel_groups import Statement, generalize_quantity, group_by_kernel
@@ -55,6 +55,7 @@ from beamdae.symbolic.rotations import RotatedOperator, factor_operator
 from beamdae.symbolic.signals import SignalNumbers, bind_laws, bind_signals, find_signals
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import (
+    LOAD_UNITS,
     SX,
     AccelerationKernel,
     ConstraintStatement,
@@ -109,7 +110,8 @@ def build_equations(
     laws_of_inputs = select_input_laws(inputs)
     forces = [statement.with_laws(laws_of_inputs) for statement in forces]
     constraints = [statement.with_laws(laws_of_inputs) for statement in constraints]
-    numbers = NumberStore()
+    switched_parts = () if configurations is None else configurations.switched_parts
+    numbers = NumberStore(switched_parts=switched_parts)
     multipliers = [
         Variable(f"{s.part}.{x.name}", x.unit) for s in constraints for x in s.multipliers
     ]
@@ -189,6 +191,7 @@ def build_equations(
         controllers=controller_terms,
         mechanism=mechanism,
         statements=statements,
+        activities=numbers.activities,
     )
 
 
@@ -227,6 +230,7 @@ def build_observable(
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
     kernel_type = AccelerationKernel if quantity.has_accelerations else QuantityKernel
+    is_switched = quantity.load_of in numbers.switched_parts
     if isinstance(expression, FormulaExpression) and expression.is_shareable:
         kernel, more = _build_shared_kernel(kernel_type, expression, *sizes), np.zeros(0)
     else:
@@ -245,8 +249,12 @@ def build_observable(
             f"{name}: the quantity must return one value per column ({columns}), got "
             f"shape {kernel.values.shape}."
         )
+    if is_switched:
+        kernel, more = _with_activity(kernel, quantity.columns), np.append(more, 1.0)
     data_slice = numbers.store(np.concatenate([data, more]))
-    numbers.record_inputs(signal_numbers, data_slice.start)
+    numbers.record_signals(signal_numbers, data_slice.start)
+    if is_switched:
+        numbers.record_activity(quantity.load_of, data_slice.stop - 1)
     return Observable(
         name,
         quantity.columns,
@@ -283,7 +291,9 @@ def add_observable(
                 "observe a part of that mechanism."
             )
     require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
-    numbers = NumberStore(e.p)
+    switched_parts = () if e.configurations is None else e.configurations.switched_parts
+    numbers = NumberStore(e.p, switched_parts)
+    numbers.activities |= e.activities
     rows: dict[str, slice] = {}
     for row, multiplier in enumerate(e.lam_names):
         part = multiplier.rpartition(".")[0]
@@ -297,7 +307,30 @@ def add_observable(
     added = {term.name: term.indices for term in numbers.input_terms(mechanism.inputs)}
     inputs = tuple(x._replace(indices=(*x.indices, *added[x.name])) for x in e.inputs)
     p = read_only_copy(numbers.all(mechanism.inputs))
-    return replace(e, observables=observables, p=p, inputs=inputs, mechanism=observed)
+    return replace(
+        e,
+        observables=observables,
+        p=p,
+        inputs=inputs,
+        mechanism=observed,
+        activities=numbers.activities,
+    )
+
+
+def _with_activity(kernel: QuantityKernel, columns: Sequence[Variable]) -> QuantityKernel:
+    """Return a kernel with one more number, whose loads are zero if this number is zero."""
+    old = kernel.local
+    local = Local(old.size, old.n_data + 1, old.n_multipliers)
+    whole = [local.time, local.q, local.v, local.a, local.lam, local.data[: old.n_data]]
+    symbols = [old.time, old.q, old.v, old.a, old.lam, old.data]
+    values = ca.substitute(kernel.values, ca.vertcat(*symbols), ca.vertcat(*whole))
+    is_active = local.data[old.n_data]
+    # Formulas of inactive forces need not be finite, so a factor would not suffice.
+    rows = [
+        SX.binary(ca.OP_IF_ELSE_ZERO, is_active, value) if column.unit in LOAD_UNITS else value
+        for value, column in zip(ca.vertsplit(values), columns, strict=True)
+    ]
+    return type(kernel)(local, ca.vertcat(*rows))
 
 
 @lru_cache(maxsize=MAX_SHARED_KERNELS)
@@ -386,9 +419,21 @@ def _require_unique_coordinates(
 
 
 class NumberStore:
-    """Collects the numbers p of a model."""
+    """Collects the numbers p of a model.
 
-    def __init__(self, initial_numbers: Array | None = None) -> None:
+    Attributes
+    ----------
+    switched_parts
+        Names of the parts that are inactive at times.
+    activities
+        Indices of the numbers that are 0 while a part is inactive and otherwise 1, by part.
+    """
+
+    def __init__(
+        self, initial_numbers: Array | None = None, switched_parts: Collection[str] = ()
+    ) -> None:
+        self.switched_parts = switched_parts
+        self.activities: dict[str, tuple[int, ...]] = {}
         self._arrays: list[Array] = [] if initial_numbers is None else [initial_numbers]
         self._end = sum(map(len, self._arrays))
         self._inputs: dict[str, list[int]] = {}
@@ -417,15 +462,24 @@ class NumberStore:
         column = 0
         for statement in statements:
             for _ in range(statement.data.shape[1]):
-                self.record_inputs(statement.signals, data.start + column * len(values))
+                self.record_signals(statement.signals, data.start + column * len(values))
                 column += 1
         return data
 
-    def record_inputs(self, signals: Sequence[SignalNumbers], begin: int) -> None:
-        """Record the indices in p of the numbers of inputs; the data begin at index `begin`."""
+    def record_signals(self, signals: Sequence[SignalNumbers], begin: int) -> None:
+        """Record the indices in p of the numbers of inputs and of activities.
+
+        The data begin at index `begin`.
+        """
         for signal, rows in signals:
             if isinstance(signal, Input) and rows.stop > rows.start:
                 self._inputs.setdefault(signal.name, []).append(begin + rows.start)
+            if isinstance(signal, Activity):
+                self.record_activity(signal.name, begin + rows.start)
+
+    def record_activity(self, part: str, index: int) -> None:
+        """Record the index in p of a number that is 0 while `part` is inactive."""
+        self.activities[part] = (*self.activities.get(part, ()), index)
 
     def input_terms(self, inputs: Mapping[str, Input]) -> tuple[InputTerm, ...]:
         """Return the inputs with the indices of their numbers in p."""

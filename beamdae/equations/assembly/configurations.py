@@ -52,6 +52,8 @@ class MechanismConfigurations:
         Function that assembles the equations of a mechanism.
     initially_inactive
         Names of the parts that are inactive at the start of a run.
+    switched_parts
+        Names of the parts that are inactive at times.
     frozen_gaps
         Gaps of joints that events before the start activated with `as_is=True`, by name of the
         joint.
@@ -61,6 +63,7 @@ class MechanismConfigurations:
     coordinates: CoordinateMap
     assemble: Callable[[Mechanism], EquationsOfMotion]
     initially_inactive: frozenset[str]
+    switched_parts: frozenset[str]
     frozen_gaps: FrozenGaps = field(default_factory=dict)
     _assembled: dict[frozenset[str], EquationsOfMotion] = field(default_factory=dict, init=False)
 
@@ -210,6 +213,7 @@ class MechanismConfigurations:
         mechanism = copy(self.mechanism)
         mechanism.parts = parts
         mechanism.observables, mechanism.events, mechanism.inactive = {}, [], set()
+        mechanism.removed = self.mechanism.removed | inactive
         return mechanism
 
 
@@ -253,4 +257,5 @@ def build_configurations(
     has_impacts = any(select_impacts(event.do) for event in mechanism.events)
     if not (names or mechanism.inactive or has_impacts):
         return None
-    return MechanismConfigurations(mechanism, coordinates, assemble, frozenset(mechanism.inactive))
+    inactive = frozenset(mechanism.inactive)
+    return MechanismConfigurations(mechanism, coordinates, assemble, inactive, inactive | names)

@@ -216,7 +216,7 @@ class EventDetector:
         displaced = State(
             q[0] + np.array([[-ahead], [ahead]]) * v[0], *(x[[0, 0]] for x in (v, a, lam))
         )
-        change = float(np.diff(self._differences(term, t, start.branch, displaced))[0])
+        change = float(np.diff(self._differences(term, start, t, displaced))[0])
         negligible = _PROBE_DISTANCE**2 * self._sides[term.name].largest
         return float(np.sign(change)) if abs(change) > negligible else 0.0
 
@@ -261,7 +261,7 @@ class EventDetector:
         t = _sample_times(interval.t[interval.t >= begin], is_start=begin == interval.t[0])
         terms = self.equations.events
         state = interval.at(t)
-        sampled = [self._differences(term, t, interval.branch, state) for term in terms]
+        sampled = [self._differences(term, interval, t, state) for term in terms]
         reversals = [
             time
             for term, differences in zip(terms, sampled, strict=True)
@@ -276,7 +276,7 @@ class EventDetector:
             return t, sampled
         t = np.union1d(t, reversals)
         state = interval.at(t)
-        return t, [self._differences(term, t, interval.branch, state) for term in terms]
+        return t, [self._differences(term, interval, t, state) for term in terms]
 
     def _record_crossings(
         self, crossings: list[_Crossing], end: float, interval: Interval
@@ -331,16 +331,17 @@ class EventDetector:
                 side.begin_from(float(term.side), difference)
         return self._sides[term.name]
 
-    def _differences(self, term: EventTerm, t: Array, branch: float, state: State) -> Array:
-        """Return the quantity minus its threshold at each time."""
-        times = np.column_stack([t, np.full(len(t), branch)])
-        return term.evaluate_difference(self.equations.p, times, state.q, state.v, state.lam)
+    def _differences(self, term: EventTerm, interval: Interval, t: Array, state: State) -> Array:
+        """Return the quantity minus its threshold at each time of an interval."""
+        times = np.column_stack([t, np.full(len(t), interval.branch)])
+        p = self.equations.with_loads_of(interval.configuration).p
+        return term.evaluate_difference(p, times, state.q, state.v, state.lam)
 
     def _start_difference(self, term: EventTerm, start: Interval) -> float:
-        return float(self._differences(term, start.nodes, start.branch, start.rows)[0])
+        return float(self._differences(term, start, start.nodes, start.rows)[0])
 
     def _dense_differences(self, term: EventTerm, interval: Interval, t: Array) -> Array:
-        return self._differences(term, t, interval.branch, interval.at(t))
+        return self._differences(term, interval, t, interval.at(t))
 
 
 def _sample_times(steps: Array, is_start: bool) -> Array:

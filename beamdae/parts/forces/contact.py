@@ -349,7 +349,8 @@ class Contact(ObservableLoad):
         """
         kind = _ContactForces(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
-        return Quantity((Variable("N", "N"), Variable("T", "N")), self._pieces, values, data)
+        columns = (Variable("N", "N"), Variable("T", "N"))
+        return Quantity(columns, self._pieces, values, data, load_of=self.name)
 
     @property
     @rebuilt_for_mesh
@@ -361,7 +362,7 @@ class Contact(ObservableLoad):
         kind = _ContactSliding(*self._law_arguments)
         values, data = FormulaExpression.of(kind, self._functions)
         columns = (Variable("N", "N"), Variable("v", "m/s"))
-        return Quantity(columns, self._pieces, values, data)
+        return Quantity(columns, self._pieces, values, data, load_of=self.name)
 
     @property
     def regularized_friction(self) -> RegularizedFriction | None:

@@ -335,8 +335,8 @@ class ForceElement(ObservableLoad):
         pieces = (self.a.piece, self.b.piece)
         if self._has_user_law:
             # User functions are not cached for other models.
-            return Quantity(columns, pieces, lambda local: values(local), data)
-        return Quantity(columns, pieces, values, data)
+            return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)
+        return Quantity(columns, pieces, values, data, load_of=self.name)
 
     @property
     def _has_user_law(self) -> bool:

@@ -288,4 +288,4 @@ class ForceLaw(ObservableLoad):
             _LoadValues(*self._arguments), [one.checked_kinematics for one in self.on]
         )
         pieces = tuple(one.piece for one in self.on)
-        return Quantity(columns, pieces, lambda local: values(local), data)
+        return Quantity(columns, pieces, lambda local: values(local), data, load_of=self.name)

@@ -263,9 +263,14 @@ class Friction(ObservableLoad):
         first = Variable("M", "N m") if self._is_bearing else Variable("F", "N")
         kind = _FrictionReaction(self._law, self._is_bearing)
         values, data = FormulaExpression.of(kind, self._functions)
-        pieces = (self.joint.a.piece, self.joint.b.piece)
         return Quantity(
-            (first, Variable("v", "m/s")), pieces, values, data, self.joint.name, self.joint
+            (first, Variable("v", "m/s")),
+            (self.joint.a.piece, self.joint.b.piece),
+            values,
+            data,
+            self.joint.name,
+            self.joint,
+            load_of=self.name,
         )
 
     @property

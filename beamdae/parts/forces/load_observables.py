@@ -122,13 +122,14 @@ class _StatementValues:
 
 
 def _observe(
+    part: str,
     statements: Sequence[ForceStatement],
     columns: tuple[Variable, ...],
     combine: Callable[[list[_Copy], Local], SX],
     joint_part: Part | None = None,
     body: Part | None = None,
 ) -> Quantity:
-    """Return a quantity computed by `combine` from the copies of all statements of a part.
+    """Return a quantity computed by `combine` from the copies of all statements of `part`.
 
     If `body` is given, it owns all pieces, and its coordinates are those of the quantity.
     """
@@ -152,6 +153,7 @@ def _observe(
         np.concatenate([np.zeros(0), *(s.data.ravel(order="F") for s in statements)]),
         statements[0].joint,
         joint_part,
+        load_of=part,
     )
 
 
@@ -208,7 +210,7 @@ class ObservablePower(Part):
         In the energy balance, its integral is the work of loads minus the dissipated energy and the
         increase of the strain energy of the part.
         """
-        return _observe(self.forces(np.zeros(2)), (_POWER,), _sum_powers, self._joint)
+        return _observe(self.name, self.forces(np.zeros(2)), (_POWER,), _sum_powers, self._joint)
 
 
 class ObservableBeamLoad(ObservablePower):
@@ -239,7 +241,7 @@ class ObservableBeamLoad(ObservablePower):
             order = [row for copy in copies for row in copy.rows]
             return ca.mtimes(ca.mtimes(operator, motions)[order, :].T, forces)
 
-        return _observe(statements, columns, combine, body=self.beam)
+        return _observe(self.name, statements, columns, combine, body=self.beam)
 
 
 class ObservableLoad(ObservablePower):
@@ -365,4 +367,4 @@ class ObservableLoad(ObservablePower):
             for place in places
             for x in columns
         )
-        return _observe([statement], all_columns, combine, self._joint)
+        return _observe(self.name, [statement], all_columns, combine, self._joint)

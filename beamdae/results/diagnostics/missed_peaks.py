@@ -91,11 +91,12 @@ def measure_step_extremes(
         is_selected = [Header.of(header).unit in _IMPULSIVE_UNITS for header in headers]
     if not any(is_selected):
         return {}
-    evaluate, begin, end = ObservedRows(equations), row_times[0], row_times[-1]
+    begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
     squares = _SquareIntegral(rows_of_table)
     extremes: tuple[Array, Array] | None = None
     for interval in trajectory.intervals:
+        evaluate = ObservedRows(equations.with_loads_of(interval.configuration))
         rows = interval.times[:: interval.nodes_per_step]
         (steps,) = np.nonzero((rows[:, 0] >= begin) & (rows[:, 0] <= end))
         for k in range(0, len(steps), _MAX_ROWS_AT_ONCE):
