@@ -44,6 +44,7 @@ from beamdae.results.diagnostics.singular_positions import (
     singularity_warnings,
 )
 from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
+from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.event_records import EventRecord
@@ -230,6 +231,7 @@ class RunData:
             *unknown_peak_warnings(self.step_extremes, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
+            *small_motion_warnings(self.equations, self.trajectory, self.integrator),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
 

@@ -1,0 +1,172 @@
+"""Warnings about observed motions that are small beside the amplitude of their parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.errors import list_first
+from beamdae.results.columns import remove_unit
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Amplitude of the parts / half the range of a column. Up to this ratio, errors are near the bounds
+# stated for positions.
+_MIN_RATIO = 300.0
+# rtol * amplitude / half range. Errors are 0.02 to 0.3 times this number for half-car models over
+# bumps with rtol from 1e-8 to 1e-5, and up to 6 times for 60 periods of an undamped oscillator on
+# a train.
+_MAX_RELATIVE_TOLERANCE = 3e-3
+_RECOMMENDED_RELATIVE_TOLERANCE = 1e-3
+_MIN_RTOL = 1e-10
+# Columns with a smaller half range, relative to the amplitude of their parts, are at rest.
+_RESTING_SHARE = 1e-9
+_SAMPLES = 400  # times at which columns are evaluated
+_GRADIENT_SAMPLES = 3
+_DIFFERENCE_STEP = 1e-6  # of gradients, relative to the scale of a coordinate
+_MAX_SIZE = 2000  # coordinates; the projection of a gradient needs a dense matrix
+_MAX_NAMES = 3  # of further columns
+
+
+def small_motion_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, integrator: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield a warning if the tolerance is coarse beside the half range of observed columns.
+
+    The tolerance of a rigid body refers to the amplitude of its motion. Vibrations of a vehicle
+    that travels, and the motion of two bodies relative to each other, can be much smaller. Columns
+    that joints prescribe are exempt.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    integrator
+        Settings of the run, with `rtol` and the `amplitudes` of pilot runs.
+    """
+    rtol, amplitudes = integrator.get("rtol"), integrator.get("amplitudes")
+    if not (rtol and amplitudes and trajectory.end > trajectory.start):
+        return
+    if equations.n > _MAX_SIZE:
+        return
+    scales, is_rigid = _coordinate_scales(equations, amplitudes)
+    ratios: dict[str, tuple[float, float, str]] = {}
+    for observable in equations.observables:
+        if not observable.has_accelerations:
+            ratios |= _column_ratios(equations, trajectory, observable, scales, is_rigid)
+    coarse = {
+        name: x
+        for name, x in ratios.items()
+        if x[0] > _MIN_RATIO and rtol * x[0] > _MAX_RELATIVE_TOLERANCE
+    }
+    if not coarse:
+        return
+    name = max(coarse, key=lambda name: coarse[name][0])
+    ratio, half_range, unit = coarse.pop(name)
+    others = f" (also {list_first(list(coarse), _MAX_NAMES)})" if coarse else ""
+    exponent = math.floor(math.log10(_RECOMMENDED_RELATIVE_TOLERANCE / ratio))
+    yield (
+        f"{name}{others}: half its range, {half_range:.2g} {unit}, is only {1.0 / ratio:.1g} of "
+        f"the amplitude of its parts, to which rtol={rtol:g} refers, so that its error can be "
+        f"several percent; use rtol={max(10.0**exponent, _MIN_RTOL):.0e}."
+    )
+
+
+def _coordinate_scales(
+    equations: EquationsOfMotion, amplitudes: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Return the scale of each coordinate [m or rad], and True for those of rigid motions, (n,)."""
+    scales, is_rigid = np.zeros(equations.n), np.zeros(equations.n, bool)
+    for part in equations.parts:
+        if part.is_state:
+            continue
+        is_rigid[part.rigid] = True
+        for row in range(part.rows.start, part.rows.stop):
+            is_angle = equations.coordinates[row].unit == "rad"
+            scales[row] = amplitudes.get(part.name, 0.0) * (1.0 if is_angle else part.size)
+    return scales, is_rigid
+
+
+def _column_ratios(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    observable: Observable,
+    scales: Array,
+    is_rigid: Array,
+) -> dict[str, tuple[float, float, str]]:
+    """Return amplitude / half range, half range and unit of the small columns, by name."""
+    columns = [k for k, column in enumerate(observable.columns) if column.unit in ("m", "rad")]
+    rows = np.unique(observable.operator.indices)
+    rows = rows[is_rigid[rows] & (scales[rows] > 0.0)]
+    if not columns or not rows.size:
+        return {}
+    moments = np.linspace(trajectory.start, trajectory.end, _SAMPLES)
+    times, states = trajectory.at(moments)
+    values = _evaluate(equations, observable, times, states)
+    half_ranges = 0.5 * np.ptp(values, axis=0)
+    columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < float(np.max(scales[rows]))]
+    if not columns:
+        return {}
+    amplitudes = np.zeros(len(observable.columns))
+    for k in np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1]:
+        time, state = times[k], State(*(x[k] for x in states))
+        changes = _changes(equations, observable, time, state, scales, rows)
+        amplitudes = np.maximum(
+            amplitudes, _largest_free_change(equations, time, state, scales, changes)
+        )
+    return {
+        remove_unit(observable.headers[k]): (
+            float(amplitudes[k] / half_ranges[k]),
+            float(half_ranges[k]),
+            observable.columns[k].unit,
+        )
+        for k in columns
+        if half_ranges[k] > _RESTING_SHARE * amplitudes[k] > 0.0
+    }
+
+
+def _evaluate(
+    equations: EquationsOfMotion, observable: Observable, times: Array, states: State
+) -> Array:
+    q, v = (np.asarray(observable.operator @ x.T).T for x in (states.q, states.v))
+    numbers, lam = equations.p[observable.data], states.lam[:, observable.rows]
+    return np.asarray(observable.function(times, q, v, numbers, lam))
+
+
+def _changes(
+    equations: EquationsOfMotion,
+    observable: Observable,
+    time: Array,
+    state: State,
+    scales: Array,
+    rows: Array,
+) -> Array:
+    """Return the derivatives of the columns by the coordinates, times their scales, (k, n)."""
+    count = len(rows) + 1
+    states = State(*(np.tile(x, (count, 1)) for x in state))
+    states.q[np.arange(1, count), rows] += _DIFFERENCE_STEP * scales[rows]
+    values = _evaluate(equations, observable, np.tile(time, (count, 1)), states)
+    changes = np.zeros((values.shape[1], equations.n))
+    changes[:, rows] = (values[1:] - values[0]).T / _DIFFERENCE_STEP
+    return changes
+
+
+def _largest_free_change(
+    equations: EquationsOfMotion, time: Array, state: State, scales: Array, changes: Array
+) -> Array:
+    """Return the largest change of each column by a motion that the constraints allow, (k,)."""
+    if equations.m:
+        constraints = build_constraint_jacobian(equations)
+        (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
+        (jacobian,) = constraints.at(time[None], state.q[None])
+        scaled, held = jacobian * scales[columns], changes[:, columns]
+        changes[:, columns] = held - (scaled.T @ np.linalg.lstsq(scaled.T, held.T)[0]).T
+    return np.max(np.abs(changes), axis=1)

@@ -1,0 +1,68 @@
+"""Warnings about observed motions that are small beside the amplitude of their parts."""
+
+import re
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+SPEED, AMPLITUDE, FREQUENCY = 20.0, 1e-3, 18.0  # m/s, m, rad/s
+
+
+def train(speed=SPEED, is_coupled=True):
+    """Return a train with a sensor on a spring, which oscillates relative to the train."""
+    mech = bd.Mechanism()
+    car = mech.add(bd.RigidBody("car", 1500.0, 100.0, velocity=(speed, 0.0)))
+    mech.add(bd.Prismatic("road", mech.ground.at(0.0, 0.0), car.at(0.0, 0.0)))
+    sensor = mech.add(bd.PointMass("sensor", 1e-3, at=(0.1, 0.0), velocity=(speed, 0.0)))
+    guide = bd.PointOnLine("guide", car.at(0.1, 0.0), sensor.point)
+    mech.add(guide)
+    spring = {"stiffness": 1e-3 * FREQUENCY**2, "free_length": 0.1 - AMPLITUDE}
+    if is_coupled:
+        mech.add(bd.Spring("spring", car.at(0.0, 0.0), sensor.point, **spring))
+    else:
+        mech.add(bd.Distance("bar", car.at(0.0, 0.0), sensor.point))
+    mech.observe("sensor", bd.relative_motion(sensor.point, car.at(0.1, 0.0)))
+    return mech
+
+
+def small_motion_warnings(solution):
+    return [x for x in solution.warnings if "amplitude of its parts" in x]
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.Radau(1e-5), bd.Ida(1e-5)])
+def test_regression_small_vibrations_of_a_travelling_part_have_a_warning(integrator):
+    with pytest.warns(bd.BeamdaeWarning, match="amplitude of its parts") as caught:
+        solution = bd.simulate(train(), integrator, t_end=8.0, output_step=0.05)
+    exact = AMPLITUDE * (np.cos(FREQUENCY * solution.t) - 1.0)
+    assert np.max(np.abs(solution["sensor.x"] - exact)) > 0.01 * AMPLITUDE
+    (text,) = [str(x.message) for x in caught]
+    assert re.match(r"sensor\.x: half its range, 0\.00\d+ m, is only 1e-05", text)
+    rtol = float(re.search(r"use rtol=([-e\d]+)\.", text).group(1))
+    accurate = bd.simulate(train(), bd.Auto(rtol), t_end=8.0, output_step=0.05)
+    assert not accurate.warnings
+    assert np.max(np.abs(accurate["sensor.x"] - exact)) < 5e-3 * AMPLITUDE
+
+
+@pytest.mark.parametrize("setting", [{"speed": 0.0}, {"is_coupled": False}])
+def test_vibrations_at_rest_and_motions_that_joints_prescribe_have_no_warning(setting):
+    assert not bd.simulate(train(**setting), t_end=2.0, output_step=0.05).warnings
+
+
+def test_the_warning_names_further_columns():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    car = mech.add(bd.RigidBody("car", 1000.0, 800.0, center=(0.0, 0.5), velocity=(30.0, 0.0)))
+
+    def tire(at, t):
+        return 0.0, 2e4 * (0.25 - at.position[1]) - 400.0 * at.velocity[1]
+
+    for name, x in (("front", 1.2), ("rear", -1.3)):
+        mech.add(bd.ForceLaw(name, car.at(x, 0.0), tire))
+    mech.observe("car", car.at(0.0, 0.5))
+    with pytest.warns(bd.BeamdaeWarning, match=r"car\.\w+ \(also car\.\w+\): half its range"):
+        solution = bd.simulate(mech, bd.Radau(1e-5), t_end=60.0, output_step=0.1)
+    assert len(small_motion_warnings(solution)) == 1
+    assert not small_motion_warnings(bd.simulate(mech, bd.Radau(1e-9), t_end=60.0))
+    fixed = bd.simulate(mech, bd.GeneralizedAlpha(0.01), t_end=60.0)
+    assert not small_motion_warnings(fixed)  # The step does not refer to amplitudes.
