@@ -233,15 +233,17 @@ class Mesh:
         Angles are continuous along the curve.
         """
         nodes = self.node_points[element]
-        position, d1, d2 = (
-            np.einsum("ei,eik->ek", shape_functions(self.nodes, xi, k), nodes) for k in range(3)
+        # Differences of nodes are exact, so that derivatives do not depend on the origin.
+        first, changes = nodes[:, 0], nodes - nodes[:, :1]
+        relative, d1, d2 = (
+            np.einsum("ei,eik->ek", shape_functions(self.nodes, xi, k), changes) for k in range(3)
         )
         ds = np.hypot(d1[:, 0], d1[:, 1])
         curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / ds**3
         s = self.arc_lengths(element, xi)
         angle = np.arctan2(d1[:, 1], d1[:, 0])
         angle = angle + 2.0 * np.pi * np.round((self.tangent_angle(s) - angle) / (2.0 * np.pi))
-        return AxisPoints(position, angle, curvature, ds)
+        return AxisPoints(first + relative, angle, curvature, ds)
 
     def gauss(self, points: int) -> tuple[Array, AxisPoints]:
         """Return weights times ds/dxi [m] and axis points at the Gauss points of all elements.

@@ -34,6 +34,8 @@ _SAMPLE_DISTANCE = 1e-3
 _SAMPLE_DISTANCES = (_SAMPLE_DISTANCE, 1e-4, 1e-5, 1e-6, 1e-7)
 _ZERO_RATIO = 1e-2
 _MAX_LOAD_SPREAD = 0.05
+# Where the corrector fails at a sample, it is moved by this fraction of the distance.
+_RETRY_RATIO = 0.25
 # Eigenvalues of the points are at least about this multiple of those that are zero up to rounding.
 _UNDECIDED_MULTIPLE = 4.0
 # The point is interpolated from points at this multiple of the distance at which rounding decides,
@@ -455,9 +457,13 @@ class PathSegment:
 
     def _point_near(self, position: float) -> EquilibriumPoint:
         """Return the point at a position, or nearby if the corrector fails there."""
-        for offset in (0.0, _SAMPLE_DISTANCE, -_SAMPLE_DISTANCE):
+        return self._sample_near(position, _SAMPLE_DISTANCE)[1]
+
+    def _sample_near(self, position: float, distance: float) -> tuple[float, EquilibriumPoint]:
+        """Return a position and its point, `distance` away if the corrector fails there."""
+        for offset in (0.0, distance, -distance):
             try:
-                return self.point_at(position + offset)
+                return position + offset, self.point_at(position + offset)
             except CorrectorError as error:
                 last_error = error
         raise last_error
@@ -483,8 +489,13 @@ class PathSegment:
         others, because Newton's method does not converge at branch points, where even the bordered
         tangent is singular.
         """
-        positions = position + distance * np.array([-1.5, -0.5, 0.5, 1.5])
-        points = [self._point_near(sample) for sample in positions]
+        offsets = distance * np.array([-1.5, -0.5, 0.5, 1.5])
+        # Different samples remain different if the corrector fails at one of them.
+        samples = [
+            self._sample_near(position + offset, _RETRY_RATIO * distance)
+            for offset in offsets.tolist()
+        ]
+        positions, points = np.array([one for one, _ in samples]), [one for _, one in samples]
         if function is not None:
             position = _nearest_root(positions, [function(point) for point in points], position)
         # Values of the Lagrange polynomials at the position.

@@ -200,7 +200,7 @@ def stiffness_rounding(
         near = x.copy()
         near[:n] += 2.0 * _UNIT_ROUNDOFF * sizes * np.cos(phases + k)
         step = 1.0 + _STEP_VARIATION * np.cos(float(k))
-        samples.append(left @ system.difference_forces(near, mu, direction, step)[:n, 0])
+        samples.append(left @ system.multiply_tangent(near, mu, direction, step)[:n, 0])
     return _ROUNDING_MULTIPLE * float(np.std(samples, ddof=1))
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from beamdae.analysis.eigenproblems.eigensolution import EigenSolution
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
@@ -30,7 +31,7 @@ Array = np.ndarray
 # Differences replace the stiffness matrix if the bound on its rounding error exceeds this fraction
 # of the squared frequency of a mode. The actual error is about 20 times smaller. With many more
 # modes, errors of differences, which grow with the frequency, would exceed those of the matrix.
-_MAX_ROUNDING_RATIO = 1e-6
+_MAX_ROUNDING_RATIO = 1e-8
 # Modes up to this multiple of the highest such squared frequency are included, because modes that
 # nearly coincide determine each other.
 _SQUARE_MARGIN = 2.0
@@ -80,14 +81,39 @@ class ReducedStiffness(NamedTuple):
 def reduce_stiffness(
     system: LoadedEquations, x: Array, mu: float, basis: Array
 ) -> ReducedStiffness:
-    """Return the stiffness in the span of the displacements `basis`, (n, k), at x = (q, lam)."""
-    n = system.equations.n
+    """Return the stiffness in the span of the displacements `basis`, (n, k), at x = (q, lam).
+
+    Displacements that violate constraints by their rounding errors are corrected to first order:
+    reactions, of the size of axial forces EA, do work on them.
+    """
+    n, scale = system.equations.n, system.equations.position_scales
     directions = np.vstack([basis, np.zeros((len(x) - n, basis.shape[1]))])
-    one, two = (
-        basis.T @ system.difference_forces(x, mu, directions, steps)[:n] for steps in (1.0, 2.0)
-    )
-    # Extrapolation as in `multiply_tangent`.
-    return ReducedStiffness(one + (one - two) / 3.0, one - two)
+    products = system.difference_forces(x, mu, directions, (1.0, 2.0, 4.0))
+    one, two = (basis.T @ each[:n] for each in products)
+    work = _reaction_work(system, x, mu, basis / scale[:, None], products[0][:n] * scale[:, None])
+    return ReducedStiffness(one + work, one - two)
+
+
+def _reaction_work(
+    system: LoadedEquations, x: Array, mu: float, vectors: Array, forces: Array
+) -> Array:
+    """Return the work (k, k) of reactions to `forces` on violations of constraints by `vectors`.
+
+    Displacements S^-1 q and forces S f, (n, k), have natural sizes.
+    """
+    n, m = system.equations.n, system.equations.m
+    if not m:
+        return np.zeros((vectors.shape[1],) * 2)
+    tangent = system.matrix(system.tangent(x, mu))
+    gradients = sp.csr_array(tangent[n:, :n]) * system.equations.position_scales
+    try:
+        solver = splu(sp.csc_matrix(gradients @ gradients.T))
+    except RuntimeError:
+        # Constraints are redundant at this point.
+        return np.zeros((vectors.shape[1],) * 2)
+    reactions = -solver.solve(gradients @ forces)
+    work = reactions.T @ (gradients @ vectors)
+    return work + work.T
 
 
 def refine_subspace(

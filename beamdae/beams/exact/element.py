@@ -88,6 +88,9 @@ class ExactElement(Element):
         xi, _ = gauss_points(self.quadrature)
         rows, slopes = (shape_functions(self.nodes, xi, k) for k in (0, 1))
         nodal = ca.reshape(q, NODE_SIZE, self.nodes)
+        # Slopes from differences of nodes, which are exact, have the rounding errors of the length
+        # of an element instead of those of the distance from the origin.
+        changes = nodal[:, 1:] - ca.repmat(nodal[:, 0], 1, self.nodes - 1)
         strains = []
         for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
             weight, dxi_ds, angle_offset, free_curvature = (
@@ -95,7 +98,7 @@ class ExactElement(Element):
             )
             psi = nodal[2, :] @ row + angle_offset
             c, s = ca.cos(psi), ca.sin(psi)
-            dx, dy, dpsi = ca.vertsplit(dxi_ds * (nodal @ slope))
+            dx, dy, dpsi = ca.vertsplit(dxi_ds * (changes @ slope[1:]))
             strain = ca.vertcat(dx * c + dy * s - 1.0, dy * c - dx * s, free_curvature - dpsi)
             strains.append((weight, strain))
         return strains
