@@ -541,6 +541,16 @@ def require_point(part: str, name: str, value: Any) -> tuple[float, float]:
     return require_finite(part, f"{name} x", x), require_finite(part, f"{name} y", y)
 
 
+def optional_point(part: str, name: str, value: Any) -> tuple[float, float] | None:
+    """Return `value` as a pair (x, y) of finite numbers, None as None, or raise BeamdaeError."""
+    return None if value is None else require_point(part, name, value)
+
+
+def optional_finite(part: str, name: str, value: Any) -> float | None:
+    """Return `value` as a finite number, None as None, or raise BeamdaeError."""
+    return None if value is None else require_finite(part, name, value)
+
+
 def require_progress(part: str, progress: Any) -> None:
     """Raise BeamdaeError if `progress` is neither None nor a function; classes are rejected."""
     if progress is not None and (not callable(progress) or isinstance(progress, type)):

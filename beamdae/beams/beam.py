@@ -30,11 +30,12 @@ from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, requir
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    optional_finite,
+    optional_point,
     require_choice,
     require_count,
     require_finite,
     require_name,
-    require_point,
     require_sequence,
     set_fields,
     short_repr,
@@ -165,8 +166,8 @@ class Beam(Part):
         `deformation`.
     velocity, angular_velocity
         Initial velocity of the start point [m/s] and angular velocity [rad/s] of the beam, moving
-        as a rigid body. Values other than zero are kept if the joints allow it; the connected
-        bodies move with them.
+        as a rigid body. Values that are given, also zero, are kept if the joints allow it, and the
+        connected bodies move with them. By default (None), the beam follows the joints.
     kinematics
         Custom kinematics in place of `formulation`: a subclass of `Kinematics` (in the module
         beamdae.beams.kinematics), or a function of (name, mesh, section) that returns an instance
@@ -222,8 +223,8 @@ class Beam(Part):
         nodes: int = 4,
         quadrature: str | None = None,
         frame: str | None = None,
-        velocity: tuple[float, float] = (0.0, 0.0),
-        angular_velocity: float = 0.0,
+        velocity: tuple[float, float] | None = None,
+        angular_velocity: float | None = None,
         kinematics: Callable[[str, Mesh, Any], Kinematics] | None = None,
         free_curve: PlaneCurve | None = None,
         formulation: str = _DEFAULT_FORMULATION,
@@ -231,8 +232,8 @@ class Beam(Part):
         self.name = require_name("Beam", name)
         self.curve = require_curve(name, curve)
         self.section: Section | VaryingSection = require_section(name, section, curve.length)
-        self.velocity = require_point(name, "velocity", velocity)
-        self.angular_velocity = require_finite(name, "angular_velocity", angular_velocity)
+        self.velocity = optional_point(name, "velocity", velocity)
+        self.angular_velocity = optional_finite(name, "angular_velocity", angular_velocity)
         count, bounds = _parse_elements(name, elements, curve.length)
         self._requested_mesh = intern_mesh(
             Mesh(
@@ -407,7 +408,13 @@ class Beam(Part):
     @property
     def initial_velocity(self) -> Array:
         """Initial rates of the coordinates [m/s, rad/s], shape (n,)."""
-        return self.kinematics.initial_velocity(self.velocity, self.angular_velocity)
+        velocity, angular_velocity = self.velocity or (0.0, 0.0), self.angular_velocity or 0.0
+        return self.kinematics.initial_velocity(velocity, angular_velocity)
+
+    @property
+    def given_velocities(self) -> tuple[bool, bool]:
+        """True for the velocity and the angular velocity if they are given."""
+        return self.velocity is not None, self.angular_velocity is not None
 
     @cached_property
     def outline(self) -> Array:

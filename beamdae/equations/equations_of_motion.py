@@ -339,6 +339,8 @@ class PartCoordinates(NamedTuple):
         True if the floating frame moves with one section and follows the vibrations of the section.
     is_state
         True if the coordinates are first-order states, without inertia.
+    given_velocities
+        True for a velocity and an angular velocity that are given, also if they are zero.
     """
 
     name: str
@@ -347,6 +349,7 @@ class PartCoordinates(NamedTuple):
     rigid_count: int
     follows_section: bool = False
     is_state: bool = False
+    given_velocities: tuple[bool, bool] = (False, False)
 
     @property
     def rigid(self) -> slice:

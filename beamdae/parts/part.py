@@ -151,6 +151,14 @@ class Part:
         return np.zeros(0)
 
     @property
+    def given_velocities(self) -> tuple[bool, bool]:
+        """True for a velocity and an angular velocity that are given, also if they are zero.
+
+        Given velocities are kept if the joints allow it; so are those that are not zero.
+        """
+        return False, False
+
+    @property
     def is_state(self) -> bool:
         """True if the coordinates are first-order states x, whose rows of F are x' - f."""
         return False

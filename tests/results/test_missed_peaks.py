@@ -168,11 +168,13 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatc
     part, of_all = SimpleNamespace(gaps=(None,)), SimpleNamespace(headers=headers)
     mechanism = SimpleNamespace(parts={"stop": part})
     equations = SimpleNamespace(mechanism=mechanism, observables=(of_all,))
+    equations.with_loads_of = lambda configuration: equations
     intervals = [
         SimpleNamespace(
             times=np.stack([times[a:b], times[a:b]], axis=1),
             nodes_per_step=1,
             state=(np.zeros((b - a, 1)),),
+            configuration=None,
         )
         for a, b in pairwise(limits)
     ]

@@ -216,6 +216,7 @@ def _part_coordinates(
             part.rigid_coordinate_count,
             part.frame_follows_section,
             part.is_state,
+            part.given_velocities,
         )
         for part in parts
         if coordinate_map.sizes[id(part)]

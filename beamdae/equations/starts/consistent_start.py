@@ -265,10 +265,10 @@ class ConsistencySolver(StateEvaluator):
     ) -> Array:
         """Return velocities (n,) with which the bodies move rigidly and the joints stay closed.
 
-        Velocities (as vectors) and angular velocities of bodies that are not zero in `v` are kept;
-        others are free, and their change has the least kinetic energy. Bodies that joints connect
-        keep their velocities in `v` if their joints stay closed, if bodies are deforming, or if no
-        such motion exists: a joint may stop a moving body by an impact.
+        Velocities (as vectors) and angular velocities of bodies that are given, or are not zero in
+        `v`, are kept; others are free, and their change has the least kinetic energy. Bodies that
+        joints connect keep their velocities in `v` if their joints stay closed, if bodies are
+        deforming, or if no such motion exists: a joint may stop a moving body by an impact.
 
         Parameters
         ----------
@@ -288,13 +288,16 @@ class ConsistencySolver(StateEvaluator):
         groups, groups_of_rows = self._connected_groups(gradients)
         motions = sp.csc_array(e.position_scales[:, None] * compute_rigid_motions(e, q))
         _, _, mass = self.linearize_forces(time, self.rest_state(q))
+        given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
         for group in np.unique(groups_of_rows[is_open]):
             rows = np.flatnonzero(groups_of_rows == group)
             inside = sp.diags_array((groups == group).astype(float)) @ motions
             shapes = sp.csc_array(inside[:, np.diff(inside.tocsc().indptr) > 0])
+            vectors = self._vectors_of(shapes)
             v = v + _rigid_change(
                 shapes,
-                self._vectors_of(shapes),
+                vectors,
+                np.isin(vectors, given_vectors),
                 mass,
                 gradients[rows],
                 g_dot[rows],
@@ -448,6 +451,7 @@ def velocity_size(e: EquationsOfMotion, v: Array) -> float:
 def _rigid_change(
     shapes: sp.csc_array,
     vectors: Array,
+    is_given: Array,
     mass: sp.csc_array,
     gradients: sp.csr_array,
     g_dot: Array,
@@ -456,8 +460,8 @@ def _rigid_change(
 ) -> Array:
     """Return a change of v (n,) in the span of `shapes` by which g_dot vanishes, or zeros.
 
-    Velocities of v at the indices `prescribed` and vectors that are not zero do not change;
-    `vectors` are the numbers of the vectors of `shapes`.
+    Velocities of v at the indices `prescribed`, vectors of which a shape `is_given`, and vectors
+    that are not zero do not change; `vectors` are the numbers of the vectors of `shapes`.
     """
     none = np.zeros(len(v))
     amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ v)
@@ -469,7 +473,7 @@ def _rigid_change(
     lengths[lengths == 0.0] = 1.0
     rows, values = sp.diags_array(1.0 / lengths) @ rows, -g_dot / lengths
     fixed = sp.csr_array(shapes[prescribed])
-    is_given = np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes))
+    is_given = is_given | (np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes)))
     is_given[fixed.indices] = False
     given = np.flatnonzero(np.isin(vectors, vectors[is_given]))
     fixed = sp.vstack([fixed, build_selection(given.tolist(), shapes.shape[1])])

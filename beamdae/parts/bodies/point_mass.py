@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
+    optional_point,
     require_name,
     require_non_negative,
     require_point,
@@ -62,7 +63,8 @@ class PointMass(Part):
     at
         Initial position (x, y) of a free particle [m].
     velocity
-        Initial velocity (vx, vy) of a free particle [m/s]; ignored for a fixed particle.
+        Initial velocity (vx, vy) of a free particle [m/s]; ignored for a fixed particle. Kept if
+        the joints allow it, also if it is zero. By default, the particle follows the joints.
 
     Raises
     ------
@@ -81,7 +83,7 @@ class PointMass(Part):
     mass: float
     on: Attachment | None = None
     at: tuple[float, float] | None = None
-    velocity: tuple[float, float] = (0.0, 0.0)
+    velocity: tuple[float, float] | None = None
 
     point_syntax = "its .point, if it is free"
 
@@ -90,7 +92,7 @@ class PointMass(Part):
             self,
             name=require_name("PointMass", self.name),
             mass=require_non_negative(self.name, "mass", self.mass),
-            velocity=require_point(self.name, "velocity", self.velocity),
+            velocity=optional_point(self.name, "velocity", self.velocity),
         )
         if (self.on is None) == (self.at is None):
             raise BeamdaeError(f"{self.name}: pass either on= (an attachment) or at=(x, y).")
@@ -113,7 +115,12 @@ class PointMass(Part):
     @property
     def initial_velocity(self) -> Array:
         """Initial velocity of a free particle, (2,) [m/s]; empty if fixed."""
-        return np.zeros(0) if self.at is None else np.array(self.velocity, float)
+        return np.zeros(0) if self.at is None else np.array(self.velocity or (0.0, 0.0))
+
+    @property
+    def given_velocities(self) -> tuple[bool, bool]:
+        """True if a velocity is given; particles have no angular velocity."""
+        return self.velocity is not None, False
 
     @property
     def outline(self) -> Array:

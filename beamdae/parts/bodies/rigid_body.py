@@ -12,6 +12,8 @@ import scipy.sparse as sp
 
 from beamdae.errors import (
     BeamdaeError,
+    optional_finite,
+    optional_point,
     require_finite,
     require_name,
     require_point,
@@ -103,7 +105,8 @@ class RigidBody(Part):
         Center of mass (x, y) [m] in the reference configuration, in which the angle is zero.
     velocity, angular_velocity
         Initial velocity of the center of mass [m/s] and initial angular velocity [rad/s]. Values
-        other than zero are kept if the joints allow it; the connected bodies move with them.
+        that are given, also zero, are kept if the joints allow it, and the connected bodies move
+        with them. By default (None), the body follows the joints.
     shape
         Points (x, y) of the outline in the reference configuration [m], for drawings and for the
         size of the body. If empty (default), drawings show a line through the points at which parts
@@ -128,8 +131,8 @@ class RigidBody(Part):
     mass: float
     inertia: float
     center: tuple[float, float] = (0.0, 0.0)
-    velocity: tuple[float, float] = (0.0, 0.0)
-    angular_velocity: float = 0.0
+    velocity: tuple[float, float] | None = None
+    angular_velocity: float | None = None
     shape: tuple[tuple[float, float], ...] = ()
 
     point_syntax = "its .at(x, y)"
@@ -145,8 +148,8 @@ class RigidBody(Part):
             mass=require_positive(self.name, "mass", self.mass),
             inertia=require_positive(self.name, "inertia", self.inertia),
             center=require_point(self.name, "center", self.center),
-            velocity=require_point(self.name, "velocity", self.velocity),
-            angular_velocity=require_finite(self.name, "angular_velocity", self.angular_velocity),
+            velocity=optional_point(self.name, "velocity", self.velocity),
+            angular_velocity=optional_finite(self.name, "angular_velocity", self.angular_velocity),
         )
 
     @classmethod
@@ -342,7 +345,12 @@ class RigidBody(Part):
     @property
     def initial_velocity(self) -> Array:
         """Initial velocity [m/s] and angular velocity [rad/s], shape (3,)."""
-        return np.array([*self.velocity, self.angular_velocity])
+        return np.array([*(self.velocity or (0.0, 0.0)), self.angular_velocity or 0.0])
+
+    @property
+    def given_velocities(self) -> tuple[bool, bool]:
+        """True for the velocity and the angular velocity if they are given."""
+        return self.velocity is not None, self.angular_velocity is not None
 
     @property
     def outline(self) -> Array:

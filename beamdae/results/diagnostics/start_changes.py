@@ -104,12 +104,16 @@ def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Arra
     for part in (x for x in e.parts if not x.is_state):
         rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
         is_angle = np.array([e.coordinates[k].unit == "rad" for k in rows], bool)
-        vectors = [rows[is_angle], rows[~is_angle]]
-        if not part.rigid_count and np.any(requested[vectors[0]]):
+        vectors = [(rows[is_angle], 1), (rows[~is_angle], 0)]
+        if not part.rigid_count and np.any(requested[vectors[0][0]]):
             # The nodes of a turning beam move although no translation is given.
             vectors.pop()
-        for vector in vectors:
+        for vector, kind in vectors:
             size = np.max(np.abs(requested[vector]), initial=0.0)
+            if not size and part.given_velocities[kind]:
+                # A given zero is compared with the motion of the other bodies.
+                units = [coordinate.unit == ("m", "rad")[kind] for coordinate in e.coordinates]
+                size = np.max(np.abs(actual[units]), initial=0.0)
             for k in vector if size else ():
                 change = abs(actual[k] - requested[k]) / size
                 if change > largest:
