@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.equations.assembly.building import select_input_laws
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.kernel_groups import group_by_kernel
 
 Array = np.ndarray
 
@@ -46,6 +48,20 @@ class FormulaForceTerm:
         times = np.column_stack([t, np.full(len(t), branch)])
         local = (np.asarray(self.to_local @ x.T).T for x in (q, v))
         return self.kernel.load_function(times, *local, self.numbers)
+
+
+def name_formula_forces(equations: EquationsOfMotion) -> list[str]:
+    """Return the name of the part of each force that `compile_formula_forces` returns."""
+    inputs = {} if equations.mechanism is None else equations.mechanism.inputs
+    laws = select_input_laws(inputs)
+    forces = [x.with_laws(laws) for part in equations.statements for x in part.forces]
+    names = []
+    for group, term in zip(group_by_kernel(forces), equations.forces, strict=False):
+        if term.kernel.may_have_peaks:
+            members = (forces[k] for k in group.members)
+            names += [x.part for x in members for _ in range(x.data.shape[1])]
+    # Equations of a `ConstrainedSystem` have no statements.
+    return names or ["force"] * len(compile_formula_forces(equations))
 
 
 def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTerm, ...]:

@@ -47,6 +47,7 @@ from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
+from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
@@ -232,8 +233,14 @@ class RunData:
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
+            *self._step_warnings(),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
+
+    def _step_warnings(self) -> Iterator[str]:
+        """Yield warnings about forces that fixed steps do not resolve."""
+        if self.integrator.get("rtol") is None:
+            yield from unresolved_force_warnings(self.equations, self.trajectory)
 
     def _part_warnings(self) -> Iterator[str]:
         """Yield warnings about parts that do nothing, start inside a surface or supply energy."""
