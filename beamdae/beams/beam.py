@@ -623,7 +623,9 @@ class Beam(Part):
         """Return axial force, shear force and bending moment at `s`, computed from the strains.
 
         N = EA eps11, Q = GA 2 eps12 and M = EI kappa11 with the strains of the axis, plus the
-        forces of material damping. A positive M lengthens the left side of the beam.
+        forces of material damping. For strains that assume moderate rotations phi in the floating
+        frame, EA eps11 is the force along the undeformed axis, and N = EA eps11 + Q sin(phi). A
+        positive M lengthens the left side of the beam.
 
         Parameters
         ----------
@@ -671,8 +673,12 @@ class Beam(Part):
         self, s: float, columns: tuple[Variable, ...], kind: Callable[..., SX], *numbers: float
     ) -> Quantity:
         """Return the quantity that `kind` computes from the strains at `s` and `numbers`."""
-        strains = self.kinematics.strains(self._require_arc_length(s))
-        values, data = FormulaExpression.of(kind, (strains.values, constant_formula(*numbers)))
+        s = self._require_arc_length(s)
+        strains = self.kinematics.strains(s)
+        functions: list[Callable[..., Any]] = [strains.values, constant_formula(*numbers)]
+        if kind is section_forces:
+            functions.insert(1, self.kinematics.force_rotation(s).values)
+        values, data = FormulaExpression.of(kind, functions)
         return Quantity(columns, (Piece(self, strains.operator),), values, data)
 
 

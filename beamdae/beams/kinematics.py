@@ -20,6 +20,7 @@ from beamdae.beams.element_data import assemble_element_data, require_free_curve
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
+from beamdae.beams.strains import no_rotation
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -29,6 +30,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.read_only import read_only, read_only_data
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -311,6 +313,14 @@ class Kinematics(ABC):
     @abstractmethod
     def strains(self, s: float) -> PointValues:
         """Return the function for (axial strain, shear strain, kappa11 [1/m]) at s [m]."""
+
+    def force_rotation(self, s: float) -> PointValues:
+        """Return the function for the rotation [rad] from the direction of EA eps11 to the section.
+
+        It has the same local coordinates as `strains`. By default, it is zero: the strains refer to
+        the axes of the section.
+        """
+        return PointValues(self.strains(s).operator, Formula(no_rotation, ()))
 
     @property
     def curvature_error(self) -> float:

@@ -110,12 +110,28 @@ def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable
     return modulus * (strain + damping * local.dot(strain))
 
 
-def section_forces(local: Local, strains: Callable[[Local], SX], numbers: Callable[[], Any]) -> SX:
-    """Return (N, Q, M) on the axis; `numbers()` returns (EA, GA, EI, damping)."""
+def section_forces(
+    local: Local,
+    strains: Callable[[Local], SX],
+    rotation: Callable[[Local], SX],
+    numbers: Callable[[], Any],
+) -> SX:
+    """Return (N, Q, M) on the axis, in the axes of the section.
+
+    `numbers()` returns (EA, GA, EI, damping), and `rotation` the rotation of the section from the
+    direction of the force EA eps11; see `Kinematics.force_rotation`.
+    """
     *stiffness, damping = (numbers()[k] for k in range(STRAIN_SIZE + 1))
     strain = strains(local)
     viscous = damping * local.dot(strain)
-    return ca.vertcat(*(stiffness[k] * (strain[k] + viscous[k]) for k in range(STRAIN_SIZE)))
+    forces = ca.vertcat(*(stiffness[k] * (strain[k] + viscous[k]) for k in range(STRAIN_SIZE)))
+    forces[AXIAL] += ca.sin(rotation(local)) * forces[SHEAR]
+    return forces
+
+
+def no_rotation(local: Local, numbers: Any) -> SX:
+    """Return zero, for strains whose forces refer to the axes of the section."""
+    return SX(0)
 
 
 def identity(local: Local, values: Callable[[Local], SX]) -> SX:

@@ -1,5 +1,6 @@
 """Section forces against closed forms and reactions."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -266,3 +267,26 @@ def test_a_beam_bent_into_a_hook(kind):
     assert half.factor == pytest.approx(0.5)
     tip = half.section_forces(beam, 1.0)
     assert np.hypot(tip.N[0, 0], tip.Q[0, 0]) == pytest.approx(30.0 * half.factor)
+
+
+@pytest.mark.parametrize("settings", [{}, {"strain": "nonlinear", "frame": "tangent"}])
+@pytest.mark.parametrize("height", [0.004, 0.006])
+def test_regression_axial_forces_act_normal_to_the_deformed_section(settings, height):
+    """Under a transverse load, N at a clamp is zero; EA eps11 was up to 7 % of the load there."""
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.03, height=height)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -30.0)))
+    mech.observe("root", beam.section_forces(0.0))
+    mech.observe("end", beam.section_forces(0.5))
+    mech.observe("tip", beam.end)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        path = bd.equilibrium(mech)
+    angle = path["tip.angle"].iloc[-1]
+    np.testing.assert_allclose(path["root.N"].iloc[-1], 0.0, atol=2e-3)
+    np.testing.assert_allclose(path["end.N"].iloc[-1], -30.0 * np.sin(angle), rtol=2e-3)
+    forces = path.section_forces(beam)
+    np.testing.assert_allclose(forces.strained[0][-1][[0, -1]], forces.N[-1][[0, -1]], atol=8e-3)

@@ -14,6 +14,7 @@ from beamdae.beams.floating_frame.element import FRAME_SIZE, NODE_SIZE, Floating
 from beamdae.beams.floating_frame.formulas import (
     FloatingFrameDeformation,
     SectionMotion,
+    SectionRotation,
     frame_motion,
 )
 from beamdae.beams.floating_frame.strain_validity import range_kernel, strain_defect_kernel
@@ -347,6 +348,19 @@ class FloatingFrame(FormulationKinematics):
         numbers = [*weights, *axis.curvature, *(1.0 / axis.ds), *np.ravel(prestrains)]
         values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
         return PointValues(self._element_operator(element), values)
+
+    def force_rotation(self, s: float) -> PointValues:
+        """Return the function for phi at s [m]; for exact strains, zero.
+
+        In strains for moderate rotations, such as u' + v'^2 / 2, the energy conjugate of the axial
+        strain is the force along the undeformed axis, while that of the shear strain v' - phi is
+        the shear force in the section.
+        """
+        if self.strain == "exact":
+            return super().force_rotation(s)
+        element, row, _ = self._locate_section(s)
+        formula = Formula(SectionRotation(self.mesh.nodes), tuple(map(float, row)))
+        return PointValues(self._element_operator(element), formula)
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.beams.beam import Beam
+from beamdae.beams.strains import identity
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.report.scene.mechanism_scene import count_beam_sections
@@ -104,12 +105,16 @@ def compute_beam_colors(name: str, solution: Solution, what: Any, times: Array) 
 
 
 class _BeamStrains(NamedTuple):
-    """Strains and strain rates (rows, sections, 3) along a beam, and the rows of the frames."""
+    """Strains and strain rates (rows, sections, 3) along a beam, and the rows of the frames.
+
+    `rotations` (rows, sections) are those of `Kinematics.force_rotation`.
+    """
 
     beam: Beam
     places: list[float]
     strains: Array
     rates: Array
+    rotations: Array
     frame_rows: Array
 
 
@@ -179,27 +184,34 @@ def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamStrains]:
         places = np.linspace(0.0, beam.length, sections).tolist()
         strain_terms = [beam.kinematics.strains(s) for s in places]
         functions = [SectionFunction(x.operator, x.values) for x in strain_terms]
-        values = np.concatenate(
-            [
-                evaluate_sections(
-                    strains_and_rates, functions, *(x[k : k + rows] for x in (q, v, 0.0 * q))
-                )
-                for k in range(0, len(q), rows)
-            ]
+        rotation_terms = [beam.kinematics.force_rotation(s) for s in places]
+        rotations = [SectionFunction(x.operator, x.values) for x in rotation_terms]
+        values, angles = (
+            np.concatenate(
+                [
+                    evaluate_sections(build, at, *(x[k : k + rows] for x in (q, v, 0.0 * q)))
+                    for k in range(0, len(q), rows)
+                ]
+            )
+            for build, at in ((strains_and_rates, functions), (identity, rotations))
         )
-        strains.append(_BeamStrains(beam, places, values[..., :3], values[..., 3:], frame_rows))
+        terms = (values[..., :3], values[..., 3:], angles[..., 0])
+        strains.append(_BeamStrains(beam, places, *terms, frame_rows))
     return strains
 
 
 def _compute_quantity(what: str, beam_strains: _BeamStrains) -> Array:
     """Return the quantity (rows, sections) along a beam."""
-    beam, places, strains, rates, _ = beam_strains
+    beam, places, strains, rates, rotations, _ = beam_strains
     local = [beam.section.at(s) for s in places]
     damping = np.array([x.damping for x in local])[:, None]
     strains = strains + (0.0 if what == "strain" else damping * rates)
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)
-        return strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
+        force = strains[..., k] * np.array([(x.EA, x.GA, x.EI)[k] for x in local])
+        if what == "N":
+            force += np.sin(rotations) * strains[..., 1] * np.array([x.GA for x in local])
+        return np.asarray(force)
     top, bottom = (
         np.array([beam.stress_lever(s, side) for s in places]) for side in ("top", "bottom")
     )

@@ -26,6 +26,7 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points
+from beamdae.beams.strains import identity
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
@@ -302,13 +303,18 @@ class _BeamSections:
 
     def elastic_forces(self, s: Array) -> Array:
         """Return (N, Q, M) from the strains and their rates, (3, rows, sections)."""
-        strains = [self._beam.kinematics.strains(x) for x in s.tolist()]
+        kinematics = self._beam.kinematics
+        strains = [kinematics.strains(x) for x in s.tolist()]
         at = [SectionFunction(strain.operator, strain.values) for strain in strains]
         values = evaluate_sections(strains_and_rates, at, *self._beam_state)
+        at = [SectionFunction(*kinematics.force_rotation(x)) for x in s.tolist()]
+        rotation = evaluate_sections(identity, at, *self._beam_state)[..., 0]
         sections = [self._beam.section.at(x) for x in s.tolist()]
         stiffness = np.array([(x.EA, x.GA, x.EI) for x in sections])
         damping = np.array([x.damping for x in sections])[:, None]
-        return np.moveaxis(stiffness * (values[..., :3] + damping * values[..., 3:]), -1, 0)
+        forces = np.moveaxis(stiffness * (values[..., :3] + damping * values[..., 3:]), -1, 0)
+        forces[0] += np.sin(rotation) * forces[1]
+        return forces
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
