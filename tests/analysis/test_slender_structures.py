@@ -198,3 +198,27 @@ def test_regression_flutter_of_a_portal_frame_under_follower_loads():
     assert [point.kind for point in path.critical] == ["branch point"] * 3 + ["flutter point"]
     assert path.critical[-1].factor == pytest.approx(26.380, rel=1e-3)
     assert path.unstable[-1] == 3
+
+
+@pytest.mark.slow(reason="half a second")
+def test_regression_a_path_that_ends_by_rounding_says_so():
+    # Hinged arch of radius 1 m, L/h = 1e6, under a load EI / R^2 at its crown.
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-6)
+    arcs = [
+        bd.Arc(-1.0, np.pi / 2.0, (-1.0, 0.0), np.pi / 2.0),
+        bd.Arc(-1.0, np.pi / 2.0, (0.0, 1.0)),
+    ]
+    left, right = (
+        mech.add(bd.Beam(f"part {k}", arc, section, 16, formulation="exact"))
+        for k, arc in enumerate(arcs)
+    )
+    mech.add(bd.Revolute("first", mech.ground.at(*left.start.point), left.start))
+    mech.add(bd.Weld("crown", left.end, right.start))
+    mech.add(bd.Revolute("last", mech.ground.at(*right.end.point), right.end))
+    mech.add(bd.Force("load", right.start, (0.0, -section.EI)))
+    mech.observe("crown", right.start)
+    with pytest.warns(bd.BeamdaeWarning, match="too thin for double precision"):
+        path = bd.equilibrium(mech, to={"crown.y": 0.0}, control="arc length")
+    # Other kernels of BLAS may get farther.
+    assert path.status.success or "rounding errors may prevent" in path.status.sentence

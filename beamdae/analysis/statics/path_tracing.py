@@ -251,10 +251,12 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
+        rounding_notes = _rounding_notes(path) if system.has_scaled_loads else []
         if system.has_scaled_loads:
-            notes += _rounding_notes(path) + _range_notes(path)
+            notes += rounding_notes + _range_notes(path)
         iterations += corrector.iterations
-        status = _end_status(path, system, settings.control if is_last else LOAD)
+        control = settings.control if is_last else LOAD
+        status = _end_status(path, system, control, bool(rounding_notes))
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
@@ -473,16 +475,21 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
+def _end_status(path: StagePath, system: LoadedEquations, control: str, is_rounded: bool) -> Status:
     """Return the status of a path; if it ended early, with the last load factor.
 
-    A remedy is added if no step converges.
+    A remedy is added if no step converges; `is_rounded` says that rounding errors may be the cause.
     """
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
     if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
+    if path.is_stuck and is_rounded:
+        sentence += (
+            "; rounding errors may prevent further steps, because the beams are too thin for "
+            "double precision, so use thicker beams or fewer elements"
+        )
     return Status(path.status.kind, sentence)
 
 
