@@ -437,11 +437,14 @@ def split_unit(header: str) -> tuple[str, str]:
     return (name, unit) if bracket and name and header.endswith("]") else (header, "")
 
 
+_UNITS_OF_TIMES = ("h", "min")
+
+
 def standardize_header(header: str) -> str:
     """Return a header of measured data, such as 't (ms)' or 't[ms]', in the form 't [ms]'.
 
     Text in parentheses is part of the name unless it is a unit or resembles one, such as "KN"; "h"
-    is a unit of times only.
+    and "min" are units of times only, because the latter often means a minimum.
     """
     # Spreadsheets write no-break spaces.
     text = header.replace("\xa0", " ").strip()
@@ -451,7 +454,8 @@ def standardize_header(header: str) -> str:
     name, in_brackets, in_parentheses = match.groups()
     unit = (in_parentheses if in_brackets is None else in_brackets).strip()
     is_unit = bool(unit) if in_brackets is not None else _is_unit(unit) or _resembles_unit(unit)
-    if in_parentheses is not None and unit == "h" and name.casefold() not in ("t", "time"):
+    is_time = name.casefold() in ("t", "time")
+    if in_parentheses is not None and unit in _UNITS_OF_TIMES and not is_time:
         return text
     return f"{name} [{unit}]" if is_unit else text
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
+from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.boundary import Boundary
@@ -467,7 +467,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
                             multiple, np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
                         ).tolist(),
                     }
-                    for multiple in SPEED_MULTIPLES
+                    for multiple in diagram.multiples
                 ],
                 "marks": [{"label": "", "x": x[_SPEED], "y": x[_FREQUENCY]} for x in marks],
             }

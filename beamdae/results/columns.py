@@ -99,7 +99,7 @@ def select_columns(
         Headers 'name.column [unit]' to select from.
     name
         A header with or without its unit, or the name of an observable or a part, which selects
-        all its columns.
+        all its columns; or a list of such names.
     of
         Name of the class of the result, for the error message.
     observed
@@ -113,6 +113,9 @@ def select_columns(
         If no column has this name.
     """
     headers, preferred = list(headers), set(observed)
+    if isinstance(name, (list, tuple)) and name:
+        selected = [select_columns(headers, x, of, preferred, part) for x in name]
+        return list(dict.fromkeys(x for some in selected for x in some))
     name = plain_text(name)
     readings: tuple[Callable[[str], str], ...] = (
         str,

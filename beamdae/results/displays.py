@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, NoReturn, Protocol, cast
 
 from beamdae import deferred
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -31,6 +31,12 @@ class Plot:
     """
 
     figure: Figure
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(
+            f"Plot has no attribute {name!r}; use plot.save(path), or the Matplotlib figure "
+            "plot.figure."
+        )
 
     def _repr_png_(self) -> bytes:
         png = io.BytesIO()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -235,7 +236,7 @@ class Equilibrium(HasPage):
             KIND: kinds,
         }
 
-    def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
+    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
         """Return columns over the load factor by name; see `Solution.__getitem__`.
 
         The index is the sum of the load factors of all stages, or 0 if no load is scaled.
@@ -244,7 +245,7 @@ class Equilibrium(HasPage):
         ----------
         name
             Header of a column of `table` or `coordinates`, with or without its unit, or the name of
-            an observable or a part, which selects all its columns.
+            an observable or a part, which selects all its columns; or a list of such names.
 
         Raises
         ------
@@ -256,7 +257,8 @@ class Equilibrium(HasPage):
         columns, headers = self._select(name)
         index = pd.Index(self.factors.sum(axis=1), name=FACTOR)
         table = pd.DataFrame({h: np.asarray(columns[h]) for h in headers}).set_index(index)
-        return table[headers[0]] if len(headers) == 1 else table
+        is_single = len(headers) == 1 and not isinstance(name, (list, tuple))
+        return table[headers[0]] if is_single else table
 
     def __contains__(self, name: object) -> bool:
         """Return True if `equilibrium[name]` selects columns."""

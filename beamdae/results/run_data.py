@@ -148,7 +148,7 @@ class RunData:
 
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:
-        """Peaks of forces, moments, accelerations and stresses that the rows miss, by header."""
+        """Peaks of forces, powers, accelerations and stresses that the rows miss, by header."""
         extremes = self.step_extremes
         if not extremes:
             return {}

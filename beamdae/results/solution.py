@@ -105,7 +105,10 @@ class Solution(RunData, TimeSeries):
 
     @property
     def observed(self) -> pd.DataFrame:
-        """Observed columns, one row per output time; headers contain units."""
+        """Observed columns without time, by row number; `solution[names]` is indexed by time.
+
+        Headers contain units.
+        """
         import pandas as pd
 
         return pd.DataFrame(self.columns, index=range(len(self.t)))

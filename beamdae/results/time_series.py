@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,7 +54,7 @@ class TimeSeries:
         """Return the result at other times [s], which must ascend and lie within the run."""
         raise NotImplementedError
 
-    def __getitem__(self, name: str) -> pd.Series | pd.DataFrame:
+    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
         """Return columns over time by name.
 
         Parameters
@@ -61,13 +62,13 @@ class TimeSeries:
         name
             Header of an observed column, energy, coordinate, velocity or multiplier, with or
             without its unit ("tip.y [m]" or "tip.y"). The name of an observable or a part ("tip")
-            selects all its columns. If an observable and a part have the same name, the observable
-            is selected.
+            selects all its columns, and a list of names the columns of all of them. If an
+            observable and a part have the same name, the observable is selected.
 
         Returns
         -------
         pandas.Series or pandas.DataFrame
-            One column, or all selected columns if there are several, indexed by time [s].
+            One column, or a table if there are several or `name` is a list, indexed by time [s].
 
         Raises
         ------
@@ -85,7 +86,8 @@ class TimeSeries:
         -2.905 m
         """
         columns = self._over_time(self._select(name))
-        return columns.iloc[:, 0] if columns.shape[1] == 1 else columns
+        is_single = columns.shape[1] == 1 and not isinstance(name, (list, tuple))
+        return columns.iloc[:, 0] if is_single else columns
 
     def __contains__(self, name: object) -> bool:
         """Return True if `solution[name]` selects columns."""

@@ -175,3 +175,15 @@ def test_states_and_outputs_refer_to_the_rotating_frame():
 def test_invalid_arguments_are_rejected(arguments, message):
     with pytest.raises(bd.BeamdaeError, match=message):
         bd.linearize(mount(), **arguments)
+
+
+def test_regression_outputs_are_selected_by_columns():
+    whole = bd.linearize(mount(), inputs=["push"])
+    names = [x.header for x in whole.outputs]
+    for name, header in ((names[1], names[1]), (names[-1].partition(" [")[0], names[-1])):
+        model = bd.linearize(mount(), inputs=["push"], outputs=[name])
+        row = names.index(header)
+        assert [x.header for x in model.outputs] == [header]
+        np.testing.assert_array_equal(model.C, whole.C[[row]])
+        np.testing.assert_array_equal(model.D, whole.D[[row]])
+        np.testing.assert_array_equal(model.output_values, whole.output_values[[row]])

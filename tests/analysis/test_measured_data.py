@@ -131,6 +131,9 @@ def test_one_law_splits_headers():
         assert (remove_unit(header), Header.of(header).unit) == (name, unit)
         assert standardize_header(header) == header
     assert standardize_header(" gauge (left)") == "gauge (left)"
+    # "min" is often a minimum.
+    assert standardize_header("force (min)") == "force (min)"
+    assert standardize_header("t (min)") == "t [min]"
     assert standardize_header("gauge (left) (N/m)") == "gauge (left) [N/m]"
     assert standardize_header("d(tip.y)/d(E)") == "d(tip.y)/d(E)"
 

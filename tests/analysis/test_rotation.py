@@ -195,6 +195,25 @@ def test_resonances_of_a_campbell_diagram():
     assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
 
 
+def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
+    diagram = bd.campbell(rotor_on_a_bearing(), [1.0, 3.0, 7.0], n=3, multiples=(2, 6))
+    assert set(diagram.resonances()["multiple"]) == {2, 6}
+
+    def labels(plot):
+        texts = {text.get_text() for text in plot.figure.axes[0].texts}
+        return {x for x in texts if x.endswith("\u00d7")}
+
+    assert labels(diagram.plot()) == {"2\u00d7", "6\u00d7"}
+    assert labels(diagram.plot(multiples=[3])) == {"3\u00d7"}
+    page = diagram.page(tmp_path / "a.html", multiples=[5]).read_text()
+    assert "5\u00d7" in page or "5\\u00d7" in page
+    assert not diagram.resonances([]).size
+    with pytest.raises(bd.BeamdaeError, match="multiples must"):
+        bd.draw_campbell(diagram, [0.5])
+    with pytest.raises(bd.BeamdaeError, match="campbell: multiples must"):
+        bd.campbell(rotor_on_a_bearing(), [1.0], multiples=[0])
+
+
 @pytest.mark.parametrize("speeds", [[0.0, 60.0, 120.0], [0.0, 100.0, 200.0], [0.0, 250.0]])
 def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     """Interpolation of the frequencies was up to 4 % off, of their squares up to 0.7 %."""

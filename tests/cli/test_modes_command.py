@@ -76,6 +76,10 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
             "--about equilibrium and --speed are mutually exclusive; omit one.",
         ),
         (
+            ["--speed", "1", "--multiple", "6"],
+            "--multiple requires several speeds; repeat --speed.",
+        ),
+        (
             ["--speed", "1", "--speed", "2", "--animate", "1"],
             "--animate does not support several speeds",
         ),

@@ -33,3 +33,18 @@ class _Hostile:
 def test_regression_a_name_that_raises_when_compared_is_rejected():
     with pytest.raises(bd.BeamdaeError, match=r"^peaks: column must be "):
         select_column("peaks", HEADERS, _Hostile())
+
+
+def test_regression_a_list_of_names_selects_a_table_over_time():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    run = bd.simulate(mech, t_end=0.1)
+    table = run[["ball.y", "ball.x [m]", "ball.y"]]
+    assert list(table) == ["ball.y [m]", "ball.x [m]"]
+    assert table.index.name == "t [s]"
+    assert list(run[["ball.y"]]) == ["ball.y [m]"]
+    with pytest.raises(bd.BeamdaeError, match=r"no column 'ball\.z'"):
+        run[["ball.y", "ball.z"]]
+    with pytest.raises(AttributeError, match=r"plot\.save\(path\)"):
+        run.plot("ball.y").savefig("y.png")

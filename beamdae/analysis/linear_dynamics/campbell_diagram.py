@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -125,6 +126,8 @@ class Campbell(HasTable, HasPage):
         Center of rotation (x, y) in the reference configuration [m].
     damping
         False for undamped modes.
+    multiples
+        Numbers of excitations per revolution (engine orders) whose resonances are shown.
     """
 
     speeds: Array
@@ -132,6 +135,7 @@ class Campbell(HasTable, HasPage):
     modes: tuple[Modes, ...] = field(repr=False)
     center: tuple[float, float] = (0.0, 0.0)
     damping: bool = True
+    multiples: tuple[int, ...] = SPEED_MULTIPLES
     _stops: tuple[_Stop, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
@@ -167,9 +171,35 @@ class Campbell(HasTable, HasPage):
             ),
         )
 
-    def plot(self) -> Plot:
+    def plot(self, multiples: Sequence[int] | None = None) -> Plot:
         """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""
-        return load_views().draw_campbell(self)
+        return load_views().draw_campbell(self, multiples)
+
+    def page(self, path: str | Path, multiples: Sequence[int] | None = None) -> Path:
+        """Write an HTML page with the frequencies, the resonances and the motion of each mode.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        multiples
+            Numbers of excitations per revolution. Defaults to those of the diagram.
+
+        Raises
+        ------
+        BeamdaeError
+            If `multiples` is invalid, or the file cannot be written.
+        """
+        return HasPage.page(self.with_multiples(multiples), path)
+
+    def with_multiples(self, multiples: Sequence[int] | None) -> Campbell:
+        """Return the diagram with other numbers of excitations per revolution.
+
+        None keeps those of the diagram. Raises BeamdaeError if a number is not whole or below 1.
+        """
+        if multiples is None:
+            return self
+        return replace(self, multiples=_require_multiples("Campbell", multiples))
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per speed [rad/s]: frequencies [Hz], growth rates [1/s]."""
@@ -182,7 +212,7 @@ class Campbell(HasTable, HasPage):
             columns[f"growth rate {k} [1/s]"] = values
         return pd.DataFrame(columns)
 
-    def resonances(self, multiples: Sequence[int] = SPEED_MULTIPLES) -> pd.DataFrame:
+    def resonances(self, multiples: Sequence[int] | None = None) -> pd.DataFrame:
         """Return the nonzero speeds at which frequencies are multiples of the rotation speed.
 
         Modes are computed at further speeds until the resonances are accurate to a relative error
@@ -193,7 +223,8 @@ class Campbell(HasTable, HasPage):
         Parameters
         ----------
         multiples
-            Numbers of excitations per revolution, each at least 1.
+            Numbers of excitations per revolution, each at least 1. Defaults to those of the
+            diagram.
 
         Returns
         -------
@@ -208,10 +239,7 @@ class Campbell(HasTable, HasPage):
         """
         import pandas as pd
 
-        numbers = [
-            require_count("Campbell", "multiples", k)
-            for k in require_sequence("Campbell", "multiples", multiples, "a list of numbers")
-        ]
+        numbers = self.with_multiples(multiples).multiples
         rows = []
         for mode, before, after in self._intervals:
             for multiple in numbers:
@@ -306,6 +334,7 @@ def campbell(
     n: int = 6,
     center: tuple[float, float] = (0.0, 0.0),
     damping: bool = True,
+    multiples: Sequence[int] = SPEED_MULTIPLES,
 ) -> Campbell:
     """Compute the Campbell diagram of a mechanism in steady rotation.
 
@@ -324,6 +353,9 @@ def campbell(
         Center of rotation (x, y) in the reference configuration [m].
     damping
         Set False for undamped modes; see `modes`.
+    multiples
+        Numbers of excitations per revolution (engine orders), which pictures, pages and
+        `Campbell.resonances` show; each at least 1.
 
     Returns
     -------
@@ -359,6 +391,7 @@ def campbell(
     if not values:
         raise BeamdaeError("campbell: speeds must contain at least one value [rad/s], got none.")
     count = require_count("campbell", "n", n)
+    numbers = _require_multiples("campbell", multiples)
     if isinstance(model, Model):
         model = model()
 
@@ -374,8 +407,13 @@ def campbell(
         rows.append(after.eigenvalues[stops[-1].order])
     place = rotation(0.0, center).center
     return Campbell(
-        np.array(values), np.array(rows), tuple(all_modes), place, damping, tuple(stops)
+        np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
+
+
+def _require_multiples(caller: str, multiples: Any) -> tuple[int, ...]:
+    values = require_sequence(caller, "multiples", multiples, "a list of numbers")
+    return tuple(require_count(caller, "multiples", k) for k in values)
 
 
 def _follow(

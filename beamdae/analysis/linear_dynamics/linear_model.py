@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +27,7 @@ from beamdae.errors import BeamdaeError, require_finite, require_sequence, short
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
+from beamdae.model_parameters import split_unit
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part
 from beamdae.read_only import read_only_data
@@ -200,7 +201,8 @@ def linearize(
         Names of inputs, forces, moments and drivers. Defaults to all of them. Those that are not
         named keep the values that they have at the state.
     outputs
-        Names of observables. Defaults to all of them.
+        Names of observables, which select all their columns, or of columns such as "tip.y", with
+        or without the unit. Defaults to all of them.
 
     Returns
     -------
@@ -234,13 +236,13 @@ def linearize(
         model = model()
     lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
     model_inputs = _resolve_inputs(model, lin, inputs)
-    observables = _resolve_outputs(lin, outputs)
+    observables, columns = _resolve_outputs(lin, outputs)
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    return _StateReduction(lin, model_inputs).linear_model(observables)
+    return _select_outputs(_StateReduction(lin, model_inputs).linear_model(observables), columns)
 
 
 class ModelInput(NamedTuple):
@@ -358,20 +360,42 @@ def _part_residual(
 
 
 def _resolve_outputs(
-    lin: Linearization, observable_names: Sequence[str] | None
-) -> list[Observable]:
-    observables = {o.name: o for o in lin.full_equations.observables}
-    if observable_names is None:
-        observable_names = list(observables)
-    names = require_sequence("linearize", "outputs", observable_names, "names")
-    for name in names:
-        if not isinstance(name, str) or name not in observables:
+    lin: Linearization, names: Sequence[str] | None
+) -> tuple[list[Observable], list[str]]:
+    """Return the observables to which the named outputs belong, and the headers of the outputs."""
+    observables = lin.full_equations.observables
+    owners = {header: o for o in observables for header in o.headers}
+    selected: dict[str, list[str]] = {o.name: o.headers for o in observables}
+    for header in owners:
+        selected.setdefault(header, [header])
+        selected.setdefault(split_unit(header)[0], [header])
+    if names is None:
+        names = [o.name for o in observables]
+    headers: list[str] = []
+    for name in require_sequence("linearize", "outputs", names, "names"):
+        if not isinstance(name, str) or name not in selected:
             raise BeamdaeError(
                 "linearize: there is no output "
-                f"{short_repr(name)}{suggest(name, observables)}; use the name of an "
-                "observable."
+                f"{short_repr(name)}{suggest(name, selected)}; use the name of an "
+                "observable or of a column."
             )
-    return [observables[name] for name in names]
+        headers += selected[name]
+    return list({id(owners[x]): owners[x] for x in headers}.values()), headers
+
+
+def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:
+    """Return a linear model with these outputs, in this order."""
+    available = [output.header for output in model.outputs]
+    if list(headers) == available:
+        return model
+    rows = [available.index(header) for header in headers]
+    return replace(
+        model,
+        C=model.C[rows],
+        D=model.D[rows],
+        outputs=tuple(model.outputs[k] for k in rows),
+        output_values=model.output_values[rows],
+    )
 
 
 class _StateReduction:

@@ -28,6 +28,7 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError, require_choice, require_count
 
 _STATES = ("reference", "equilibrium")
+_MIN_SPEEDS = 2  # of a Campbell diagram
 
 
 def modes_command(
@@ -54,6 +55,15 @@ def modes_command(
             "(3000rpm); repeat for a Campbell diagram.",
         ),
     ] = None,
+    multiple: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--multiple",
+            metavar="N",
+            help="Excitations per revolution (engine order) in the Campbell diagram; repeatable. "
+            "Defaults to 1, 2, 3 and 4.",
+        ),
+    ] = None,
     animate: Annotated[
         list[int] | None,
         typer.Option(
@@ -77,20 +87,23 @@ def modes_command(
     speeds, animated_modes = speed or [], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
+    if multiple and len(speeds) < _MIN_SPEEDS:
+        raise BeamdaeError("modes: --multiple requires several speeds; repeat --speed.")
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
     kinds = ("csv", *["html"] * page, *["png"] * picture)
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
-    from beamdae.analysis.linear_dynamics.campbell_diagram import campbell
+    from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
     from beamdae.analysis.linear_dynamics.natural_modes import modes
     from beamdae.parts.rotation import rotation
 
     mechanism = model()
     result: Any
-    if len(speeds) > 1:
-        result = campbell(mechanism, speeds, number, damping=damping)
+    if len(speeds) >= _MIN_SPEEDS:
+        orders = multiple or SPEED_MULTIPLES
+        result = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
     else:
         result = modes(mechanism, rotation(speeds[0]) if speeds else about, number, damping)
         for k in animated_modes:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, Campbell
+from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count, short_repr
@@ -201,7 +202,7 @@ def animate_mode(
     return FigureAnimation(figure, artists.show, number, rate).save("animate_mode", path)
 
 
-def draw_campbell(diagram: Campbell) -> Plot:
+def draw_campbell(diagram: Campbell, multiples: Sequence[int] | None = None) -> Plot:
     """Plot natural frequencies and multiples of the rotational speed over the rotational speed.
 
     Circles mark the resonances where they are equal; see `Campbell.resonances`. The picture ends
@@ -211,6 +212,8 @@ def draw_campbell(diagram: Campbell) -> Plot:
     ----------
     diagram
         Result of `beamdae.campbell`.
+    multiples
+        Numbers of excitations per revolution (engine orders). Defaults to those of the diagram.
 
     Returns
     -------
@@ -220,9 +223,18 @@ def draw_campbell(diagram: Campbell) -> Plot:
     Raises
     ------
     BeamdaeError
-        If `diagram` is not a result of `beamdae.campbell`.
+        If `diagram` is not a result of `beamdae.campbell`, or `multiples` is invalid.
     """
-    return Plot(create_campbell_figure(diagram))
+    _require_campbell(diagram)
+    return Plot(create_campbell_figure(diagram.with_multiples(multiples)))
+
+
+def _require_campbell(diagram: Any) -> None:
+    if not isinstance(diagram, Campbell):
+        raise BeamdaeError(
+            "draw_campbell: diagram must be a result of beamdae.campbell, "
+            f"got {short_repr(diagram)}."
+        )
 
 
 def choose_frequency_limit(diagram: Campbell) -> float:
@@ -233,7 +245,7 @@ def choose_frequency_limit(diagram: Campbell) -> float:
     """
     highest = float(np.max(diagram.frequencies, initial=0.0))
     fastest = float(np.max(np.abs(diagram.speeds), initial=0.0))
-    excitation = max(SPEED_MULTIPLES) * fastest / (2.0 * np.pi)
+    excitation = max(diagram.multiples, default=0) * fastest / (2.0 * np.pi)
     above = diagram.frequencies[:, np.min(diagram.frequencies, axis=0) > excitation]
     if not excitation or not above.size:
         return highest
@@ -259,12 +271,7 @@ def describe_hidden_modes(diagram: Campbell) -> str:
 
 
 def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -> Figure:
-    """Create the figure of a Campbell diagram; see `draw_campbell` for errors."""
-    if not isinstance(diagram, Campbell):
-        raise BeamdaeError(
-            "draw_campbell: diagram must be a result of beamdae.campbell, "
-            f"got {short_repr(diagram)}."
-        )
+    """Create the figure of a Campbell diagram."""
     figure = _create_figure(
         (6.4, 4.8), f"{title}; dashed: multiples of the speed, circles: resonances"
     )
@@ -276,7 +283,7 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     highest = 1.05 * choose_frequency_limit(diagram) or 1.0
     revolutions = np.abs(speeds) / (2.0 * np.pi)
     labels: list[LineLabel] = []
-    for multiple in SPEED_MULTIPLES:
+    for multiple in diagram.multiples:
         line = multiple * revolutions
         axis.plot(speeds, line, color="0.6", lw=0.8, ls=(0, (4, 3)))
         # From the right end, where the lines are farthest apart.

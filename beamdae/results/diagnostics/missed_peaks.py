@@ -16,7 +16,7 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 # Units of columns that contacts and other abrupt forces change within a few steps.
-_IMPULSIVE_UNITS = ("N", "N m", "m/s^2", "rad/s^2", "Pa")
+_IMPULSIVE_UNITS = ("N", "N m", "W", "m/s^2", "rad/s^2", "Pa")
 # Units of translations beside those of rotations, whose values differ by a factor of a length.
 _UNITS_OF_POINTS = {"N m": "N", "rad/s^2": "m/s^2"}
 _ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mechanism
@@ -70,7 +70,7 @@ def measure_step_extremes(
     """Return the extremes of the observed columns at the steps between the output rows.
 
     With contacts, all columns are evaluated; with other forces that may change abruptly (formulas,
-    tables, friction in joints), only forces, moments, accelerations and stresses. Otherwise the
+    tables, friction in joints), only the units of forces, powers and stresses. Otherwise the
     result is empty because the columns hardly change between rows. Columns that are not finite at a
     step are omitted.
 
@@ -182,8 +182,8 @@ def find_missed_peaks(
 ) -> dict[str, MissedPeak]:
     """Return the missed peak of each column whose largest or smallest value the rows miss.
 
-    Only forces, moments, accelerations and stresses are considered, and only differences above
-    1 % of the range of the column.
+    Only forces, moments, powers, accelerations and stresses are considered, and only differences
+    above 1 % of the range of the column.
 
     Parameters
     ----------
