@@ -179,9 +179,10 @@ def _create_curve_files(
 
     # The curves are those of the last time if the values of the cases and the measures of their
     # columns are.
+    records = table.iloc[in_files].to_dict("records")
     texts = {
-        k: repr((table.iloc[k].to_dict(), shared_measures(results.outcome(results.study.cases[k]))))
-        for k in in_files
+        k: repr((record, shared_measures(results.outcome(results.study.cases[k]))))
+        for k, record in zip(in_files, records, strict=True)
     }
     batches = [in_files[k : k + _CASES_PER_FILE] for k in range(0, len(in_files), _CASES_PER_FILE)]
     return [
