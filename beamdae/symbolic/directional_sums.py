@@ -11,14 +11,38 @@ is differenced. Shared numbers, such as time and matrix factors, are constant.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.linear.lane_operations import aligned_zeros
+from beamdae.native.loop_functions import (
+    add,
+    add_tiles,
+    add_weighted,
+    call_kernel,
+    fill,
+    gather,
+    pick,
+    pick_tiles,
+)
+from beamdae.symbolic.kernel_sums import (
+    ADD_END,
+    ADD_TILE_END,
+    GATHER_END,
+    LANES,
+    PICK_END,
+    PICK_TILE_END,
+    START,
+    WEIGHTED_END,
+    Batch,
+    Kernel,
+    Sum,
+    SumPlan,
+)
 from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import directional_derivative, has_lookups
+from beamdae.symbolic.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX
@@ -137,22 +161,116 @@ def directional_plan(
     )
 
 
-def tangent_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
-    """Return a `directional_plan` that gathers tangents alone.
+def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
+    """Return a `directional_plan` that does not gather dp, for `evaluate_direction`.
 
-    For several directions at one point, x is gathered once: the `Sum` of the result shares the
-    array `local` with that of `plan`, which is evaluated for the first direction. `n_inputs` is the
-    size of x.
+    `n_inputs` is the size of x. Many more numbers belong to the data of copies than to their
+    motion; those of a direction are the same in all steps, see `direction_inputs`.
     """
-    table = plan.batch_table.copy()
-    columns: dict[str, Any] = {}
-    for kind, end in (("pick", 2), ("gather", 3)):
-        is_tangent = getattr(plan, f"{kind}_sources") >= n_inputs
-        counts = np.concatenate([[0], np.cumsum(is_tangent)])
-        table[:, end] = counts[plan.batch_table[:, end]]
-        names = [f"{kind}_targets", f"{kind}_sources"] + ["gather_weights"] * (kind == "gather")
-        columns |= {name: getattr(plan, name)[is_tangent] for name in names}
-    return replace(plan, batch_table=table, **columns)
+    table, is_motion = plan.batch_table.copy(), plan.pick_sources < 2 * n_inputs
+    table[:, 2] = np.concatenate([[0], np.cumsum(is_motion)])[table[:, 2]]
+    return replace(
+        plan,
+        batch_table=table,
+        pick_targets=plan.pick_targets[is_motion],
+        pick_sources=plan.pick_sources[is_motion],
+    )
+
+
+def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> Array:
+    """Return the array `local` of each direction for `evaluate_direction`, (k, n_local).
+
+    Parameters
+    ----------
+    plan, n_inputs
+        Result of `directional_plan`, and the size of x.
+    p, numbers
+        Numbers of the model, and their derivatives dp, one direction a row.
+    """
+    local = aligned_zeros(len(numbers) * plan.n_local).reshape(len(numbers), plan.n_local)
+    local[:, plan.data_targets] = p[plan.data_sources]
+    is_data = plan.pick_sources >= 2 * n_inputs
+    sources = plan.pick_sources[is_data].astype(np.int64) - 2 * n_inputs
+    local[:, plan.pick_targets[is_data]] = numbers[:, sources]
+    return local
+
+
+def evaluate_direction(total: Sum, local: Array, x: Array, result: Array) -> None:
+    """Write the derivative at x = (point, change of the motion) into `result`.
+
+    Parameters
+    ----------
+    total
+        Sum of a `motion_plan`.
+    local
+        Array of the direction, see `direction_inputs`, in place of `total.local`.
+    x, result
+        See `kernel_sums.evaluate_sum`.
+    """
+    out, batches = total.out, total.batches
+    fill(result, 0.0)
+    pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
+    pick_tile_begin, add_tile_begin = 0, 0
+    for k in range(batches.shape[0]):
+        start, lanes = batches[k, START], batches[k, LANES]
+        pick_end, gather_end = batches[k, PICK_END], batches[k, GATHER_END]
+        add_end, weighted_end = batches[k, ADD_END], batches[k, WEIGHTED_END]
+        pick_tile_end, add_tile_end = batches[k, PICK_TILE_END], batches[k, ADD_TILE_END]
+        tiles = total.pick_tiles
+        pick_tiles(local, start, lanes, x, tiles, pick_tile_begin, pick_tile_end)
+        pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)
+        targets, weights, sources = total.gather_targets, total.gather_weights, total.gather_sources
+        gather(local, targets, weights, x, sources, gather_begin, gather_end)
+        call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
+        add_tiles(result, out, lanes, total.add_tiles, add_tile_begin, add_tile_end)
+        add(result, total.add_targets, out, total.add_sources, add_begin, add_end)
+        targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
+        add_weighted(result, targets, weights, out, sources, weighted_begin, weighted_end)
+        pick_begin, gather_begin = pick_end, gather_end
+        pick_tile_begin, add_tile_begin = pick_tile_end, add_tile_end
+        add_begin, weighted_begin = add_end, weighted_end
+
+
+class StackedSum:
+    """Directional derivative for several directions together, in CasADi's virtual machine.
+
+    Parameters
+    ----------
+    plan
+        Result of `directional_plan`.
+    p
+        Numbers of the model.
+    """
+
+    def __init__(self, plan: SumPlan, p: Array) -> None:
+        self._plan, self._data = plan, p[plan.data_sources]
+        self._shared = np.zeros(plan.n_shared)
+
+    def __call__(self, time: Array, x: Array, size: int) -> Array:
+        """Return the derivatives (..., size) at (t, branch) for inputs (..., n)."""
+        self._shared[: len(time)] = time
+        plan, rows = self._plan, x.reshape(-1, x.shape[-1])
+        count = len(rows)
+        gather, scatter = plan.operators
+        local = gather @ rows.T[: gather.shape[1]]
+        local[plan.data_targets] = self._data[:, None]
+        out, first = np.zeros((scatter.shape[1], count)), 0
+        for kernel, start, lanes, copies in plan.batches:
+            shapes = [(height, lanes, count) for height in (kernel.n_local, kernel.n_out)]
+            inputs = local[start : start + kernel.n_local * lanes].reshape(shapes[0])[:, :copies]
+            outputs = out[first : first + kernel.n_out * lanes].reshape(shapes[1])
+            first += kernel.n_out * lanes
+            moved = np.arange(count)
+            if kernel.linear_from is not None:
+                # A parameter changes few kernels of the start of a run.
+                (moved,) = np.nonzero(inputs[kernel.linear_from :].any(axis=(0, 1)))
+            if len(moved):
+                points = inputs[..., moved].T.reshape(-1, kernel.n_local)
+                values = kernel.rows(self._shared, points).reshape(len(moved), copies, -1)
+                outputs[:, :copies, moved] = values.T
+        result = np.zeros((count, size))
+        result[:, : scatter.shape[0]] = (scatter @ out).T
+        return result.reshape(*x.shape[:-1], size)
 
 
 def group_by_batch(count: int, *batches: Array) -> tuple[Array, Array]:
@@ -182,6 +300,7 @@ def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Ke
     directional = ca.Function(
         f"{function.name()}_directional", [shared, ca.vertcat(local, tangent)], [results]
     )
+    directional = expand_sines(directional, is_derivative=True) or directional
     if with_value:
         result = Kernel(directional, kernel.outputs * 2)
     else:

@@ -18,6 +18,7 @@ from weakref import finalize
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.linear.lane_operations import aligned_zeros
 from beamdae.native.lane_code import LANE_WIDTH
@@ -34,7 +35,7 @@ from beamdae.native.loop_functions import (
     pick_tiles,
 )
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.compiled import Compiled, keep_latest
+from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.lane_tiles import BatchRows, Tiles, find_tiles
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
 from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
@@ -46,14 +47,14 @@ SX = ca.SX
 # Columns of `Sum.batches`: start of the inputs of a batch in `local`, its number of lanes, and the
 # ends of its entries in `pick_targets`, `gather_targets`, `add_targets`, `weighted_targets`,
 # `pick_tiles` and `add_tiles`.
-_START = 0
-_LANES = 1
-_PICK_END = 2
-_GATHER_END = 3
-_ADD_END = 4
-_WEIGHTED_END = 5
-_PICK_TILE_END = 6
-_ADD_TILE_END = 7
+START = 0
+LANES = 1
+PICK_END = 2
+GATHER_END = 3
+ADD_END = 4
+WEIGHTED_END = 5
+PICK_TILE_END = 6
+ADD_TILE_END = 7
 
 
 # Largest inputs of sums that are kept for later models.
@@ -109,6 +110,11 @@ class Kernel:
         """The same kernel, with sines and cosines as polynomials if it has several."""
         function = expand_sines(self.function)
         return self if function is None else Kernel(function, self.outputs)
+
+    @cached_property
+    def rows(self) -> RowFunction:
+        """The function, evaluated for many copies at a time."""
+        return RowFunction(self.function)
 
     @property
     def native(self) -> LaneKernel | None:
@@ -170,7 +176,7 @@ class Sum:
     kernels
         One per batch: addresses of machine code, or Python functions of (shared, local, out).
     batches
-        One row per batch, with the columns `_START` to `_ADD_TILE_END`. Entries of `add_targets`
+        One row per batch, with the columns `START` to `ADD_TILE_END`. Entries of `add_targets`
         and `weighted_targets` beyond the last batch read `shared` and the 1.
     pick_targets, pick_sources
         local[pick_targets] = x[pick_sources].
@@ -341,15 +347,15 @@ class SumPlan:
         """Fields of `Sum` that depend on tiles, for machine code."""
         picks, adds = self._tiles
         table, count = self.batch_table, len(self.batches)
-        n_add = int(table[-1, _ADD_END]) if count else 0
+        n_add = int(table[-1, ADD_END]) if count else 0
         is_added = np.ones(len(self.add_targets), bool)
         is_added[:n_add] = ~adds.covered
         remaining = [
             np.concatenate([[0], np.cumsum(~covered)])[table[:, column]]
-            for covered, column in ((picks.covered, _PICK_END), (adds.covered, _ADD_END))
+            for covered, column in ((picks.covered, PICK_END), (adds.covered, ADD_END))
         ]
         batches = np.column_stack([table, picks.ends, adds.ends])
-        batches[:, _PICK_END], batches[:, _ADD_END] = remaining
+        batches[:, PICK_END], batches[:, ADD_END] = remaining
         return {
             "batches": np.ascontiguousarray(batches, np.int64),
             "pick_targets": self.pick_targets[~picks.covered],
@@ -364,7 +370,7 @@ class SumPlan:
         """Fields of `Sum` without tiles; numbers are added in the order of `_tiled_entries`."""
         _, adds = self._tiles
         n_add = len(adds.covered)
-        batch = _entry_batches(self.batch_table[:, _ADD_END], n_add)
+        batch = _entry_batches(self.batch_table[:, ADD_END], n_add)
         rest = np.flatnonzero(~adds.covered)
         entries = np.concatenate([adds.order, rest])
         order = entries[np.argsort(batch[entries], kind="stable")]
@@ -388,17 +394,53 @@ class SumPlan:
         outputs = [BatchRows(x.kernel.n_out, x.lanes, x.copies) for x in self.batches]
         targets, sources = (x.astype(np.int64) for x in (self.pick_targets, self.pick_sources))
         picks = find_tiles(inputs, targets, sources, fills_padding=True)
-        n_add = int(self.batch_table[-1, _ADD_END]) if len(self.batches) else 0
-        batch = _entry_batches(self.batch_table[:, _ADD_END], n_add)
+        n_add = int(self.batch_table[-1, ADD_END]) if len(self.batches) else 0
+        batch = _entry_batches(self.batch_table[:, ADD_END], n_add)
         sizes = np.array([x.height * x.lanes for x in outputs], np.int64)
         starts = np.cumsum(sizes) - sizes
         positions = starts[batch] + self.add_sources[:n_add].astype(np.int64)
         rows = self.add_targets[:n_add].astype(np.int64)
         adds = find_tiles(outputs, positions, rows, fills_padding=False)
-        for tiles, first in ((picks, self.batch_table[:, _START]), (adds, starts)):
+        for tiles, first in ((picks, self.batch_table[:, START]), (adds, starts)):
             counts = np.diff(tiles.ends, prepend=0)
             tiles.table[:, 0] -= np.repeat(first, counts)
         return picks, adds
+
+    @cached_property
+    def operators(self) -> tuple[sp.csr_array, sp.csr_array]:
+        """Matrices that gather x in `local`, and add the outputs of all batches to the result.
+
+        Batches are in order, (component, copy) within each of them. Shared numbers are not added.
+        """
+        picks = (np.ones(len(self.pick_targets)), self.pick_targets, self.pick_sources)
+        gathers = (self.gather_weights, self.gather_targets, self.gather_sources)
+        sizes = np.array([b.kernel.n_out * b.lanes for b in self.batches], np.int64)
+        starts = np.cumsum(sizes) - sizes
+        ends = self.batch_table[:, [ADD_END, WEIGHTED_END]].T
+        entries = (
+            (self.add_targets, self.add_sources, np.ones(len(self.add_targets))),
+            (self.weighted_targets, self.weighted_sources, self.weights),
+        )
+        adds = []
+        for end, (targets, sources, weights) in zip(ends, entries, strict=True):
+            count = int(end[-1]) if len(end) else 0
+            columns = starts[_entry_batches(end, count)] + sources[:count].astype(np.int64)
+            adds.append((weights[:count], targets[:count], columns))
+        return (
+            _matrix(picks, gathers, height=self.n_local),
+            _matrix(*adds, width=int(sizes.sum())),
+        )
+
+
+def _matrix(
+    *entries: tuple[Array, Array, Array], height: int | None = None, width: int | None = None
+) -> sp.csr_array:
+    """Return the sum of entries (values, rows, columns), as large as necessary by default."""
+    values, rows, columns = map(np.concatenate, zip(*entries, strict=True))
+    rows, columns = rows.astype(np.int64), columns.astype(np.int64)
+    height = int(rows.max(initial=-1)) + 1 if height is None else height
+    width = int(columns.max(initial=-1)) + 1 if width is None else width
+    return sp.csr_array((values, (rows, columns)), shape=(height, width))
 
 
 def _entry_batches(ends: Array, count: int) -> Array:
@@ -460,10 +502,10 @@ def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
     pick_tile_begin, add_tile_begin = 0, 0
     for k in range(batches.shape[0]):
-        start, lanes = batches[k, _START], batches[k, _LANES]
-        pick_end, gather_end = batches[k, _PICK_END], batches[k, _GATHER_END]
-        add_end, weighted_end = batches[k, _ADD_END], batches[k, _WEIGHTED_END]
-        pick_tile_end, add_tile_end = batches[k, _PICK_TILE_END], batches[k, _ADD_TILE_END]
+        start, lanes = batches[k, START], batches[k, LANES]
+        pick_end, gather_end = batches[k, PICK_END], batches[k, GATHER_END]
+        add_end, weighted_end = batches[k, ADD_END], batches[k, WEIGHTED_END]
+        pick_tile_end, add_tile_end = batches[k, PICK_TILE_END], batches[k, ADD_TILE_END]
         tiles = total.pick_tiles
         pick_tiles(local, start, lanes, x, tiles, pick_tile_begin, pick_tile_end)
         pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)

@@ -39,8 +39,8 @@ def expand_powers(function: ca.Function, *arguments: SX, min_base: float = 0.0) 
 def _limit_slope(base: SX, exponent: SX, min_base: float) -> SX:
     """Return a nonzero base whose derivative is zero where that of the power is not bounded."""
     is_steep = (ca.fabs(base) <= min_base) * (exponent < 1.0)
-    result = (1.0 - is_steep) * base + _TINY_BASE * (base == 0.0)
+    result = (1.0 - is_steep) * base
     if min_base > 0.0:
         # The derivative of `floor` is zero.
         result += is_steep * _BASE_RESOLUTION * ca.floor(base / _BASE_RESOLUTION)
-    return result
+    return result + _TINY_BASE * (result == 0.0)

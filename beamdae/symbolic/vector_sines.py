@@ -38,6 +38,8 @@ _MIN_SINES = 3
 # Functions with more instructions per sine or cosine spend most of their time elsewhere, and take
 # longer to rewrite.
 _MAX_INSTRUCTIONS_PER_SINE = 150
+# Larger derivatives, those of matrices, are evaluated once per run.
+_MAX_DERIVATIVE_INSTRUCTIONS = 4000
 
 
 def sine_and_cosine(x: SX) -> tuple[SX, SX]:
@@ -85,14 +87,19 @@ def _evaluate_polynomial(coefficients: tuple[float, ...], x: SX) -> SX:
     return value
 
 
-def expand_sines(function: ca.Function) -> ca.Function | None:
+def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Function | None:
     """Return an SX function with its sines and cosines as polynomials.
 
-    Return None if the function has few, or few among many instructions.
+    Return None if the function has none, or few, or few among many instructions. Fewer are enough
+    if `is_derivative`: directional derivatives are evaluated many times per step.
     """
     codes = read_operations(function)
     sines = codes.count(ca.OP_SIN) + codes.count(ca.OP_COS)
-    if sines < _MIN_SINES or len(codes) > _MAX_INSTRUCTIONS_PER_SINE * sines:
+    if is_derivative:
+        is_rewritten = sines > 0 and len(codes) <= _MAX_DERIVATIVE_INSTRUCTIONS
+    else:
+        is_rewritten = sines >= _MIN_SINES and len(codes) <= _MAX_INSTRUCTIONS_PER_SINE * sines
+    if not is_rewritten:
         return None
     pairs: dict[int, Sequence[SX]] = {}
 

@@ -1,12 +1,20 @@
 """Directional derivatives of sums against central differences of the sums themselves."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.symbolic.directional_sums import directional_plan
+from beamdae.symbolic.directional_sums import (
+    StackedSum,
+    direction_inputs,
+    directional_plan,
+    evaluate_direction,
+    motion_plan,
+)
 from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.powers import expand_powers
 
 
 def two_beams(formulation):
@@ -60,3 +68,41 @@ def test_open_contact_has_no_derivative_by_its_exponent():
     x = np.concatenate([e.q0, np.zeros(n_x - e.n)])
     inputs = np.concatenate([x, np.zeros(n_x), np.ones(e.p.size)])
     assert np.isfinite(evaluate(directional_plan(plan, n_x), e.p, inputs, e.n + e.m)).all()
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_directions_together_equal_those_one_by_one(formulation):
+    e = two_beams(formulation)
+    size, n_x = e.n + e.m, 4 * e.n + 2 * e.m
+    plan = directional_plan(formulate_step(e, False).sums[0], n_x)
+    random = np.random.default_rng(2)
+    x = np.concatenate([e.q0, np.zeros(n_x - e.n)]) + random.normal(size=n_x) * 1e-2
+    along = random.normal(size=(3, n_x)) * 1e-2
+    numbers = random.normal(size=(3, e.p.size)) * 1e-2 * e.p
+    # A direction that changes one number only.
+    along[1], numbers[1, 1:] = 0.0, 0.0
+    rows = np.array([np.concatenate([x, *row]) for row in zip(along, numbers, strict=True)])
+    expected = np.array([evaluate(plan, e.p, row, size) for row in rows])
+    bounds = 1e-14 * np.abs(expected).max(axis=1, keepdims=True)
+    time = np.array([0.1, 0.1])
+    stacked = StackedSum(plan, e.p)
+    assert np.all(np.abs(stacked(time, rows, size) - expected) <= bounds)
+    assert np.array_equal(stacked(time, rows[2], size), stacked(time, rows[2:], size)[0])
+    total, local = motion_plan(plan, n_x).sum(False, e.p), direction_inputs(plan, n_x, e.p, numbers)
+    set_time(total, *time)
+    for k, row in enumerate(rows):
+        result = np.zeros(size)
+        evaluate_direction(total, local[k], row[: 2 * n_x], result)
+        assert np.all(np.abs(result - expected[k]) <= bounds[k])
+
+
+@pytest.mark.parametrize("penetration", [0.0, 1e-300, 1e-30, 1e-3])
+def test_regression_second_derivative_of_a_power_at_tiny_bases(penetration):
+    # Bases below the resolution of the bound were rounded to zero, whose power is infinite.
+    x, w = ca.SX.sym("x", 2), ca.SX.sym("w", 2)
+    force = ca.Function("force", [x], [x[0] ** x[1]])
+    stiffness = ca.Function("stiffness", [x], [ca.jacobian(expand_powers(force, x), x[0])])
+    value = expand_powers(stiffness, x, min_base=1e-6)
+    slope = ca.Function("slope", [x, w], [ca.jtimes(value, x, w)])([penetration, 1.5], [1.0, 0.0])
+    expected = 0.75 * penetration**-0.5 if penetration > 1e-6 else 0.0
+    assert float(slope) == pytest.approx(expected)

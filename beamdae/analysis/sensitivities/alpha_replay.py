@@ -15,7 +15,11 @@ import numpy as np
 
 from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives, time_rate
+from beamdae.analysis.sensitivities.start_derivatives import (
+    StartDerivatives,
+    differentiate_together,
+    time_rate,
+)
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
     StepBuffers,
@@ -46,6 +50,7 @@ from beamdae.native.batch_elimination import (
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
+from beamdae.symbolic.directional_sums import evaluate_direction
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
 
 Array = np.ndarray
@@ -73,9 +78,9 @@ class ReplayWorkspace:
     ----------
     form, linear, nonzeros
         Equations of a step, and the linear solver and non-zeros of their matrix.
-    directional, tangent, inputs
-        Directional derivative of the residual, the same sum for further directions at the same
-        motion, see `tangent_plan`, and their inputs (motion, its direction, dp).
+    directional, local, inputs
+        Directional derivative of the residual, its local inputs by direction, see
+        `direction_inputs`, and its inputs (motion, its direction).
     further, further_inputs, residual, further_numbers, is_further
         Directional derivative with further forces, its inputs and its result, and the numbers and
         the directions that have them, see `FurtherForces`.
@@ -90,8 +95,6 @@ class ReplayWorkspace:
     times, states, row
         Times (steps + 1,) [s] and states at the start and after the steps, and work array for one
         state (q, v, a, lam), (3n + m,).
-    numbers
-        Derivatives of p, one direction a row, (k, n_p).
     shifts, time_rates
         Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
         respect to time at the steps, (steps, n + m).
@@ -116,7 +119,7 @@ class ReplayWorkspace:
     linear: Any
     nonzeros: Array
     directional: Sum
-    tangent: Sum
+    local: Array
     inputs: Array
     further: Sum
     further_inputs: Array
@@ -135,7 +138,6 @@ class ReplayWorkspace:
     times: Array
     states: State
     row: Array
-    numbers: Array
     shifts: Array
     time_rates: Array
     q: Array
@@ -164,8 +166,10 @@ def replay_steps(run: ReplayWorkspace) -> int:
     c = run.prediction.coefficients
     motion = 4 * n + 2 * m
     inputs, change = run.inputs, run.change
+    # The predicted derivatives.
+    q_predicted, v_predicted = inputs[motion : motion + n], inputs[motion + n : motion + 2 * n]
     factor = 1.0 / (1.0 - run.alpha_m)
-    count = run.numbers.shape[0]
+    count = run.local.shape[0]
     while run.step < run.last:
         code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
@@ -173,29 +177,25 @@ def replay_steps(run: ReplayWorkspace) -> int:
         t, row = run.times[run.step + 1], run.row
         copy_state(run.states, run.step + 1, row)
         set_time(run.directional, t, run.branch)
-        set_time(run.tangent, t, run.branch)
         combine(inputs[: 3 * n + m], (1.0,), (row,))
         for k in range(count):
             q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
             combine(run.a_predicted, (factor * run.alpha_f, -factor * run.alpha_m), (ddq, a))
-            combine(q, (1.0, h, h * h * (0.5 - beta), h * h * beta), (q, v, a, run.a_predicted))
-            combine(v, (1.0, h * (1.0 - gamma), h * gamma), (v, a, run.a_predicted))
-            combine(inputs[motion : motion + n], (1.0,), (q,))
-            combine(inputs[motion + n : motion + 2 * n], (1.0,), (v,))
-            combine(inputs[2 * motion :], (1.0,), (run.numbers[k],))
-            if k == 0:
-                evaluate_sum(run.directional, inputs, change)
-            else:
-                evaluate_sum(run.tangent, inputs, change)
+            positions = (1.0, h, h * h * (0.5 - beta), h * h * beta)
+            combine(q_predicted, positions, (q, v, a, run.a_predicted))
+            velocities = (1.0, h * (1.0 - gamma), h * gamma)
+            combine(v_predicted, velocities, (v, a, run.a_predicted))
+            evaluate_direction(run.directional, run.local[k], inputs, change)
             if run.is_further[k] == 1:
                 _add_further_forces(run, t, k)
             combine(change[:n], (c[2],), (change[:n],))
             for i in run.form.velocity_rows:
                 change[i] /= c[0]
-            combine(change, (1.0, run.shifts[k]), (change, run.time_rates[run.step]))
+            if run.shifts[k] != 0.0:
+                combine(change, (1.0, run.shifts[k]), (change, run.time_rates[run.step]))
             solve(run.linear, change)
-            combine(q, (1.0, -1.0), (q, change[:n]))
-            combine(v, (1.0, -c[0]), (v, change[:n]))
+            combine(q, (1.0, -1.0), (q_predicted, change[:n]))
+            combine(v, (1.0, -c[0]), (v_predicted, change[:n]))
             combine(ddq, (-c[1],), (change[:n],))
             combine(a, (1.0, -1.0 / c[2]), (run.a_predicted, change[:n]))
             combine(lam, (-1.0 / c[2],), (change[n:],))
@@ -322,8 +322,6 @@ def differentiate_alpha_steps(
         States of the run.
     starts
         Derivatives of the consistent state along the moved start, one per direction.
-    numbers
-        Derivatives of p, one direction a row, (k, n_p).
     shifts
         Derivatives of the time of the start, one per direction [s].
     further
@@ -351,10 +349,18 @@ def differentiate_alpha_steps(
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
     h = _step_length(times, *groups[0])
     is_cured = method.start == "cured"
-    motions = [
-        x.initial_motion(AlphaStart(member, x.solver, True, is_cured), time, at, first, dp, h, dt)
-        for x, first, dp, dt in zip(derivatives, starts, all_numbers, shifts, strict=True)
-    ]
+
+    def start_motion(
+        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
+    ) -> tuple[Array, ...]:
+        start = AlphaStart(member, x.solver, True, is_cured)
+        motion = x.initial_motion(start, time, at, State(q, v, a, lam), dp, h, dt)
+        return motion.q, motion.v, motion.ddq, motion.a, motion.lam
+
+    motions = differentiate_together(
+        derivatives, start_motion, *zip(*starts, strict=True), all_numbers, shifts
+    )
+    first_q, first_v, first_ddq, first_a, first_lam = map(np.array, zip(*motions, strict=True))
 
     def directional(x: StartDerivatives) -> SumPlan:
         return x.directional_plan(_plan_residual, 4 * n + 2 * m)
@@ -370,14 +376,14 @@ def differentiate_alpha_steps(
     def make_workspace(native: bool) -> ReplayWorkspace:
         q, v, a, before = np.zeros((4, n))
         linear, max_batch = make_step_solver(native, matrix)
-        directional, tangent = along.directional_sums(_plan_residual, 4 * n + 2 * m, native)
+        directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
             form=form.buffers(native),
             linear=linear,
             nonzeros=matrix.nonzeros,
             directional=directional,
-            tangent=tangent,
-            inputs=np.zeros(2 * (4 * n + 2 * m) + numbers.shape[1]),
+            local=local,
+            inputs=np.zeros(2 * (4 * n + 2 * m)),
             further=further_plan.sum(native, further.equations.p),
             further_inputs=np.zeros(2 * (4 * n + 2 * m) + further.numbers.shape[1]),
             residual=np.zeros(n + m),
@@ -395,14 +401,13 @@ def differentiate_alpha_steps(
             times=np.ascontiguousarray(times),
             states=State(*map(np.ascontiguousarray, states)),
             row=np.zeros(3 * n + m),
-            numbers=np.ascontiguousarray(numbers),
             shifts=np.array(shifts),
             time_rates=np.zeros((steps, n + m)),
-            q=np.array([x.q for x in motions]),
-            v=np.array([x.v for x in motions]),
-            ddq=np.array([x.ddq for x in motions]),
-            a=np.array([x.a for x in motions]),
-            lam=np.array([x.lam for x in motions]).reshape(count, m),
+            q=first_q,
+            v=first_v,
+            ddq=first_ddq,
+            a=first_a,
+            lam=first_lam,
             a_predicted=np.zeros(n),
             change=np.zeros(n + m),
             results=results[count:],
@@ -481,9 +486,15 @@ def _change_step(
 ) -> None:
     """Convert the derivatives to the step length `h` [s], as the step loop converts the motion."""
     ratio, square = h / run.h, (h * h - run.h * run.h) * member.defect
-    for k, (x, dp) in enumerate(zip(derivatives, numbers, strict=True)):
-        along = State(run.q[k], run.v[k], run.ddq[k], run.lam[k])
-        dt, interval = float(run.shifts[k]), JERK_INTERVAL * h
-        jerk = x.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt)
-        run.v[k] += square * jerk
-        run.a[k] = (1.0 - ratio) * run.ddq[k] + ratio * run.a[k]
+
+    def differentiate(
+        x: StartDerivatives, q: Array, v: Array, a: Array, lam: Array, dp: Array, dt: Array
+    ) -> tuple[Array]:
+        along, interval = State(q, v, a, lam), JERK_INTERVAL * h
+        return (x.normal_jerk(time, at, along, dp, interval, holonomic_only=True, dt=dt),)
+
+    jerks = differentiate_together(
+        derivatives, differentiate, run.q, run.v, run.ddq, run.lam, numbers, run.shifts
+    )
+    run.v += square * np.array([jerk for (jerk,) in jerks])
+    run.a[:] = (1.0 - ratio) * run.ddq + ratio * run.a

@@ -46,6 +46,7 @@ from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import combine, eliminate, factorize, fill, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
+from beamdae.symbolic.directional_sums import evaluate_direction
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
 
 Array = np.ndarray
@@ -126,8 +127,9 @@ class RadauReplay:
     run
         Work arrays of the stages of the run, and then of their derivatives, which solve the same
         equations.
-    directional, inputs
-        Directional derivative of the residual, and its inputs (y, y', dy, dy', dp).
+    directional, local, inputs
+        Directional derivative of the residual, its local inputs by direction, see
+        `direction_inputs`, and its inputs (y, y', dy, dy').
     further, further_inputs, further_residuals, further_numbers, is_further
         Directional derivative with further forces, its inputs and its results at the stages,
         (3, size), and the numbers and the directions that have them, see `FurtherForces`.
@@ -136,16 +138,19 @@ class RadauReplay:
     times, rows
         Start and steps of the interval (steps + 1,) [s], and states (q, v, a, lam) at its start and
         at all stages, (3 steps + 1, 3n + m).
-    numbers
-        Derivatives of p, one direction a row, (k, n_p).
     negligible
         Changes of scaled positions that are rounding errors, (k,).
     y, yp
         Current derivatives of (y, y'), one direction a row.
     scales, weights, unit_weights
         Reciprocal scales of the coordinates, (n,), and of (q, h v), (2n,); ones (m,).
+    last_w
+        Transformed stages of the derivatives in the last step, from which those of the next step
+        are predicted, (3k, size).
     results
         Derivatives of (q, v, a, lam) at all stages, (3 steps * k, 3n + m).
+    last_step
+        Length of the last step [s]; 0 in the first step.
     step, direction
         Number of completed steps, and number of directions that are completed in the next step.
     tested
@@ -156,6 +161,7 @@ class RadauReplay:
 
     run: RadauWorkspace
     directional: Sum
+    local: Array
     inputs: Array
     further: Sum
     further_inputs: Array
@@ -166,14 +172,15 @@ class RadauReplay:
     rates: Array
     times: Array
     rows: Array
-    numbers: Array
     negligible: Array
     y: Array
     yp: Array
     scales: Array
     weights: Array
     unit_weights: Array
+    last_w: Array
     results: Array
+    last_step: float = 0.0
     step: int = 0
     direction: int = 0
     tested: int = 0
@@ -187,7 +194,7 @@ def replay_steps(replay: RadauReplay) -> int:
     solved by the simplified Newton iteration of the method, whose matrix is that of the second
     stage, with exact directional derivatives of the residual.
     """
-    run, count = replay.run, replay.numbers.shape[0]
+    run, count = replay.run, replay.local.shape[0]
     while replay.step < replay.times.size - 1:
         run.t = replay.times[replay.step]
         h = replay.times[replay.step + 1] - run.t
@@ -206,6 +213,7 @@ def replay_steps(replay: RadauReplay) -> int:
                 replay.direction += 1
         if code == DONE:
             replay.direction = 0
+            replay.last_step = h
             replay.step += 1
         elif replay.tested == JUST_TESTED:
             return code
@@ -283,20 +291,22 @@ def _factorize_matrices(replay: Any, h: float) -> int:
 
 def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     """Solve for the derivatives of the stages along direction `k`; return the code."""
-    run, n, size, weights = replay.run, replay.run.form.n, replay.run.form.size, replay.weights
+    run, n, weights = replay.run, replay.run.form.n, replay.weights
     m = replay.unit_weights.size
     combine(run.y, (1.0,), (replay.y[k],))
     combine(run.yp, (1.0,), (replay.yp[k],))
-    combine(replay.inputs[4 * size :], (1.0,), (replay.numbers[k],))
     if replay.is_further[k] == 1:
         _evaluate_further_forces(replay, h, k)
-    run.step_size.last_step = 0.0
+    is_similar = h <= _MAX_STEP_RATIO * replay.last_step
+    run.step_size.last_step = replay.last_step if is_similar else 0.0
+    for i in range(3):
+        combine(run.last_w[i], (1.0,), (replay.last_w[3 * k + i],))
     predict_stages(run, h)
     previous = math.inf
     for _ in range(_MAX_ITERATIONS):
         set_stages(run, h)
         for i in range(3):
-            _evaluate_derivative(replay, run.t + C[i] * h, i)
+            _evaluate_derivative(replay, run.t + C[i] * h, i, k)
             if replay.is_further[k] == 1:
                 residual = run.stage_residuals[i]
                 combine(residual, (1.0, 1.0), (residual, replay.further_residuals[i]))
@@ -343,8 +353,8 @@ def _largest_change(run: RadauWorkspace, first: int, last: int, weights: Array) 
     return max(real, max_norm(run.complex_change[first:last], weights))
 
 
-def _evaluate_derivative(replay: RadauReplay, t: float, i: int) -> None:
-    """Evaluate the derivative of the residual of a stage; write it to `run.stage_residuals`."""
+def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
+    """Write the derivative of the residual of stage `i` along direction `k` to the workspace."""
     run, n, size, inputs = replay.run, replay.run.form.n, replay.run.form.size, replay.inputs
     dy, dyp, residual = run.stages[i], run.rates[i], run.stage_residuals[i]
     combine(inputs[:size], (1.0,), (replay.stages[i],))
@@ -352,16 +362,17 @@ def _evaluate_derivative(replay: RadauReplay, t: float, i: int) -> None:
     combine(inputs[2 * size : 3 * size], (1.0,), (dy,))
     combine(inputs[3 * size : 4 * size], (1.0,), (dyp,))
     set_time(replay.directional, t, run.branch)
-    evaluate_sum(replay.directional, inputs, residual)
+    evaluate_direction(replay.directional, replay.local[k], inputs, residual)
     combine(residual[:n], (1.0, 1.0, -1.0), (residual[:n], dyp[:n], dy[n : 2 * n]))
 
 
 def _store_derivatives(replay: RadauReplay, k: int) -> None:
-    run, n, count = replay.run, replay.run.form.n, replay.numbers.shape[0]
+    run, n, count = replay.run, replay.run.form.n, replay.local.shape[0]
     for i in range(3):
         result = replay.results[(3 * replay.step + i) * count + k]
         combine(result[: 2 * n], (1.0,), (run.stages[i][: 2 * n],))
         combine(result[2 * n :], (1.0,), (run.rates[i][n : n + result.size - 2 * n],))
+        combine(replay.last_w[3 * k + i], (1.0,), (run.w[i],))
     combine(replay.y[k], (1.0,), (run.stages[2],))
     combine(replay.yp[k], (1.0,), (run.rates[2],))
 
@@ -378,7 +389,7 @@ def differentiate_radau_steps(
     steps: Array,
     further: FurtherForces,
 ) -> Array:
-    """Return the derivatives of (q, v, a, lam) at the stages of a smooth interval.
+    """Return the derivatives of (q, v, a, lam) at the start and the stages of a smooth interval.
 
     Parameters
     ----------
@@ -399,7 +410,7 @@ def differentiate_radau_steps(
     Returns
     -------
     numpy.ndarray
-        Derivatives (3 steps, k, 3n + m).
+        Derivatives (3 steps + 1, k, 3n + m); the first rows are `starts`.
 
     Raises
     ------
@@ -419,14 +430,18 @@ def differentiate_radau_steps(
         further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     scales = equations.position_scales
     packed = [form.pack(x) for x in starts]
+    results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
+    results[:count] = [np.concatenate(x) for x in starts]
 
     def make_replay(native: bool) -> RadauReplay:
         run = matrices_of_stages.make_workspace(form, native)
         run.branch = interval.branch
+        directional, local = derivatives.direction_sum(plan, 2 * size, native, numbers)
         return RadauReplay(
             run=run,
-            directional=plan.sum(native, equations.p),
-            inputs=np.zeros(4 * size + numbers.shape[1]),
+            directional=directional,
+            local=local,
+            inputs=np.zeros(4 * size),
             further=further_plan.sum(native, further.equations.p),
             further_inputs=np.zeros(4 * size + further.numbers.shape[1]),
             further_residuals=np.zeros((3, size)),
@@ -436,14 +451,14 @@ def differentiate_radau_steps(
             rates=np.zeros((3, size)),
             times=np.ascontiguousarray(interval.t),
             rows=np.ascontiguousarray(np.hstack(interval.rows)),
-            numbers=np.ascontiguousarray(numbers),
             negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
             yp=np.array([yp for _, yp in packed]),
             scales=1.0 / scales,
             weights=np.zeros(2 * n),
             unit_weights=np.ones(equations.m),
-            results=np.zeros((3 * n_steps * count, 3 * n + equations.m)),
+            last_w=np.zeros((3 * count, size)),
+            results=results[count:],
         )
 
     def matrices(replay: RadauReplay) -> list[tuple[Any, FactorizedMatrix]]:
@@ -462,4 +477,4 @@ def differentiate_radau_steps(
             "use a "
             "smaller rtol, or check the model."
         )
-    return loop.work.results.reshape(3 * n_steps, count, -1)
+    return results.reshape(3 * n_steps + 1, count, -1)

@@ -33,7 +33,10 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import Phase
 from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_steps
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.analysis.sensitivities.start_derivatives import (
+    StartDerivatives,
+    differentiate_together,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import SAME_TIME
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -102,10 +105,9 @@ class RunDerivatives:
             along = next((x for x in derivatives if x.equations.structure == run.structure), None)
             along = along or StartDerivatives(ConsistencySolver(run))
             if isinstance(self._method, Radau):
-                stages = differentiate_radau_steps(
+                nodes = differentiate_radau_steps(
                     along, active, firsts, numbers, parameter_steps, further
                 )
-                nodes = np.concatenate([[[np.concatenate(x) for x in firsts]], stages])
             else:
                 nodes = differentiate_alpha_steps(
                     self._method, along, derivatives, active, moved, numbers, shifts, further
@@ -142,14 +144,20 @@ class RunDerivatives:
         """Return the derivatives of the consistent start, by parameter."""
         derivatives = _derive_all(phases)
         time, at = node_state(with_active_multipliers(interval), 0)
-        firsts = []
-        for phase, along, dp in zip(phases, derivatives, _numbers(phases), strict=True):
+        numbers, starts = _numbers(phases), []
+        for phase, along, dp in zip(phases, derivatives, numbers, strict=True):
             if self._starts is None:
-                dq, dv = differentiate_start(phase.active, along, time, at, dp)
+                starts.append(differentiate_start(phase.active, along, time, at, dp))
             else:
-                dq, dv = self._starts[phase.whole.name]
-            firsts.append(along.consistent_state(time, at, at.v, dq, dv, dp))
-        return derivatives, firsts
+                starts.append(self._starts[phase.whole.name])
+
+        def differentiate(x: StartDerivatives, dq: Array, dv: Array, dp: Array) -> State:
+            return x.consistent_state(time, at, at.v, dq, dv, dp)
+
+        firsts = differentiate_together(
+            derivatives, differentiate, *zip(*starts, strict=True), numbers
+        )
+        return derivatives, [State(*x) for x in firsts]
 
     def _cross(
         self,
@@ -187,18 +195,21 @@ class RunDerivatives:
             ]
         derivatives = _derive_all(phases)
         time, at = node_state(with_active_multipliers(after), 0)
-        directions = list(
-            zip(derivatives, totals, velocities, _numbers(phases), shifts, strict=True)
-        )
         h = float(after.t[1] - after.t[0])
-        moved = [
-            new.moved_state(time, at, v, total.q, dv, dp, dt, h)
-            for new, total, dv, dp, dt in directions
-        ]
-        firsts = [
-            new.consistent_state(time, at, v, total.q, dv, dp, dt)
-            for new, total, dv, dp, dt in directions
-        ]
+
+        def differentiate(
+            x: StartDerivatives, dq: Array, dv: Array, dp: Array, dt: Array
+        ) -> tuple[Array, ...]:
+            return (
+                *x.moved_state(time, at, v, dq, dv, dp, dt, h),
+                *x.consistent_state(time, at, v, dq, dv, dp, dt),
+            )
+
+        positions = [x.q for x in totals]
+        states = differentiate_together(
+            derivatives, differentiate, positions, velocities, _numbers(phases), shifts
+        )
+        moved, firsts = [State(*x[:4]) for x in states], [State(*x[4:]) for x in states]
         return phases, derivatives, shifts, moved, firsts
 
     def _jump(

@@ -15,17 +15,24 @@ from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.analysis.sensitivities.operator_changes import directional_plan_along
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.formulations.sums import InputLayout, assemble_motion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import StateSums, plan_state_sums
-from beamdae.equations.structure import Structure, cache_on_owner
+from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.integrators.alpha.workspace import Motion
 from beamdae.linear.factorizations import Factorization, create_factorization
-from beamdae.symbolic.directional_sums import directional_plan, tangent_plan
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.directional_sums import (
+    StackedSum,
+    direction_inputs,
+    directional_plan,
+    motion_plan,
+)
+from beamdae.symbolic.kernel_sums import Sum, SumPlan
 from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
+Numbers = float | Array
 
 # Coefficients of stiffness, damping and mass in the saddle-point matrix.
 _MASS = (0.0, 0.0, 1.0)
@@ -42,22 +49,32 @@ _STEP_FRACTION = 1e-3
 # a slope at a penetration of 1e-15 m, due to rounding, would dominate the derivatives of the run.
 # From this penetration on, the effect of the slopes was less than 1e-3 of a derivative.
 MIN_STIFF_PENETRATION = 1e-6
-# Stored factors and accelerations of states, which all directions need, and stored derivatives of
-# matrices, which differ per direction, but are smaller than factors.
+# Stored factors and accelerations of states, which all directions need.
 _MAX_STATES = 8
-_MAX_DIRECTIONS = 32
+
+
+@share_plans
+def _plan_motion(structure: Structure) -> SumPlan:
+    """Return the plan of (F, g, g_dot, g_ddot, G^T lam) with the inputs (q, v, a, lam)."""
+    n = structure.n
+    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+    return assemble_motion(structure, layout, with_reactions=True).vector()
 
 
 @cache_on_owner
-def _plan_directional_sums(structure: Structure) -> tuple[SumPlan, SumPlan, SumPlan]:
-    """Return the directional derivatives of `motion`, `saddle` and `levels` of `StateSums`."""
-    sums = plan_state_sums(structure)
-    size = 3 * structure.n + structure.m
-    return (
-        directional_plan(sums.motion, size),
-        directional_plan(sums.saddle, size, min_base=MIN_STIFF_PENETRATION),
-        directional_plan(sums.levels, size),
-    )
+def _plan_levels(structure: Structure) -> SumPlan:
+    return plan_state_sums(structure).levels
+
+
+@cache_on_owner
+def _plan_gradients(structure: Structure) -> SumPlan:
+    return plan_state_sums(structure).gradients
+
+
+@cache_on_owner
+def _plan_change(structure: Structure) -> SumPlan:
+    """Return the plan of the derivative of the motion along a change of the state."""
+    return directional_plan(_plan_motion(structure), 3 * structure.n + structure.m)
 
 
 @cache_on_owner
@@ -65,13 +82,6 @@ def _plan_directional_sum(
     structure: Structure, plan: Callable[[Structure], SumPlan], n_inputs: int, min_base: float
 ) -> SumPlan:
     return directional_plan(plan(structure), n_inputs, min_base=min_base)
-
-
-@cache_on_owner
-def _plan_tangents(
-    structure: Structure, plan: Callable[[Structure], SumPlan], n_inputs: int
-) -> SumPlan:
-    return tangent_plan(_plan_directional_sum(structure, plan, n_inputs, 0.0), n_inputs)
 
 
 @dataclass(eq=False)
@@ -110,7 +120,9 @@ class StartDerivatives:
         depend on it; otherwise None.
 
     Times are arrays (t, branch). A direction is a change of the state together with `dp`, the
-    change of the numbers of the model, (n_p,).
+    change of the numbers of the model, (n_p,), and perhaps `dt`, the change of the time [s].
+    Several directions are differentiated together: their arrays have a leading axis (k, ...), as do
+    the results. One call for five directions takes little longer than one for a single direction.
     """
 
     solver: ConsistencySolver
@@ -118,9 +130,6 @@ class StartDerivatives:
     _states: _Store = field(default_factory=lambda: _Store(_MAX_STATES), init=False, repr=False)
     _levels_of_states: _Store = field(
         default_factory=lambda: _Store(_MAX_STATES), init=False, repr=False
-    )
-    _directions: _Store = field(
-        default_factory=lambda: _Store(_MAX_DIRECTIONS), init=False, repr=False
     )
 
     def directional_plan(
@@ -140,21 +149,17 @@ class StartDerivatives:
             )
         return _plan_directional_sum(self.equations.structure, plan, n_inputs, min_base)
 
-    def directional_sums(
-        self, plan: Callable[[Structure], SumPlan], n_inputs: int, native: bool
-    ) -> tuple[Sum, Sum]:
-        """Return the sum of `directional_plan`, and that for further directions at a point.
+    def direction_sum(
+        self, plan: SumPlan, n_inputs: int, native: bool, numbers: Array
+    ) -> tuple[Sum, Array]:
+        """Return the sum and the inputs of all directions for `evaluate_direction`.
 
-        The second sum gathers tangents alone, see `tangent_plan`, unless operators depend on the
-        parameter.
+        `plan` is a result of `directional_plan`; `numbers` are the derivatives of p, one direction
+        a row.
         """
         p = self.equations.p
-        first = self.directional_plan(plan, n_inputs).sum(native, p)
-        if self.moving is not None:
-            return first, first
-        further = _plan_tangents(self.equations.structure, plan, n_inputs).sum(native, p)
-        further.local = first.local
-        return first, further
+        total = motion_plan(plan, n_inputs).sum(native, p)
+        return total, direction_inputs(plan, n_inputs, p, numbers)
 
     @property
     def equations(self) -> EquationsOfMotion:
@@ -165,29 +170,32 @@ class StartDerivatives:
     def _sums(self) -> StateSums:
         return self.solver.sums
 
-    @cached_property
-    def _motion(self) -> Sum:
-        return self._plans[0].sum(False, self.equations.p)
+    def _stack(
+        self, plan: Callable[[Structure], SumPlan], n_inputs: int, min_base: float = 0.0
+    ) -> StackedSum:
+        return StackedSum(self.directional_plan(plan, n_inputs, min_base), self.equations.p)
+
+    @property
+    def _state_size(self) -> int:
+        """Number of entries of the state (q, v, a, lam)."""
+        return 3 * self.equations.n + self.equations.m
 
     @cached_property
-    def _saddle(self) -> Sum:
-        return self._plans[1].sum(False, self.equations.p)
+    def _motion(self) -> StackedSum:
+        return self._stack(_plan_motion, self._state_size)
 
     @cached_property
-    def _levels(self) -> Sum:
-        return self._plans[2].sum(False, self.equations.p)
+    def _levels(self) -> StackedSum:
+        return self._stack(_plan_levels, self._state_size)
 
     @cached_property
-    def _plans(self) -> tuple[SumPlan, SumPlan, SumPlan]:
-        if self.moving is None:
-            return _plan_directional_sums(self.equations.structure)
-        size = 3 * self.equations.n + self.equations.m
-        motion = self.directional_plan(lambda x: plan_state_sums(x).motion, size)
-        saddle = self.directional_plan(
-            lambda x: plan_state_sums(x).saddle, size, MIN_STIFF_PENETRATION
-        )
-        levels = self.directional_plan(lambda x: plan_state_sums(x).levels, size)
-        return motion, saddle, levels
+    def _gradients(self) -> StackedSum:
+        return self._stack(_plan_gradients, self._state_size)
+
+    @cached_property
+    def _change(self) -> StackedSum:
+        n_inputs = 2 * self._state_size + len(self.equations.p)
+        return self._stack(_plan_change, n_inputs, MIN_STIFF_PENETRATION)
 
     def consistent_state(
         self,
@@ -197,7 +205,7 @@ class StartDerivatives:
         dq: Array,
         dv: Array,
         dp: Array,
-        dt: float = 0.0,
+        dt: Numbers = 0.0,
     ) -> State:
         """Return the derivative of the consistent state near requested positions and velocities.
 
@@ -218,7 +226,7 @@ class StartDerivatives:
         """
         dq = self.project_positions(time, at.q, dq, dp, dt)
         dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
-        dq, dv = dq - dt * at.v, dv - dt * at.a
+        dq, dv = dq - np.multiply.outer(dt, at.v), dv - np.multiply.outer(dt, at.a)
         dv = self._with_state_rates(time, at, dq, dv, dp)
         along = State(dq, dv, *self._zeros[1:])
         return State(dq, dv, *self.acceleration(time, at, along, dp))
@@ -231,7 +239,7 @@ class StartDerivatives:
         dq: Array,
         dv: Array,
         dp: Array,
-        dt: float,
+        dt: Numbers,
         h: float,
     ) -> State:
         """Return the total derivative of a consistent state along its moving time.
@@ -241,31 +249,33 @@ class StartDerivatives:
         dq = self.project_positions(time, at.q, dq, dp, dt)
         dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
         dv = self._with_state_rates(time, at, dq, dv, dp)
-        if dt and len(self.equations.states):
+        if np.any(dt) and len(self.equations.states):
             rates = time_rate(lambda t: self.solver.force(t, at.q, at.v), time, h)
-            dv[self.equations.states] -= dt * rates[self.equations.states]
+            states = self.equations.states
+            dv[..., states] -= np.multiply.outer(dt, rates[states])
         da, dlam = self.acceleration(time, at, State(dq, dv, *self._zeros[1:]), dp)
-        if dt:
+        if np.any(dt):
             rates = time_rate(
                 lambda t: np.concatenate(self.solver.acceleration(t, at.q, at.v)), time, h
             )
-            da, dlam = da + dt * rates[: len(da)], dlam + dt * rates[len(da) :]
+            a_rate, lam_rate = np.split(np.multiply.outer(dt, rates), [self.equations.n], axis=-1)
+            da, dlam = da + a_rate, dlam + lam_rate
         return State(dq, dv, da, dlam)
 
     def project_positions(
-        self, time: Array, q: Array, dq: Array, dp: Array, dt: float = 0.0
+        self, time: Array, q: Array, dq: Array, dp: Array, dt: Numbers = 0.0
     ) -> Array:
         """Return dq, changed least so that G dq + dg/dp dp + dg/dt dt = 0."""
         e = self.equations
         if e.m == 0:
             return dq
-        gap = self._evaluate_levels(time, State(q, *self._zeros), State(dq, *self._zeros), dp)[0]
+        levels = self._evaluate_levels(time, State(q, *self._zeros), State(dq, *self._zeros), dp)
         gap_rate = self._constraint_levels(time, q)[1].copy()
         gap_rate[e.nonholonomic_rows] = 0.0
-        gap = gap + dt * gap_rate
+        gap = levels[..., 0, :] + np.multiply.outer(dt, gap_rate)
         factors = self._factorize(time, q, np.zeros(e.n), _CLOSING)
-        change = factors.solve(np.concatenate([np.zeros(e.n), -gap]))[: e.n]
-        change[e.states] = 0.0
+        change = _solve_each(factors, self._constraint_rows(-gap))[..., : e.n]
+        change[..., e.states] = 0.0
         return dq + change
 
     def _with_state_rates(self, time: Array, at: State, dq: Array, dv: Array, dp: Array) -> Array:
@@ -274,18 +284,19 @@ class StartDerivatives:
         if not len(states):
             return dv
         along = State(dq, dv, *self._zeros[1:])
-        change, _ = self._evaluate_motion(time, at._replace(lam=self._zeros[2]), along, dp)
+        change = self._evaluate_motion(time, at._replace(lam=self._zeros[2]), along, dp)[0]
         dv = dv.copy()
-        dv[states] -= change[states]
+        dv[..., states] -= change[..., states]
         return dv
 
     def constraint_gradients(
         self, time: Array, q: Array, dq: Array, dp: Array
     ) -> tuple[Array, Array]:
         """Return G at positions q, and its derivative along (dq, dp), (m, n) each."""
-        n, at, along = self.equations.n, State(q, *self._zeros), State(dq, *self._zeros)
-        change = self._as_matrix(self._nonzero_changes(time, at, along, dp, _MASS))
-        return self.solver.constraint_matrix(time, q).toarray(), change[n:, :n].toarray()
+        at, along, pattern = State(q, *self._zeros), State(dq, *self._zeros), self._gradient_pattern
+        change = self._evaluate(self._gradients, time, (*at, *along, dp), pattern.nnz)
+        matrix = sp.csc_array((change, pattern.indices, pattern.indptr), shape=pattern.shape)
+        return self.solver.constraint_matrix(time, q).toarray(), matrix.toarray()
 
     def correct_equilibrium(self, time: Array, at: State, dq: Array, dp: Array) -> Array:
         """Return the derivative of equilibrium positions, given an approximation dq.
@@ -295,15 +306,18 @@ class StartDerivatives:
         """
         e = self.equations
         rest, zeros = State(at.q, *self._zeros), State(dq, *self._zeros)
-        force, levels = self._evaluate_motion(time, rest._replace(lam=at.lam), zeros, dp)
-        nonzeros = self._nonzero_changes(time, rest, zeros, dp, _MASS)
-        gradient = self._as_matrix(nonzeros)[e.n :, : e.n]
-        residual = np.concatenate([force + gradient.T @ at.lam, levels[0]])
-        matrix = StaticEquations(e, time).matrix(at.q, at.lam)
+        rest = rest._replace(lam=at.lam)
+        force, levels, reactions = self._evaluate_motion(time, rest, zeros, dp)
+        residual = np.concatenate([force + reactions, levels[0]])
         try:
-            change = splu(matrix).solve(-residual)[: e.n]
+            factors = self._states.get(
+                ("equilibrium",),
+                (time, at.q, at.lam),
+                lambda: splu(StaticEquations(e, time).matrix(at.q, at.lam)),
+            )
         except RuntimeError:
             return dq
+        change = factors.solve(-residual)[: e.n]
         size = np.max(np.abs(dq), initial=0.0)
         is_small = np.max(np.abs(change), initial=0.0) <= _MAX_EQUILIBRIUM_CORRECTION * size
         return dq + change if is_small else dq
@@ -316,7 +330,7 @@ class StartDerivatives:
         dq: Array,
         dv: Array,
         dp: Array,
-        dt: float = 0.0,
+        dt: Numbers = 0.0,
     ) -> Array:
         """Return the derivative of the consistent velocities nearest to v.
 
@@ -327,8 +341,8 @@ class StartDerivatives:
             return dv
         at, along = State(q, v, *self._zeros[1:]), State(dq, dv, *self._zeros[1:])
         rates, change = self._constraint_rates(time, at, along, dp, dt)
-        b, db = (np.concatenate([np.zeros(e.n), -x]) for x in (rates, change))
-        return dv + self._solve(time, at, along, dp, _MASS, b, db, dt)[1][: e.n]
+        b, db = self._constraint_rows(-rates), self._constraint_rows(-change)
+        return dv + self._solve(time, at, along, dp, b, db, dt)[1][..., : e.n]
 
     def impact(
         self,
@@ -336,7 +350,7 @@ class StartDerivatives:
         at: State,
         along: State,
         dp: Array,
-        dt: float,
+        dt: Numbers,
         active: Array,
         restitution: tuple[Array, Array],
     ) -> Array:
@@ -360,25 +374,23 @@ class StartDerivatives:
         b = np.concatenate([zeros, -(1.0 + coefficients) * rates])
         db = np.concatenate([zeros, -(1.0 + coefficients) * change - by_parameter * rates])
         kept = np.concatenate([np.arange(n), n + active])
-        matrix = self._saddle_matrix(time, at)[kept][:, kept]
-        nonzeros = self._nonzero_changes(time, at, along, dp, _MASS, dt)
-        matrix_change = self._as_matrix(nonzeros)[kept][:, kept]
-        factors = splu(sp.csc_array(matrix))
-        z = factors.solve(b[kept])
-        return along.v + factors.solve(db[kept] - matrix_change @ z)[:n]
+        factors = splu(sp.csc_array(self._saddle_matrix(time, at)[kept][:, kept]))
+        z = np.zeros(len(b))
+        z[kept] = factors.solve(b[kept])
+        change = self._multiply_change(time, at, along, dp, z, dt)
+        return along.v + factors.solve((db - change)[kept])[:n]
 
     def _constraint_rates(
-        self, time: Array, at: State, along: State, dp: Array, dt: float
+        self, time: Array, at: State, along: State, dp: Array, dt: Numbers
     ) -> tuple[Array, Array]:
         """Return g_dot at (q, v), and its derivative along (dq, dv, dp, dt), (m,) each."""
         levels = self._constraint_levels(time, at.q, at.v)
-        change = self._evaluate_levels(time, at, along, dp)[1]
-        if dt:
+        change = self._evaluate_levels(time, at, along, dp)[..., 1, :]
+        if np.any(dt):
             # The partial derivative with respect to t is what g_ddot contains beyond that of q.
-            motion = State(at.v, *self._zeros)
-            change = change + dt * (
-                levels[2] - self._evaluate_levels(time, at, motion, 0.0 * dp)[1]
-            )
+            motion, still = State(at.v, *self._zeros), np.zeros(dp.shape[-1])
+            rates = levels[2] - self._evaluate_levels(time, at, motion, still)[1]
+            change = change + np.multiply.outer(dt, rates)
         return levels[1], change
 
     def acceleration(
@@ -394,20 +406,17 @@ class StartDerivatives:
         `at.a` and `at.lam` are the consistent accelerations and multipliers for this `stiff_time`;
         `along.a` and `along.lam` are ignored.
         """
-        e, coefficients = self.equations, (stiff_time**2, 0.0, 1.0)
-        rest = at._replace(a=np.zeros(e.n))
+        n = self.equations.n
         along = State(along.q, along.v, *self._zeros[1:])
-        force, levels = self._evaluate_motion(time, rest, along, dp)
-        change = self._nonzero_changes(time, rest, along, dp, coefficients)
-        row, column = self._entries
-        # The matrix acts on the accelerations, and its block G on the multipliers by G^T.
-        total = self._multiply(change, np.concatenate([at.a, self._zeros[2]]))
-        reactions = np.concatenate([self._zeros[0], at.lam])
-        total[: e.n] += np.bincount(column, change * reactions[row], e.n + e.m)[: e.n]
-        total += np.concatenate([force, levels[2]])
+        force, levels, reactions = self._evaluate_motion(time, at, along, dp)
+        if stiff_time:
+            rest, direction = at._replace(a=np.zeros(n)), State(stiff_time**2 * at.a, *self._zeros)
+            force = force + self._evaluate_change(time, rest, direction, along, dp)[0]
+        total = np.concatenate([force + reactions, levels[..., 2, :]], axis=-1)
+        coefficients = (stiff_time**2, 0.0, 1.0)
         factors = self._factorize(time, at.q, at.v, coefficients, at.lam)
-        solution = factors.solve(-total)
-        return solution[: e.n], solution[e.n :]
+        solution = _solve_each(factors, -total)
+        return solution[..., :n], solution[..., n:]
 
     def normal_jerk(
         self,
@@ -417,7 +426,7 @@ class StartDerivatives:
         dp: Array,
         delta: float,
         holonomic_only: bool = False,
-        dt: float = 0.0,
+        dt: Numbers = 0.0,
     ) -> Array:
         """Return the derivative of `ConsistencySolver.evaluate_normal_jerk`.
 
@@ -425,13 +434,13 @@ class StartDerivatives:
         """
         e = self.equations
         if e.m == 0:
-            return np.zeros(e.n)
+            return np.zeros_like(along.q)
 
         def difference(values: list[Array]) -> Array:
             rate = (values[0] - values[1]) / (2.0 * delta)
             if holonomic_only:
-                rate[e.nonholonomic_rows] = 0.0
-            return np.concatenate([np.zeros(e.n), -rate])
+                rate[..., e.nonholonomic_rows] = 0.0
+            return self._constraint_rows(-rate)
 
         def move(x: State, d: float) -> State:
             return State(x.q + d * x.v + 0.5 * d**2 * x.a, x.v + d * x.a, x.a, self._zeros[2])
@@ -446,21 +455,22 @@ class StartDerivatives:
         )
         db = difference(
             [
-                self._evaluate_levels(t, here, direction, dp)[2]
+                self._evaluate_levels(t, here, direction, dp)[..., 2, :]
                 for t, (here, direction) in zip(times, moved, strict=True)
             ]
         )
         base = State(at.q, at.v, *self._zeros[1:])
         direction = State(along.q, along.v, *self._zeros[1:])
-        change = self._solve(time, base, direction, dp, _MASS, b, db)[1][: e.n]
-        if dt:
-            change = change + dt * time_rate(
+        change = self._solve(time, base, direction, dp, b, db)[1][..., : e.n]
+        if np.any(dt):
+            rate = time_rate(
                 lambda t: self.solver.evaluate_normal_jerk(
                     t, at, delta, holonomic_only=holonomic_only
                 ),
                 time,
                 delta / _STEP_FRACTION,
             )
+            change = change + np.multiply.outer(dt, rate)
         return change
 
     def initial_motion(
@@ -471,7 +481,7 @@ class StartDerivatives:
         along: State,
         dp: Array,
         h: float,
-        dt: float = 0.0,
+        dt: Numbers = 0.0,
     ) -> Motion:
         """Return the derivatives of `AlphaStart.initial_motion` for steps `h` [s].
 
@@ -489,10 +499,11 @@ class StartDerivatives:
         )
         reduced = State(at.q, at.v, *accelerations)
         ddq, _ = self.acceleration(time, reduced, along, dp, stiff_time)
-        if dt:
-            ddq = ddq + dt * time_rate(
+        if np.any(dt):
+            rate = time_rate(
                 lambda t: self.solver.acceleration(t, at.q, at.v, stiff_time=stiff_time)[0], time, h
             )
+            ddq = ddq + np.multiply.outer(dt, rate)
         if start.index3:
             position_jerk = jerk
             if self.equations.nonholonomic_rows.size:
@@ -510,84 +521,77 @@ class StartDerivatives:
 
     def _evaluate_motion(
         self, time: Array, at: State, along: State, dp: Array
-    ) -> tuple[Array, Array]:
-        """Return the derivatives of F, (n,), and of (g, g_dot, g_ddot), (3, m)."""
-        return self._evaluate(self._motion, time, at, along, dp)
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of F, (..., n), (g, g_dot, g_ddot), (..., 3, m), and G^T lam."""
+        return self._evaluate_parts(self._motion, time, (*at, *along, dp))
+
+    def _evaluate_change(
+        self, time: Array, at: State, direction: State, along: State, dp: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the derivatives along `direction`, see `_evaluate_motion`."""
+        still = np.zeros(dp.shape[-1])
+        none = np.zeros(self._state_size + len(still))
+        inputs = (*at, *direction, still, *along, none, dp)
+        return self._evaluate_parts(self._change, time, inputs)
+
+    def _evaluate_parts(
+        self, total: StackedSum, time: Array, inputs: Sequence[Array]
+    ) -> tuple[Array, Array, Array]:
+        n, m = self.equations.n, self.equations.m
+        result = self._evaluate(total, time, inputs, 2 * n + 3 * m)
+        force, levels, reactions = np.split(result, [n, n + 3 * m], axis=-1)
+        return force, levels.reshape(*levels.shape[:-1], 3, m), reactions
 
     def _evaluate_levels(self, time: Array, at: State, along: State, dp: Array) -> Array:
-        return self._evaluate(self._levels, time, at, along, dp)[1]
+        """Return the derivatives of (g, g_dot, g_ddot), (..., 3, m)."""
+        n, m = self.equations.n, self.equations.m
+        result = self._evaluate(self._levels, time, (*at, *along, dp), n + 3 * m)[..., n:]
+        return result.reshape(*result.shape[:-1], 3, m)
 
     def _evaluate(
-        self, total: Sum, time: Array, at: State, along: State, dp: Array
-    ) -> tuple[Array, Array]:
-        e = self.equations
-        result = np.zeros(e.n + 3 * e.m)
-        set_time(total, *time)
-        evaluate_sum(total, np.concatenate([*at, *along, dp]), result)
-        return result[: e.n], result[e.n :].reshape(3, e.m)
+        self, total: StackedSum, time: Array, inputs: Sequence[Array], size: int
+    ) -> Array:
+        """Return a sum (..., size) at concatenated inputs, each with or without leading axes."""
+        axes = np.broadcast_shapes(*(x.shape[:-1] for x in inputs))
+        rows = [np.broadcast_to(x, (*axes, x.shape[-1])) for x in inputs]
+        return total(time, np.concatenate(rows, axis=-1), size)
 
-    def _as_matrix(self, nonzeros: Array) -> sp.csc_array:
-        """Return the matrix with the pattern of the saddle-point matrix."""
-        pattern = self._sums.saddle_pattern
-        return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-
-    @cached_property
-    def _entries(self) -> tuple[Array, Array]:
-        """Rows and columns of the non-zeros of the saddle-point matrix."""
-        pattern = self._sums.saddle_pattern
-        return pattern.indices, column_indices(pattern)
+    @property
+    def _gradient_pattern(self) -> sp.csc_array:
+        return self._sums.gradient_pattern
 
     def _multiply(self, nonzeros: Array, x: Array) -> Array:
         """Return A x for non-zeros of the saddle-point matrix, without building the matrix."""
-        row, column = self._entries
-        return np.bincount(row, nonzeros * x[column], len(x))
+        pattern = self._sums.saddle_pattern
+        return np.bincount(pattern.indices, nonzeros * x[column_indices(pattern)], len(x))
 
-    def _nonzero_changes(
-        self,
-        time: Array,
-        at: State,
-        along: State,
-        dp: Array,
-        coefficients: tuple[float, float, float],
-        dt: float = 0.0,
+    def _constraint_rows(self, right: Array) -> Array:
+        """Return right-hand sides of the saddle-point system that vanish in the rows of forces."""
+        return np.concatenate([np.zeros((*right.shape[:-1], self.equations.n)), right], axis=-1)
+
+    def _multiply_change(
+        self, time: Array, at: State, along: State, dp: Array, z: Array, dt: Numbers
     ) -> Array:
-        """Return the derivative of the non-zeros of the saddle-point matrix."""
-        nonzeros = self._differentiate_nonzeros(time, at, along, dp, coefficients)
-        if dt:
+        """Return dA z, where dA is the derivative of A = [[M, G^T + dF/dlam], [G, 0]].
+
+        M a and G^T lam are linear in a and lam, so that the product is a derivative of the motion.
+        """
+        if not z.any():
+            return np.zeros((*np.broadcast_shapes(along.q.shape[:-1], dp.shape[:-1]), len(z)))
+        n, base = self.equations.n, State(at.q, at.v, *self._zeros[1:])
+        direction = State(*self._zeros[:2], z[:n], z[n:])
+        force, levels, reactions = self._evaluate_change(time, base, direction, along, dp)
+        result = np.concatenate([force + reactions, levels[..., 2, :]], axis=-1)
+        if np.any(dt):
             # Matrices that contain the time are rare; this derivative is zero for the others.
             delta = _TIME_DIFFERENCE * (self.equations.time_scale or 1.0)
             ahead, behind = (
-                self.solver.saddle_matrix(time + np.array([d, 0.0]), at.q, at.v, at.a, coefficients)
+                self.solver.saddle_matrix(time + np.array([d, 0.0]), at.q, at.v, None, _MASS)
                 for d in (delta, -delta)
             )
-            nonzeros = nonzeros + dt * (ahead - behind) / (2.0 * delta)
-        return nonzeros
-
-    def _differentiate_nonzeros(
-        self,
-        time: Array,
-        at: State,
-        along: State,
-        dp: Array,
-        coefficients: tuple[float, float, float],
-    ) -> Array:
-        """Return the derivative of the non-zeros of the saddle-point matrix at fixed time.
-
-        Velocities, accelerations and the jerk need that of the same matrix [[M, G^T], [G, 0]]. It
-        does not depend on the multipliers if there is no friction.
-        """
-        if coefficients == _MASS and all(x.rows is None for x in self.equations.forces):
-            at, along = (x._replace(lam=self._zeros[2]) for x in (at, along))
-        total, inputs = self._saddle, np.concatenate([*at, *along, dp])
-
-        def build() -> Array:
-            nonzeros = np.zeros(self._sums.saddle_pattern.nnz)
-            set_time(total, *time)
-            set_matrix_factors(total, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
-            evaluate_sum(total, inputs, nonzeros)
-            return nonzeros
-
-        return self._directions.get(coefficients, (time, inputs), build)
+            rate = self._multiply((ahead - behind) / (2.0 * delta), z)
+            result = result + np.multiply.outer(dt, rate)
+        return result
 
     def _constraint_levels(
         self, time: Array, q: Array, v: Array | None = None, a: Array | None = None
@@ -618,22 +622,53 @@ class StartDerivatives:
         at: State,
         along: State,
         dp: Array,
-        coefficients: tuple[float, float, float],
         b: Array,
         db: Array,
-        dt: float = 0.0,
+        dt: Numbers = 0.0,
     ) -> tuple[Array, Array]:
         """Return z and dz with A z = b and A dz = db - dA z."""
-        factors = self._factorize(time, at.q, at.v, coefficients)
+        factors = self._factorize(time, at.q, at.v, _MASS)
         z = factors.solve(b)
-        change = self._nonzero_changes(time, at, along, dp, coefficients, dt)
-        return z, factors.solve(db - self._multiply(change, z))
+        return z, _solve_each(factors, db - self._multiply_change(time, at, along, dp, z, dt))
 
     def _saddle_matrix(self, time: Array, at: State) -> sp.csc_array:
         """Return [[M, G^T], [G, 0]]."""
         pattern = self._sums.saddle_pattern
         nonzeros = self.solver.saddle_matrix(time, at.q, at.v, None, _MASS)
         return sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+
+def differentiate_together(
+    derivatives: Sequence[StartDerivatives],
+    function: Callable[..., Sequence[Array]],
+    *directions: Sequence[Array | float] | Array,
+) -> list[tuple[Array, ...]]:
+    """Return the results of `function` for each direction.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of consistent states, one per direction.
+    function
+        Function of a `StartDerivatives` and of arrays with one entry per direction that returns
+        arrays with one row per direction. It is called once for all directions with the same
+        derivatives.
+    *directions
+        Arrays or numbers, one per direction.
+    """
+    results: list[tuple[Array, ...]] = [()] * len(derivatives)
+    for first in {id(x): x for x in derivatives}.values():
+        members = [k for k, x in enumerate(derivatives) if x is first]
+        values = function(first, *(np.array([x[k] for k in members]) for x in directions))
+        for i, k in enumerate(members):
+            results[k] = tuple(x[i] for x in values)
+    return results
+
+
+def _solve_each(factors: Factorization, right: Array) -> Array:
+    """Return the solutions for right-hand sides (..., size)."""
+    rows = right.reshape(-1, right.shape[-1])
+    return np.array([factors.solve(x) for x in rows]).reshape(right.shape)
 
 
 def time_rate(function: Callable[[Array], Array], time: Array, h: float) -> Array:

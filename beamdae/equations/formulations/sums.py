@@ -130,12 +130,16 @@ def _add_joint(
 
 
 def assemble_motion(
-    structure: Structure, layout: InputLayout, with_forces: bool = True
+    structure: Structure,
+    layout: InputLayout,
+    with_forces: bool = True,
+    with_reactions: bool = False,
 ) -> SumBuilder:
-    """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot).
+    """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot[, G^T lam]).
 
-    Rows of g are zero for nonholonomic constraints. The sum omits G^T lam, so that F and g stay
-    finite at positions where G is not finite. F is zero without `with_forces`.
+    Rows of g are zero for nonholonomic constraints. F does not contain G^T lam, so that F and g
+    stay finite at positions where G is not finite. F is zero without `with_forces`; G^T lam follows
+    if `with_reactions`.
     """
     total = SumBuilder(TIME_SIZE)
     if with_forces:
@@ -145,6 +149,8 @@ def assemble_motion(
         copies = _add_joint(total, joint, layout, levels, False)
         for output, k in enumerate(levels, 1):
             total.add_column(copies, output, joint.rows, structure.n + k * structure.m)
+        if with_reactions:
+            total.add_column(copies, 0, joint.operator, structure.n + 3 * structure.m)
     return total
 
 
