@@ -468,6 +468,9 @@ class BorderedSystem:
                 path_factors=np.zeros(rows + 1),
                 path_iterations=np.zeros(rows + 1, np.int64),
                 direction=np.zeros(size + 1),
+                tangent=np.zeros(size + 1),
+                base=np.zeros(size),
+                offset=np.zeros(size + 1),
                 column_start=int(self._bordered.indptr[size]),
                 has_frames=int(len(self.increments.frame_axes) > 0),
             )

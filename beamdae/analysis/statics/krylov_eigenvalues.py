@@ -130,24 +130,28 @@ def largest_eigenvalues(
     """
     space.restart()
     extend(_FIRST_BLOCKS)
-    last, confirmations, projected = np.zeros(0), 0, _project(space)
+    confirmations, projected = 0, _project(space)
+    # Lists, because operations on arrays of a few numbers take ten times as long.
+    last: list[float] = []
     for block in range(_FIRST_BLOCKS - _CONFIRMATIONS - 1, _MAX_BLOCKS):
         if block == space.blocks:
             extend(1)
             projected = _project(space)
-        previous, size = space.ends[block - 1], space.ends[block]
+        previous, size = space.ends[block - 1 : block + 1].tolist()
         # `numpy.linalg.eigh` takes twice as long for matrices of this size.
-        values, shares, failure = dsyevd(projected[:size, :size])
+        eigenvalues, shares, failure = dsyevd(projected[:size, :size])
         if failure:
             break
-        order = np.argsort(-np.abs(values))[:count]
-        values = values[order]
-        is_unchanged = len(last) == count and np.all(
-            np.abs(values - last) <= tolerance * np.abs(values)
+        all_values = eigenvalues.tolist()
+        order = sorted(range(size), key=lambda k: -abs(all_values[k]))[:count]
+        values = [all_values[k] for k in order]
+        is_unchanged = len(last) == count and all(
+            abs(value - before) <= tolerance * abs(value)
+            for value, before in zip(values, last, strict=True)
         )
         confirmations = confirmations + 1 if is_unchanged else 0
         if size == previous or confirmations == _CONFIRMATIONS:
-            return values, space.basis[:size].T @ shares[:, order]
+            return np.array(values), space.basis[:size].T @ shares[:, order]
         last = values
     raise ArithmeticError("the eigenvalues do not converge")
 

@@ -20,13 +20,18 @@ from beamdae.analysis.statics.krylov_eigenvalues import KrylovSpace, begin_block
 from beamdae.analysis.statics.saddle_elimination import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
+    SPARSE_ZERO_TOLERANCE,
     SaddlePoint,
     count_signs,
     factorize_saddle_point,
     serve_solutions,
     solve_saddle_point,
 )
-from beamdae.analysis.statics.strain_increments import AxisElements, displace_axes
+from beamdae.analysis.statics.strain_increments import (
+    AxisElements,
+    displace_axes,
+    restore_axes,
+)
 from beamdae.linear.fixed_order import substitute
 from beamdae.native.loop_functions import (
     add,
@@ -86,6 +91,15 @@ _GROWTH_FACTOR = 1.5
 _MAX_ITERATIONS_TO_GROW = 4
 _MAX_STIFF_ITERATIONS_TO_GROW = 8
 _MAX_CORRECTION_TO_GROW = 0.1
+# The curvature of the path is extrapolated from up to this number of previous points, unless it
+# moves the prediction by more than this fraction of the step.
+_MAX_PREVIOUS_POINTS = 2
+_MAX_CURVED_RATIO = 0.25
+# Within a path, signs of pivots and the direction are computed before the last correction, if the
+# previous one is below the first bound, the last one is below the second bound, and unbalanced
+# forces change the stiffness by no more than rounding errors.
+_MAX_EARLY_CORRECTION = 1e-4
+_MAX_LAST_CORRECTION = 1e-7
 # A remaining distance of up to this multiple of the step is split in two, so that the last step is
 # not tiny. Up to the second multiple, which allows for rounding, one step covers the distance.
 _SPLIT_RATIO = 1.2
@@ -166,8 +180,9 @@ class BorderedWorkspace:
         Right-hand side, (n + m + 1,).
     solution, negative, residual, change
         Solution, its negative, its residual, and its last change by refinement.
-    response, denominator
-        Solution of the tangent for `column`, (n + m,), and the pivot of the control equation.
+    response, denominator, has_response
+        Solution of the tangent for `column`, (n + m,), and the pivot of the control equation; and 1
+        if the solution depends on them, else 0.
     held_targets, held
         Springs in the tangent: nonzeros[held_targets] += held.
     rows, columns
@@ -177,7 +192,7 @@ class BorderedWorkspace:
     axes
         Beams that are displaced nonlinearly.
     displaced, predicted, begin
-        Coordinates (n,) after a change, after the prediction, and before it.
+        Coordinates (n,) after a change, after the prediction along the tangent, and before it.
     squares, distances, points, distance_weights
         Squares of changes (n,), their sums over the coordinates of each point, the index of the
         point of each coordinate, and the reciprocals of the squares of natural sizes.
@@ -194,8 +209,8 @@ class BorderedWorkspace:
     has_forces, has_tangent, has_signs
         1 if forces, tangent or signs of pivots have been evaluated at `inputs` and `mu`, else 0.
     has_factors
-        1 if the factors of `saddle` are those at `inputs` and `mu`, up to a shift of the size of
-        rounding errors, else 0.
+        1 if the factors of `saddle` are those at `inputs` and `mu`, else 0. With `has_signs`, they
+        have a shift of the size of rounding errors.
     may_eliminate, by_blocks
         1 if symmetric elimination may be used, and 1 if it is used, else 0.
     may_renew
@@ -216,11 +231,19 @@ class BorderedWorkspace:
         Largest square of the derivatives of the tangent with respect to the load factor.
     motion, correction
         Largest displacements, in natural sizes, from `begin` and `predicted` to the equilibrium.
+    counts_early, has_counted_early
+        1 to compute them before the last correction if possible, and 1 if this is done.
+    base, offset
+        Last point of `FOLLOW_LOAD` before its last correction, (n + m,), and this correction,
+        (n + m + 1,); the displacements of the next step begin there.
+    tangent
+        Derivative with respect to the load factor at `base`, (n + m + 1,).
     path, path_factors, path_iterations
         Start and equilibria of `FOLLOW_LOAD`, (k, n + m), their load factors and numbers of
         iterations, (k,).
     direction
-        Derivative of (x, mu) with respect to the load factor at the last one, (n + m + 1,).
+        Derivative of (x, mu) with respect to the load factor at the last one, (n + m + 1,), up to
+        relative errors of the size of `offset`.
     step_count, max_steps
         Number of load steps taken, and its limit.
     all_iterations
@@ -269,6 +292,9 @@ class BorderedWorkspace:
     path_factors: Array
     path_iterations: Array
     direction: Array
+    tangent: Array
+    base: Array
+    offset: Array
     column_start: int
     has_frames: int
     mu: float = 0.0
@@ -291,6 +317,7 @@ class BorderedWorkspace:
     has_factors: int = 0
     may_eliminate: int = 0
     by_blocks: int = 0
+    has_response: int = 0
     may_renew: int = 0
     eliminates: int = 0
     renews: int = 0
@@ -298,6 +325,8 @@ class BorderedWorkspace:
     is_nonlinear: int = 0
     iterations: int = 0
     continues: int = 0
+    counts_early: int = 0
+    has_counted_early: int = 0
     has_direction: int = 0
     step_count: int = 0
     max_steps: int = 0
@@ -365,6 +394,7 @@ def _follow_load(run: BorderedWorkspace) -> int:
     """
     run.step_count = run.all_iterations = 0
     _store_point(run)
+    _place_base(run)
     while run.step_count < run.max_steps:
         reach, iterations = abs(run.load_target - run.path_factors[run.step_count]), 0
         step = choose_step(run.step, reach, run.max_step)
@@ -372,12 +402,16 @@ def _follow_load(run: BorderedWorkspace) -> int:
         succeeded = False
         while not succeeded:
             value = _predict_at_load(run, step, step == reach)
+            # At the target, modes are computed with the last factors.
+            run.counts_early = 0 if value == run.load_target else 1
             code = _correct(run)
+            run.counts_early = 0
             iterations += run.iterations
             succeeded = code == DONE and not leaves_path(run.correction, run.motion)
             run.linear.singular = 0
             if not succeeded:
                 step *= CUT_FACTOR
+                _place_base(run)
             if code == NEW_PIVOTS or step < min_step:
                 run.linear.needs_pivots = 0
                 return HALTED
@@ -387,6 +421,8 @@ def _follow_load(run: BorderedWorkspace) -> int:
         run.step_count += 1
         run.all_iterations += iterations
         _store_point(run)
+        if run.has_counted_early == 0:
+            _place_base(run)
         proposed = propose_step(step, run.iterations, run.correction, run.motion)
         if value == run.load_target:
             # A step that is shortened to meet a target does not shorten the next step.
@@ -404,19 +440,57 @@ def _store_point(run: BorderedWorkspace) -> None:
     run.path_factors[k], run.path_iterations[k] = run.mu, run.iterations
 
 
+def _place_base(run: BorderedWorkspace) -> None:
+    combine(run.base, (1.0,), (run.path[run.step_count],))
+    fill(run.offset, 0.0)
+
+
 def _predict_at_load(run: BorderedWorkspace, step: float, is_last: bool) -> float:
     """Prepare `CORRECT` for a load step from the last point of `path`; return its load factor."""
     n, k = run.displaced.size, run.step_count
-    point, run.mu = run.path[k], run.path_factors[k]
-    combine(run.inputs[:n], (1.0,), (point[:n],))
-    combine(run.inputs[2 * n :], (1.0,), (point[n:],))
-    combine(run.begin, (1.0,), (point[:n],))
+    run.mu = run.path_factors[k]
+    combine(run.inputs[:n], (1.0,), (run.base[:n],))
+    combine(run.inputs[2 * n :], (1.0,), (run.base[n:],))
+    combine(run.begin, (1.0,), (run.path[k, :n],))
     change = step if run.load_target > run.mu else -step
-    combine(run.solution, (change,), (run.direction,))
+    combine(run.solution, (1.0, change), (run.offset, run.direction))
+    # The curvature of the path limits the step, although it is extrapolated.
+    combine(run.predicted, (1.0,), (run.solution[:n],))
+    displace_axes(run.axes, run.inputs, run.solution, run.predicted)
+    combine(run.predicted, (1.0, 1.0), (run.inputs[:n], run.predicted))
+    _extrapolate_curvature(run, change)
     value = run.load_target if is_last else run.mu + change
     run.excess, run.last_size, run.iterations = -value, np.inf, 0
     run.phase, run.has_direction = PREDICT, 0
     return value
+
+
+def _extrapolate_curvature(run: BorderedWorkspace, change: float) -> None:
+    """Add terms of second and third order in `change` of the load factor to `solution`.
+
+    With them, the displacement dx from `base` has the last `direction` d and passes through
+    previous points:
+
+        dx(c) = dx(0) + c d + c^2 sum_j w_j (dx(c_j) - dx(0) - c_j d) / c_j^2
+
+    for changes c, c_1 and c_2 of the load factor from the last point, w_2 = (c - c_1) / (c_2 - c_1)
+    and w_1 = 1 - w_2. With one previous point, w_1 = 1.
+    """
+    last, size, curved, difference = run.step_count, run.forces.size, run.residual, run.change
+    count, second = min(last, _MAX_PREVIOUS_POINTS), 0.0
+    if count > 1:
+        first = run.path_factors[last - 1] - run.mu
+        second = (change - first) / (run.path_factors[last - 2] - run.mu - first)
+    fill(curved, 0.0)
+    for k in range(count):
+        other, distance = run.path[last - 1 - k], run.path_factors[last - 1 - k] - run.mu
+        weight = (second if k == 1 else 1.0 - second) * (change / distance) ** 2
+        combine(difference[:size], (1.0, -1.0), (other, run.base))
+        restore_axes(run.axes, run.base, other, difference)
+        parts = (curved[:size], difference[:size], run.offset[:size], run.direction[:size])
+        combine(curved[:size], (1.0, weight, -weight, -weight * distance), parts)
+    if max_norm(curved, run.weights) <= _MAX_CURVED_RATIO * max_norm(run.solution, run.weights):
+        combine(run.solution, (1.0, 1.0), (run.solution, curved))
 
 
 def leaves_path(correction: float, motion: float) -> bool:
@@ -461,7 +535,8 @@ def _correct(run: BorderedWorkspace) -> int:
         run.has_forces, run.has_tangent, run.has_signs, run.has_factors = 0, 0, 0, 0
         run.may_eliminate, run.may_renew = run.eliminates, run.renews
         if run.phase == _PREDICTED:
-            combine(run.predicted, (1.0,), (run.displaced,))
+            if run.task == CORRECT:
+                combine(run.predicted, (1.0,), (run.displaced,))
             run.phase = ITERATE
         elif _has_converged(run):
             run.phase = CONVERGED
@@ -475,6 +550,13 @@ def _correct(run: BorderedWorkspace) -> int:
     run.motion = max_norm(run.squares, run.weights[:n])
     combine(run.squares, (1.0, -1.0), (run.inputs[:n], run.predicted))
     run.correction = max_norm(run.squares, run.weights[:n])
+    run.has_counted_early = 0
+    if run.has_direction == 1 and run.size <= _MAX_LAST_CORRECTION:
+        run.has_counted_early = 1
+        combine(run.offset, (1.0,), (run.solution,))
+        run.offset[size] = 0.0
+        combine(run.solution, (1.0,), (run.tangent,))
+        return DONE
     return _continue_path(run) if run.continues == 1 else DONE
 
 
@@ -485,6 +567,14 @@ def _find_correction(run: BorderedWorkspace) -> int:
     combine(change[n:size], (1.0, -1.0), (run.inputs[2 * n :], run.origin[n:]))
     run.deviation = run.excess + inner_product(run.row[:size], change[:size])
     run.deviation += run.row[size] * (run.mu - run.origin_mu)
+    run.has_direction = 0
+    if run.counts_early == 1 and run.last_size <= _MAX_EARLY_CORRECTION and _is_balanced(run):
+        code = _continue_path(run)
+        if code != DONE:
+            return code
+        combine(run.tangent, (1.0,), (run.solution,))
+        combine(run.base[:n], (1.0,), (run.inputs[:n],))
+        combine(run.base[n:], (1.0,), (run.inputs[2 * n :],))
     code = _solve_bordered(run, _SOLVE_NEWTON)
     if code != DONE:
         return code
@@ -497,6 +587,13 @@ def _find_correction(run: BorderedWorkspace) -> int:
     pick(run.squares, run.row_sources, run.distances, run.points, 0, n)
     run.size = math.sqrt(max_norm(run.squares, run.distance_weights))
     return DONE if run.size <= _DIVERGENCE_LIMIT else DIVERGED
+
+
+def _is_balanced(run: BorderedWorkspace) -> bool:
+    """Return True if unbalanced forces are smaller than rounding errors of the stiffness."""
+    _solve_bordered(run, EVALUATE_FORCES)
+    residual = max_norm(run.forces, run.saddle.scales)
+    return residual <= SPARSE_ZERO_TOLERANCE * run.saddle.reference
 
 
 def _has_converged(run: BorderedWorkspace) -> bool:
@@ -512,7 +609,8 @@ def _has_converged(run: BorderedWorkspace) -> bool:
 
 
 def _continue_path(run: BorderedWorkspace) -> int:
-    """Count signs of pivots, and set `solution` to the derivative with respect to the control."""
+    """Count signs of pivots; set `solution` to the derivative by the control, if it is certain."""
+    run.has_direction = 0
     if run.has_signs == 0:
         _solve_bordered(run, EVALUATE_TANGENT)
         if run.load_stiffness != 0.0:
@@ -572,17 +670,26 @@ def _solve_bordered(run: BorderedWorkspace, task: int) -> int:
     pick(run.nonzeros, run.row_targets, run.row, run.row_sources, 0, size + 1)
     combine(run.nonzeros[column_start : column_start + size], (1.0,), (run.column,))
     run.by_blocks = run.may_eliminate
-    if run.by_blocks == 1 and run.has_factors == 0:
-        run.by_blocks = factorize_saddle_point(run.saddle, run.nonzeros)
-        # The factors of the shifted matrix are lost.
-        run.has_signs = 0
-    if run.by_blocks == 1:
-        solve_saddle_point(run.saddle, run.column, run.response)
-        run.denominator = run.row[size] - inner_product(run.row[:size], run.response)
-        if _refine(run) <= _MAX_ELIMINATION_REFINEMENT:
-            return DONE
-        # Elimination is inaccurate, for example near limit points.
-        run.by_blocks, run.may_eliminate = 0, 0
+    while run.by_blocks == 1:
+        if run.has_factors == 0:
+            run.by_blocks = run.has_factors = factorize_saddle_point(run.saddle, run.nonzeros)
+            # The factors of the shifted matrix are lost.
+            run.has_signs = 0
+        if run.by_blocks == 1:
+            # Corrections at a given load factor do not change it.
+            is_at_load = run.row[size] != 0.0 and max_norm(run.row[:size], run.row[:size]) == 0.0
+            run.has_response = 0 if is_at_load and run.right[size] == 0.0 else 1
+            if run.has_response == 1:
+                solve_saddle_point(run.saddle, run.column, run.response)
+                run.denominator = run.row[size] - inner_product(run.row[:size], run.response)
+            if _refine(run) <= _MAX_ELIMINATION_REFINEMENT:
+                return DONE
+            if run.has_signs == 0:
+                # Elimination is inaccurate, for example near limit points.
+                run.by_blocks, run.may_eliminate = 0, 0
+            # Otherwise, the shift is too large: the stiffness of thin beams with fine meshes
+            # differs little from rounding errors.
+            run.has_factors = 0
     code = factorize(run.linear, run.nonzeros)
     if code != DONE:
         return code
@@ -621,8 +728,10 @@ def _apply_inverse(run: BorderedWorkspace) -> None:
         combine(change, (1.0,), (residual,))
         solve(run.linear, change)
         return
-    change[size] = 0.0
-    solve_saddle_point(run.saddle, residual[:size], change[:size])
-    factor = (residual[size] - inner_product(run.row[:size], change[:size])) / run.denominator
-    combine(change[:size], (1.0, -factor), (change[:size], run.response))
-    change[size] = factor
+    fill(change, 0.0)
+    if max_norm(residual[:size], residual[:size]) != 0.0:
+        solve_saddle_point(run.saddle, residual[:size], change[:size])
+    if run.has_response == 1:
+        factor = (residual[size] - inner_product(run.row[:size], change[:size])) / run.denominator
+        combine(change[:size], (1.0, -factor), (change[:size], run.response))
+        change[size] = factor

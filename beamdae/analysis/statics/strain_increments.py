@@ -168,7 +168,8 @@ def restore_axes(axes: AxisElements, q: Array, other: Array, result: Array) -> N
     plan, values, changes, slopes = axes.plan, axes.values, axes.changes, axes.slopes
     count, product = axes.product.size, axes.product
     scatter(changes, plan.rows, plan.weights, result, plan.columns)
-    turn = -changes[:count]
+    turn = axes.steps[:count]
+    combine(turn, (-1.0,), (changes[:count],))
     scatter(values, plan.rows, plan.weights, other, plan.columns)
     combine(slopes, (1.0,), (values[count:],))
     rotate(slopes[:count], slopes[count:], turn)
