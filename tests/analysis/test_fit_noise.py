@@ -70,3 +70,18 @@ def test_regression_estimates_that_are_arbitrary_are_warned_of(exact):
     names = [*TRUE, "mass"]
     with pytest.warns(bd.BeamdaeWarning, match="do not change the fitted columns"):
         bd.fit(oscillator, {"t [s]": TIMES, "mass.x": exact + white()}, names, METHOD)
+
+
+@pytest.mark.parametrize("sigma", [1e-6, None])
+def test_regression_residuals_with_a_large_mean_suggest_an_offset(sigma):
+    t = np.linspace(0.0, 2.0, 51)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=51)
+    data = {"t [s]": t, "mass.x [mm]": 80.0 * np.sin(6.5 * t) * np.exp(-0.2 * t) + 150.0 + noise}
+    method = bd.GeneralizedAlpha(step=4e-2)
+    with pytest.warns(bd.BeamdaeWarning, match="The model"):
+        fit = bd.fit(oscillator, data, ["stiffness"], method, sigma=sigma, max_evaluations=3)
+    sentence = next(x for x in fit.warnings if x.startswith("The model"))
+    assert r"offset=['mass.x']" in sentence
+    # A sigma in a wrong unit does not make the steps too long.
+    assert ("unit of sigma" in sentence) == (sigma is not None)
+    assert not [x for x in fit.warnings if "step" in x]

@@ -21,6 +21,7 @@ from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.interrupts import acknowledge
+from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
 from beamdae.results.displays import Plot, load_views
@@ -49,6 +50,8 @@ _MIN_RELATIVE_VALUE = 1e-3
 _MAX_STEP_ERROR = 0.3
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
 _MIN_RELATIVE_SIGMA = 1e-6
+# From this share of the mean of the residuals in their root mean square, squared, offsets help.
+_MIN_MEAN_SHARE = 0.5
 # If larger values of chi-square are less probable, the model does not explain the data.
 _MIN_PROBABILITY = 1e-6
 # Larger shares of the variance that a fit without known errors leaves are reported.
@@ -583,7 +586,9 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     steps: tuple[str, ...] = ()
     if status.kind != "interrupted":
         try:
-            steps = _check_steps(problem, evaluation, estimate)
+            # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+            scatter = float(np.sqrt(np.mean(residuals**2)))
+            steps = _check_steps(problem, evaluation, max(estimate, scatter))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
@@ -644,10 +649,27 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
         return ()
     if chdtrc(freedom, residuals @ residuals) >= _MIN_PROBABILITY:
         return ()
+    ratio = float(np.sqrt(residuals @ residuals / freedom))
     return (
-        "The model does not explain the data: chi-square is improbable for the given sigma, and "
-        "the standard deviations do not apply.",
+        f"The model does not explain the data: the residuals are {ratio:.3g} times as large as the "
+        "given sigma, and the standard deviations do not apply; check the unit of sigma, which is "
+        f"that of its column, or {_suggest_offset(problem, residuals)}add what the model lacks.",
     )
+
+
+def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
+    """Return the beginning of a remedy that names columns whose residuals have a large mean."""
+    names: dict[str, None] = {}
+    begin = 0
+    for series in problem.data.series:
+        part = residuals[begin : begin + len(series.values)]
+        begin += len(series.values)
+        if len(part) > 1 and np.mean(part) ** 2 > _MIN_MEAN_SHARE * np.mean(part**2):
+            names[split_unit(series.name_in_data or series.column)[0]] = None
+    if not names or problem.sensors.offsets:
+        return ""
+    columns = ", ".join(map(repr, names))
+    return f"estimate a constant error of the sensor with offset=[{columns}], "
 
 
 def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
@@ -682,8 +704,8 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     if left <= variation:
         amount = f"leaves {100.0 * left / variation:.0f} % of the variance of the data unexplained"
     return (
-        f"The model {amount}; start from other values, or pass bounds= and starts= to search from "
-        "several.",
+        f"The model {amount}; {_suggest_offset(problem, residuals)}start from other values, or "
+        "pass bounds= and starts= to search from several.",
     )
 
 
