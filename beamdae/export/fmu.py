@@ -32,7 +32,11 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.export.abrupt_forces import choose_integrator, warn_of_fixed_steps
+from beamdae.export.abrupt_forces import (
+    choose_integrator,
+    warn_of_fixed_steps,
+    warn_of_short_peaks,
+)
 from beamdae.export.c_code import UnsupportedOperationError, format_string
 from beamdae.export.compilers import (
     PLATFORMS,
@@ -308,6 +312,7 @@ def export_fmu(
     if integrator == "alpha":
         warn_of_fixed_steps(PART, gaps, step)
         gaps = ()
+    warn_of_short_peaks(PART, equations, times, alpha if integrator == "alpha" else Radau(rtol))
 
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)

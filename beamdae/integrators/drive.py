@@ -16,11 +16,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
+from beamdae.equations.formula_forces import name_formula_forces
 from beamdae.equations.formulations.first_order import State
 from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments, find_distinct, group_grids
-from beamdae.errors import BeamdaeError, ProgressError
+from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
@@ -59,6 +60,7 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 # Number of steps between two checks for contacts that steps passed over, so large that the checks
 # take a small part of the time.
 _STEPS_PER_ONSET_CHECK = 256
+_MAX_LISTED_PEAKS = 3
 # Size of the rows from which on freed memory is returned to the system after a run.
 _MAX_RETAINED_BYTES = 1e8
 
@@ -188,6 +190,7 @@ def _drive(
     assert run is not None
     assert trajectory is not None
     wall_time = clock.perf_counter() - run_began - compile_time
+    peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
     solution = Solution(
         equations,
@@ -206,6 +209,7 @@ def _drive(
             **run.methods.first.resolved_options,
             **run.thinning.report,
             **amplitudes,
+            **({"restarted_at": list_first(peaks, _MAX_LISTED_PEAKS)} if peaks else {}),
         },
         made_by=integrator,
         event_records=run.event_records,
@@ -254,6 +258,8 @@ class _RunInProgress:
         stops = self._detector is not None and self._detector.may_stop
         self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
+        # Time [s] of the first peak of each force that steps passed over at first, by its part.
+        self.force_peaks: dict[str, float] = {}
         # Exception that the user's function `progress` has raised.
         self.progress_error: Exception | None = None
         # Ends of the unfinished intervals; events may add more.
@@ -565,6 +571,8 @@ class _RunInProgress:
         tail = segment.tail(unchecked, self._equations.m)
         if tail is None or (peak := detector.find_first(*tail)) is None:
             return end
+        name = name_formula_forces(self._plan.equations)[peak.force]
+        self.force_peaks.setdefault(name, peak.probe)
         segment.truncate(tail[0], peak.t)
         end = segment.history.end
         self._interval_ends = tuple(sorted({end, peak.probe, *self._interval_ends}))

@@ -1,13 +1,16 @@
 """Exported FMUs: contents, equality with `GeneralizedAlpha`, states, derivatives and messages."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 import textwrap
+import warnings
 import zipfile
 from xml.etree import ElementTree
 
+import casadi as ca
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -557,6 +560,28 @@ def test_regression_contacts_are_exported_with_radau(tmp_path):
     with pytest.warns(bd.BeamdaeWarning, match="fixed steps of 0.001 s are inaccurate"):
         assert export(tmp_path, ball_and_pin, real_time=2).integrator == "alpha"
     assert export(tmp_path, ball_and_pin).integrator == "radau"
+
+
+@pytest.mark.parametrize("width", [0.002, 0.1])
+def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path, width):
+    """A force that acts in a narrow region was lost without notice, with both integrators."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    x = mech.sensor("x", ball.point, "x")
+    push = bd.Force("push", ball.point, (0.0, ca.exp(-(((x - 0.3) / width) ** 2)) / width))
+    mech.add(push)
+    settings = {"t_end": 1.0, "platforms": ()}
+    exports = (
+        ({"integrator": "alpha", "step": 0.02}, r"push: with steps of 0.02 s, the impulse"),
+        ({"integrator": "radau"}, r"may pass over short peaks of forces \(push at t = 0.3 s"),
+    )
+    for more, message in exports:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", bd.BeamdaeWarning)
+            bd.export_fmu(mech, tmp_path / "ball.fmu", **settings, **more)
+        texts = [str(x.message) for x in caught]
+        assert len(texts) == (1 if width < 0.02 else 0)
+        assert all(re.search(message, text) for text in texts)
 
 
 def build_slider(law=None, friction=None, force=0.0):

@@ -30,6 +30,8 @@ SAMPLE_SPACING = 1.0 / 1024.0
 _MIN_PEAK = 0.2
 # Peaks in one step are separated by samples lower than this fraction of the highest one.
 _QUIET = 1e-2
+# The run restarts at the last sample before a peak that is lower than this fraction of its height.
+_FOOT = 1e-6
 # Change of a velocity that matters, relative to the tolerance.
 _SIGNIFICANT_CHANGE = 10.0
 # Peaks whose impulse, estimated from the samples, has less than this share of that change are not
@@ -49,10 +51,13 @@ class ForcePeak(NamedTuple):
         Time of the beginning [s].
     probe
         Time of the highest value [s].
+    force
+        Number of the force among those of `compile_formula_forces`.
     """
 
     t: float
     probe: float
+    force: int
 
 
 @dataclass(frozen=True)
@@ -86,17 +91,17 @@ class ForcePeakDetector:
         order = np.arange(len(gap)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
         t = interval.nodes[gap] + order * np.repeat(gaps / (counts + 1), counts)
         samples = _Samples(interval, t)
-        peaks = (self._find_first_of_force(term, samples, first, gap) for term in self.terms)
+        peaks = (self._find_first_of_force(k, samples, first, gap) for k in range(len(self.terms)))
         return min((peak for peak in peaks if peak is not None), default=None)
 
     def _find_first_of_force(
-        self, term: FormulaForceTerm, samples: _Samples, first: int, gap: Array
+        self, force_index: int, samples: _Samples, first: int, gap: Array
     ) -> ForcePeak | None:
         """Return the first peak of one force; the samples follow the nodes with the indices `gap`.
 
         The steps before this peak are kept: an earlier peak, even a lower one, would be lost.
         """
-        interval, t = samples.interval, samples.t
+        interval, t, term = samples.interval, samples.t, self.terms[force_index]
         at_nodes = term.evaluate(interval.nodes, interval.branch, interval.rows.q, interval.rows.v)
         force = samples.evaluate(term)
         missed = force - samples.interpolate(at_nodes)
@@ -134,7 +139,11 @@ class ForcePeakDetector:
                 left = near.t[max(highest - 1, 0)]
                 right = near.t[min(highest + 1, _REFINED_SAMPLES - 1)]
             if weigh(term.operator.T @ _integrate(times, values)) > 1.0:
-                return ForcePeak(float(before), probe)
+                # Where a smooth peak falls to 1 %, a thousandth of its impulse is still outside.
+                same_step = np.flatnonzero(gap[:k] == gap[k])
+                feet = same_step[height[same_step] <= _FOOT * height[k]]
+                begin = t[feet[-1]] if len(feet) else interval.nodes[gap[k]]
+                return ForcePeak(float(begin), probe, force_index)
         return None
 
 
