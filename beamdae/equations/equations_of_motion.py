@@ -88,6 +88,16 @@ class RangeTerm:
         """
         return np.concatenate([self._rotations(x) for x in self._column_blocks(q)])
 
+    def displacements(self, q: Array) -> Array:
+        """Return both components of the displacements of all nodes [m], as `rotations`."""
+        components = self._defect.displacements
+        return np.concatenate(
+            [
+                np.hstack([self._nodal(x, component) for component in components])
+                for x in self._column_blocks(q)
+            ]
+        )
+
     def deformation_changes(self, q: Array) -> tuple[Array, Array]:
         """Return the deformations, and their changes due to exact strains, for k rows of `q`.
 
@@ -157,9 +167,12 @@ class RangeTerm:
         return values.max(axis=(1, 2))
 
     def _rotations(self, columns: Array) -> Array:
-        """Return the section rotations (k, nodes) of local coordinates (copies, size, k)."""
+        return self._nodal(columns, self._defect.rotations)
+
+    def _nodal(self, columns: Array, component: slice) -> Array:
+        """Return one deformation of all nodes (k, nodes) of local coordinates (copies, size, k)."""
         deformations = columns[:, self._defect.deformations]
-        return deformations[:, self._defect.rotations].reshape(-1, columns.shape[2]).T
+        return deformations[:, component].reshape(-1, columns.shape[2]).T
 
     def _column_blocks(self, q: Array) -> Iterator[Array]:
         """Yield the local coordinates (copies, size, k) of blocks of rows of `q`.

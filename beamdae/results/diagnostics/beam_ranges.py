@@ -35,7 +35,7 @@ _MAX_SAMPLE_COUNT = 20_000
 # Above this size of the sampled positions [bytes], freed memory is returned to the system. It is
 # three times as large.
 _MAX_RETAINED_BYTES = 5e7
-_DEFECT_SAMPLE_COUNT = 16  # times of the largest rotations at which exact strains are evaluated
+_DEFECT_SAMPLE_COUNT = 16  # times of the largest motions at which exact strains are evaluated
 
 # Error of deflections over the relative change of the deformation by exact strains. The error grows
 # with the number of oscillations, whose frequencies are wrong: a relative change e of the stiffness
@@ -90,7 +90,13 @@ class BeamRange:
             return None
         consequence = "the deformation is wrong"
         if self.error < _MAX_ESTIMATED_ERROR:
-            consequence = f"the error of deflections is estimated at {100 * self.error:.2g} %"
+            consequence = f"the error of deflections is at most about {100 * self.error:.2g} %"
+        if _is_stretched(self.deflection, self.rotation):
+            # Shorter bodies have the same strain.
+            return (
+                f"{self.name}: the beam is stretched or compressed (deflection "
+                f"{self.deflection:.2g} of the length), where {consequence}; set strain='exact'."
+            )
         reduction = MAX_UNREPORTED_ERROR / min(self.error, _MAX_ESTIMATED_ERROR)
         bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
         settings = "".join(f", or set {remedy}" for remedy in self.remedies)
@@ -190,12 +196,21 @@ def strain_warnings(
 def _find_deformations(
     term: RangeTerm, q: Array, error_factor: Callable[[Array], float]
 ) -> _Deformations:
-    """Return the deformations at q (k, n); `error_factor` is a function of the rotations."""
+    """Return the deformations at q (k, n); `error_factor` is a function of the motion."""
     if term.statement.defect is None:
         return _Deformations(term.largest_deformation(q))
-    largest, rotations = term.largest_and_rotations(q)
-    samples = q[_select_samples(rotations)]
-    return _Deformations(largest, error_factor(rotations), samples)
+    largest, motion = term.largest_and_rotations(q)
+    if _is_stretched(*largest[:2]):
+        motion = term.displacements(q)
+    return _Deformations(largest, error_factor(motion), q[_select_samples(motion)])
+
+
+def _is_stretched(deflection: float, rotation: float) -> bool:
+    """Return whether a beam is stretched rather than bent.
+
+    Bending turns sections by more than the deflection over the length.
+    """
+    return rotation < deflection
 
 
 def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
@@ -206,13 +221,13 @@ def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
     return BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
 
 
-def _error_factor_of_run(rotations: Array) -> float:
-    return _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(rotations)
+def _error_factor_of_run(motion: Array) -> float:
+    return _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * count_oscillations(motion)
 
 
-def _error_factor_of_equilibria(rotations: Array) -> float:
+def _error_factor_of_equilibria(motion: Array) -> float:
     """Return the factor of errors relative to half the range, as in runs and certificates."""
-    most = rotations[:, np.argmax(_largest_of_rows(rotations.T))]
+    most = motion[:, np.argmax(_largest_of_rows(motion.T))]
     half_range = 0.5 * np.ptp(np.append(most, 0.0))
     if not half_range > 0.0:
         return _ERROR_OF_EQUILIBRIUM
@@ -226,12 +241,14 @@ def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
     result is the larger of the ratios for displacements and for rotations, because under bending
     moments only the displacements change.
     """
-    return _relative_change(term, q[_select_samples(term.rotations(q))])
+    deflection, rotation, _ = term.largest_deformation(q)
+    motion = term.displacements(q) if _is_stretched(deflection, rotation) else term.rotations(q)
+    return _relative_change(term, q[_select_samples(motion)])
 
 
-def _select_samples(rotations: Array) -> Array:
-    """Return the indices of the largest rotations in different sections of the run."""
-    largest = _largest_of_rows(rotations)
+def _select_samples(motion: Array) -> Array:
+    """Return the indices of the largest motions in different sections of the run."""
+    largest = _largest_of_rows(motion)
     # Peaks of sections of the run: adjacent times of one peak have almost the same deformation.
     peaks = _find_peaks(largest, min(len(largest), _MIN_SAMPLE_COUNT))
     return peaks[np.argsort(largest[peaks])[-_DEFECT_SAMPLE_COUNT:]]
@@ -244,8 +261,11 @@ def _largest_of_rows(values: Array) -> Array:
 
 def _relative_change(term: RangeTerm, samples: Array) -> float:
     deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(samples))
+    # The rotations of a beam that is stretched are small, and their changes insignificant.
+    deformations[1] = max(deformations[1], term.largest_deformation(samples)[0])
     deformed = deformations > 0.0
-    return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))
+    with np.errstate(invalid="ignore"):  # infinite deformations
+        return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))
 
 
 def _find_peaks(values: Array, count: int) -> Array:
@@ -261,31 +281,32 @@ def _find_peaks(values: Array, count: int) -> Array:
     )
 
 
-def count_oscillations(rotations: Array) -> float:
+def count_oscillations(motion: Array) -> float:
     """Return the effective number of oscillations of a beam, a measure of the phase error.
 
-    The relative error of a frequency is proportional to the square of the rotation. Therefore, each
-    oscillation has the weight (largest rotation of the oscillation / of the run)^2. It applies to
-    both half-cycles, even if the beam is almost straight in one of them, as in a vibration about
-    the deflection by weight. The error of the motion is proportional to the phase error and to the
-    amplitude. The result is therefore the largest product over time of the accumulated weights and
-    the ratio of the amplitude that remains to the initial amplitude.
+    The relative error of a frequency of bending is proportional to the square of the rotation.
+    Therefore, each oscillation has the weight (largest value of the oscillation / of the run)^2. It
+    applies to both half-cycles, even if the beam is almost straight in one of them, as in a
+    vibration about the deflection by weight. The error of the motion is proportional to the phase
+    error and to the amplitude. The result is therefore the largest product over time of the
+    accumulated weights and the ratio of the amplitude that remains to the initial amplitude.
 
     Parameters
     ----------
-    rotations
-        Section rotations [rad], (k, n). The rotation with the largest range is evaluated.
+    motion
+        Section rotations [rad], or displacements [m] of a stretched beam, (k, n). The column with
+        the largest range is evaluated.
     """
-    widest = np.argmax(np.ptp(rotations, axis=0))
-    motion = rotations[:, widest] - np.mean(rotations[:, widest])
-    amplitude = np.maximum.accumulate(np.abs(motion)[::-1])[::-1]
+    widest = motion[:, np.argmax(np.ptp(motion, axis=0))]
+    vibration = widest - np.mean(widest)
+    amplitude = np.maximum.accumulate(np.abs(vibration)[::-1])[::-1]
     if not amplitude[0] > 0.0:
         return 0.0
     # Two sign changes are one oscillation.
-    changes = np.diff(np.sign(motion), prepend=np.sign(motion[0])) != 0.0
+    changes = np.diff(np.sign(vibration), prepend=np.sign(vibration[0])) != 0.0
     half_cycle = np.cumsum(changes)
     peaks = np.zeros(half_cycle[-1] + 1)
-    np.maximum.at(peaks, half_cycle, _largest_of_rows(rotations))
+    np.maximum.at(peaks, half_cycle, _largest_of_rows(motion))
     peaks[:-1] = np.maximum(peaks[:-1], peaks[1:])
     phase = np.cumsum(0.5 * changes * (peaks[half_cycle] / np.max(peaks)) ** 2)
     return float(np.max(phase * amplitude) / amplitude[0])
