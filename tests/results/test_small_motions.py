@@ -50,6 +50,17 @@ def test_vibrations_at_rest_and_motions_that_joints_prescribe_have_no_warning(se
     assert not bd.simulate(train(**setting), t_end=2.0, output_step=0.05).warnings
 
 
+@pytest.mark.parametrize("torque", [1.0, 10.0])
+def test_regression_a_pinned_point_of_an_eccentric_wheel_has_no_warning(torque):
+    """The constraints were scaled twice, so that the pin seemed to allow motions of its point."""
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.3, center=(0.3, 0.1)))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    mech.add(bd.Moment("torque", on=wheel.at(0.0, 0.0), law=bd.sine(torque, 1.0)))
+    mech.observe("hub", wheel.at(0.0, 0.0))
+    assert not bd.simulate(mech, bd.Radau(1e-5), t_end=1.0, output_step=0.1).warnings
+
+
 def test_the_warning_names_further_columns():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     car = mech.add(bd.RigidBody("car", 1000.0, 800.0, center=(0.0, 0.5), velocity=(30.0, 0.0)))

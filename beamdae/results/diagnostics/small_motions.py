@@ -30,6 +30,8 @@ _RESTING_SHARE = 1e-9
 _SAMPLES = 400  # times at which columns are evaluated
 _GRADIENT_SAMPLES = 3
 _DIFFERENCE_STEP = 1e-6  # of gradients, relative to the scale of a coordinate
+# Errors of changes that the constraints allow, relative to all changes.
+_ROUNDING = 1e-6
 _MAX_SIZE = 2000  # coordinates; the projection of a gradient needs a dense matrix
 _MAX_NAMES = 3  # of further columns
 
@@ -150,12 +152,16 @@ def _changes(
     rows: Array,
 ) -> Array:
     """Return the derivatives of the columns by the coordinates, times their scales, (k, n)."""
-    count = len(rows) + 1
-    states = State(*(np.tile(x, (count, 1)) for x in state))
-    states.q[np.arange(1, count), rows] += _DIFFERENCE_STEP * scales[rows]
-    values = _evaluate(equations, observable, np.tile(time, (count, 1)), states)
+    count = len(rows)
+    # Central differences over small angles: joints cancel the derivatives of other points.
+    limits = [1.0 if equations.coordinates[k].unit == "rad" else np.inf for k in rows]
+    steps = _DIFFERENCE_STEP * np.minimum(scales[rows], limits)
+    states = State(*(np.tile(x, (2 * count, 1)) for x in state))
+    states.q[np.arange(count), rows] += steps
+    states.q[np.arange(count, 2 * count), rows] -= steps
+    values = _evaluate(equations, observable, np.tile(time, (2 * count, 1)), states)
     changes = np.zeros((values.shape[1], equations.n))
-    changes[:, rows] = (values[1:] - values[0]).T / _DIFFERENCE_STEP
+    changes[:, rows] = (values[:count] - values[count:]).T / (2.0 * steps) * scales[rows]
     return changes
 
 
@@ -167,6 +173,11 @@ def _largest_free_change(
         constraints = build_constraint_jacobian(equations)
         (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
         (jacobian,) = constraints.at(time[None], state.q[None])
-        scaled, held = jacobian * scales[columns], changes[:, columns]
+        # Its columns refer to the scales of positions.
+        factors = scales[columns] / equations.position_scales[columns]
+        scaled, held = jacobian * factors, changes[:, columns]
+        largest = np.max(np.abs(changes), axis=1, keepdims=True)
         changes[:, columns] = held - (scaled.T @ np.linalg.lstsq(scaled.T, held.T)[0]).T
+        # Of motions that joints prescribe, rounding errors remain.
+        changes[np.abs(changes) < _ROUNDING * largest] = 0.0
     return np.max(np.abs(changes), axis=1)
