@@ -56,7 +56,7 @@ def test_system_of_equations_in_the_guide():
     # The rod starts horizontal and carries the weight.
     np.testing.assert_allclose(solution.observed["push [N]"].iloc[0], 0.2 * 9.81, rtol=1e-6)
     # The gravitational potential accounts for all power of f.
-    np.testing.assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(solution.energies["energy.work_of_loads [J]"], 0.0, atol=1e-12)
     assert solution.quality.energy_imbalance < 100e-6
 
 

@@ -105,17 +105,14 @@ class Solution(RunData, TimeSeries):
 
     @property
     def observed(self) -> pd.DataFrame:
-        """Observed columns without time, by row number; `solution[names]` is indexed by time.
-
-        Headers contain units.
-        """
+        """Observed columns by time [s]; headers contain units."""
         import pandas as pd
 
-        return pd.DataFrame(self.columns, index=range(len(self.t)))
+        return pd.DataFrame(dict(self.columns), index=pd.Index(self.t, name=measures.TIME))
 
     @property
-    def ledger(self) -> pd.DataFrame:
-        """Energies, works and energy imbalance at the output times [J].
+    def energies(self) -> pd.DataFrame:
+        """Energies, works and energy imbalance [J] by time [s]; also columns of `table`.
 
         The columns are the kinetic, strain and gravitational energies, the work of the loads and of
         the drivers, the dissipated energy, and the imbalance, which is zero for an exact
@@ -123,7 +120,9 @@ class Solution(RunData, TimeSeries):
         """
         import pandas as pd
 
-        return pd.DataFrame(self._ledger_rows, columns=list(measures.LEDGER_COLUMNS), copy=True)
+        index = pd.Index(self.t, name=measures.TIME)
+        headers = list(measures.LEDGER_COLUMNS)
+        return pd.DataFrame(self._ledger_rows, index, headers, copy=True)
 
     @property
     def drift(self) -> pd.DataFrame:

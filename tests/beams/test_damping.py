@@ -276,7 +276,7 @@ def test_momenta_of_a_free_arc_decay_with_the_mass_coefficient(frame):
     expected = np.outer(np.exp(-MASS * solution.t), momenta[0])
     assert_allclose(momenta, expected, rtol=0.0, atol=2e-6)
     # The arc deforms: a twentieth of the energy is exchanged with strains.
-    assert solution.ledger["energy.strain [J]"].max() > 0.05 * solution.ledger.iloc[0, 0]
+    assert solution.energies["energy.strain [J]"].max() > 0.05 * solution.energies.iloc[0, 0]
 
 
 # Decay of a cantilever -------------------------------------------------------------------------
@@ -494,8 +494,8 @@ def test_energy_dissipated_by_drag_on_a_stiff_pendulum():
     kinetic = 0.5 * weight * LENGTH * swing / (ratio**2 + 1.0)
     dissipated = 0.5 * weight * LENGTH * np.sin(psi) - kinetic
     # Energies of order ten; the strain energy is 2e-6, and the error of the steps is 1e-5.
-    assert_allclose(solution.ledger["energy.kinetic [J]"], kinetic, rtol=0.0, atol=5e-5)
-    assert_allclose(solution.ledger["energy.dissipated [J]"], dissipated, rtol=0.0, atol=5e-5)
+    assert_allclose(solution.energies["energy.kinetic [J]"], kinetic, rtol=0.0, atol=5e-5)
+    assert_allclose(solution.energies["energy.dissipated [J]"], dissipated, rtol=0.0, atol=5e-5)
 
 
 @pytest.mark.parametrize("frame", [pytest.param("tangent", marks=pytest.mark.slow), "chord"])
@@ -515,7 +515,7 @@ def test_energy_balance_of_a_flexible_pendulum_with_all_dampings(integrator, max
     solution = bd.simulate(mech, integrator, t_end=2.0)
     assert solution.status.success, solution.status.sentence
     assert solution.quality.energy_imbalance < max_imbalance
-    first, last = solution.ledger.iloc[0], solution.ledger.iloc[-1]
+    first, last = solution.energies.iloc[0], solution.energies.iloc[-1]
     energies = [f"energy.{name} [J]" for name in ("kinetic", "strain", "gravity")]
     dissipated = first[energies].sum() - last[energies].sum()
     assert dissipated > 10.0

@@ -68,7 +68,7 @@ def test_three_parts_make_the_table_of_one_run(run):
     # Errors of both runs are below 100 rtol of a meter; velocities jump at the bounces.
     for column in ("ball.x [m]", "ball.y [m]", "energy.work_of_loads [J]"):
         assert_allclose(table[column][on_grid], whole.all_columns()[column], atol=1e-3)
-    assert_allclose(table["energy.dissipated [J]"].iloc[-1], whole.ledger.iloc[-1, 5], rtol=1e-4)
+    assert_allclose(table["energy.dissipated [J]"].iloc[-1], whole.energies.iloc[-1, 5], rtol=1e-4)
     assert np.abs(table["energy.imbalance [J]"]).max() < 1e-4
     assert len(metadata["events"]) == len(whole.event_records)
     assert [part["file"] for part in metadata["parts"]] == [f"ball_part{k}.csv" for k in (1, 2, 3)]

@@ -283,10 +283,10 @@ def test_regression_energies_balance_if_the_mass_depends_on_position():
         units=("m", "rad"),
     )
     solution = bd.simulate(free, bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-9), 3.0)
-    kinetic = solution.ledger["energy.kinetic [J]"]
+    kinetic = solution.energies["energy.kinetic [J]"]
     # The steps lose energy of order h^2.
     assert_allclose(kinetic, kinetic[0], rtol=1e-5)
-    assert_allclose(solution.ledger["energy.work_of_loads [J]"], 0.0, atol=1e-5 * kinetic[0])
+    assert_allclose(solution.energies["energy.work_of_loads [J]"], 0.0, atol=1e-5 * kinetic[0])
     assert solution.quality.energy_imbalance < 1e-5
     # A straight line at constant speed.
     x = solution.q[:, 0] * np.cos(solution.q[:, 1])
@@ -379,7 +379,7 @@ def test_systems_that_differ_in_parameters_share_their_structure():
 def test_energies_equal_the_stated_potentials(integrator):
     m, c, k = 2.0, 3.0, 100.0
     solution = bd.simulate(oscillator(m, c, k), integrator, 2.0)
-    ledger, x, v = solution.ledger, solution.q[:, 0], solution.v[:, 0]
+    ledger, x, v = solution.energies, solution.q[:, 0], solution.v[:, 0]
     # Energies are interpolated between steps, with errors of 1e-7 of 4 J.
     assert_allclose(ledger["energy.kinetic [J]"], 0.5 * m * v**2, rtol=0.0, atol=1e-6)
     assert_allclose(ledger["energy.strain [J]"], 0.5 * k * x**2, rtol=0.0, atol=1e-6)
@@ -413,7 +413,7 @@ def test_the_power_of_a_time_dependent_potential_counts_as_work_of_loads():
     power = -20.0 * (x - np.sin(3.0 * times)) * 3.0 * np.cos(3.0 * times)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(times))])
     # Error of the trapezoidal rule with 1000 rows: (3 omega h)^2 / 12 of 40 J.
-    assert_allclose(solution.ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-3)
+    assert_allclose(solution.energies["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-3)
     assert solution.quality.energy_imbalance < 1e-7
 
 
@@ -467,7 +467,7 @@ def test_parameters_in_constraints_and_columns():
     assert_allclose(solution.observed["turn [rad]"].iloc[-1], 3.0 * (1.0 - 0.25), rtol=1e-12)
     assert_allclose(solution.observed["far [-]"], 1.0, rtol=1e-6)
     # The work of the drive is m v^2 / 2 at 6 m/s.
-    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], 18.0, rtol=1e-5)
+    assert_allclose(solution.energies["energy.work_of_drivers [J]"].iloc[-1], 18.0, rtol=1e-5)
 
 
 def test_velocity_constraints_follow_position_constraints():

@@ -93,7 +93,7 @@ def test_a_prescribed_velocity_does_work(integrator):
     assert_allclose(solution.q[:, 0], x, rtol=0.0, atol=2e-6)
     assert_allclose(solution.lam[:, 0], pull, rtol=0.0, atol=2e-3)
     work = 0.5 * MASS * (speed * np.sin(rate * solution.t)) ** 2 - MASS * GRAVITY * x
-    assert_allclose(solution.ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
+    assert_allclose(solution.energies["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-4)
 
 
 def test_a_constraint_not_linear_in_velocities_is_rejected():

@@ -287,7 +287,7 @@ def test_damping_that_supplies_energy_is_reported(sign):
             warnings.simplefilter("ignore", bd.BeamdaeWarning)
             solution = bd.simulate(mech, t_end=1.0)
         assert len(sentences) == len(solution.warnings) == (sign < 0.0)
-        supplied = -solution.ledger["energy.dissipated [J]"].iloc[-1]
+        supplied = -solution.energies["energy.dissipated [J]"].iloc[-1]
         if sign < 0.0:
             assert sentences[0].startswith("x: its law supplies energy at some velocities")
             amount = float(solution.warnings[0].split("supplies ")[1].split(" J")[0])

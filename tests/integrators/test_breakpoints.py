@@ -37,7 +37,7 @@ def test_driver_speed_jump_counts_as_work(integrator):
     # The work error of first-order steps equals their relative step length.
     first_order = integrator.accuracy.name == "step" and integrator.order == 1
     rtol = integrator.step if first_order else 1e-5
-    assert_allclose(solution.ledger["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=rtol)
+    assert_allclose(solution.energies["energy.work_of_drivers [J]"].iloc[-1], expected, rtol=rtol)
     assert solution.quality.energy_imbalance < rtol
 
 
@@ -75,7 +75,7 @@ def test_strongly_damped_beam_dissipates_its_strain_energy():
     mech, beam = damped_cantilever()
     mech.add(bd.Force("push", beam.end, (0.0, bd.piecewise((1.0, 50.0), 0.0))))
     solution = bd.simulate(mech, bd.Ida(1e-5), t_end=3.0)
-    ledger = solution.ledger.iloc[-1]
+    ledger = solution.energies.iloc[-1]
     work = ledger["energy.work_of_loads [J]"]
     # Work of the quasi-static push, F^2 L^3 / (3 EI), which is dissipated entirely.
     assert_allclose(work, 50.0**2 * 0.5**3 / (3.0 * 70e9 * 0.03 * 0.01**3 / 12.0), rtol=0.02)

@@ -305,7 +305,7 @@ class Once:
     [
         (bd.Ida(), IdaStepper, "advance"),
         (bd.Radau(), RadauStepper, "advance"),
-        (bd.GeneralizedAlpha(), FixedAlphaStepper, "advance"),
+        (bd.GeneralizedAlpha(2e-4), FixedAlphaStepper, "advance"),
         (bd.GeneralizedAlpha(rtol=1e-4), AdaptiveAlphaStepper, "advance"),
     ],
 )

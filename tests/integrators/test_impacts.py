@@ -42,7 +42,7 @@ def test_a_ball_bounces_at_times_of_the_geometric_series(integrator):
     assert_allclose(solution.columns["ball.x [m]"], 0.3 * solution.t, atol=1e-9)
     assert solution.columns["gap [m]"].min() > -1e-6
     assert solution.quality.energy_imbalance < 1e-6
-    dissipated = solution.ledger["energy.dissipated [J]"].iloc[-1]
+    dissipated = solution.energies["energy.dissipated [J]"].iloc[-1]
     assert_allclose(dissipated, events["energy lost [J]"].sum(), rtol=1e-9)
 
 

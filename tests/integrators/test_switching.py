@@ -69,7 +69,7 @@ def test_locked_bar_stands_still(integrator):
     assert_allclose(solution.v[after], 0.0, atol=1e-9)
     assert_allclose(catch.impulses["lock.angle"], INERTIA * SPEED, rtol=1e-5)
     assert_allclose(catch.energy_lost, 0.5 * INERTIA * SPEED**2, rtol=1e-5)
-    dissipated = solution.ledger["energy.dissipated [J]"]
+    dissipated = solution.energies["energy.dissipated [J]"]
     assert_allclose(dissipated.iloc[-1], catch.energy_lost, rtol=1e-9)
     assert solution.quality.energy_imbalance < 1e-6
     assert_allclose(solution.events["energy lost [J]"], [catch.energy_lost, 0.0])
@@ -132,7 +132,7 @@ def test_force_is_switched_off_and_on(integrator):
     left = 4.0 - on
     assert_allclose(solution.q[-1, 0], 2.0 + off * left + 0.5 * left**2, rtol=1e-6)
     assert solution.quality.energy_imbalance < 1e-7
-    works = solution.ledger["energy.work_of_loads [J]"].to_numpy()
+    works = solution.energies["energy.work_of_loads [J]"].to_numpy()
     assert_allclose(works[-1], 1.0 + solution.q[-1, 0] - 2.0, rtol=1e-6)
 
 

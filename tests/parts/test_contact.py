@@ -77,9 +77,9 @@ def test_bouncing_ball_hits_the_floor_at_the_times_of_the_closed_form(integrator
 def test_elastic_impacts_keep_the_energy():
     solution = bd.simulate(bouncing(1e6), bd.Radau(rtol=1e-7), t_end=3.0)
     assert_allclose(solution.q[:, 1].max(), 1.0, rtol=1e-12)
-    books = solution.ledger[[f"energy.{x} [J]" for x in ("kinetic", "strain", "gravity")]]
+    books = solution.energies[[f"energy.{x} [J]" for x in ("kinetic", "strain", "gravity")]]
     assert_allclose(books.sum(axis=1), GRAVITY, rtol=1e-4)
-    assert_allclose(solution.ledger["energy.dissipated [J]"], 0.0, atol=1e-9)
+    assert_allclose(solution.energies["energy.dissipated [J]"], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
@@ -108,7 +108,7 @@ def test_a_block_slides_to_rest_under_friction(integrator):
     speed = np.maximum(2.0 - slowing * t, 0.0)
     # Regularization: tanh(v / 1 mm/s) reaches 0.76 at 1 mm/s.
     assert_allclose(solution.v[:, 0], speed, rtol=0.0, atol=1.5e-3)
-    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], 4.0, rtol=1e-3)
+    assert_allclose(solution.energies["energy.dissipated [J]"].iloc[-1], 4.0, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_a_block_on_a_belt_sticks_and_slips_as_a_rigid_model(method):
     force = -stribeck_coefficient(slip, **STRIBECK) * run["sole.N"]
     assert_allclose(run["sole.T"], force, rtol=1e-9, atol=1e-12)
     assert_allclose(run["sliding.N"], run["sole.N"], rtol=1e-12)
-    ledger = run.ledger
+    ledger = run.energies
     work = np.trapezoid(-run["sole.T"] * run["sliding.v"], run.t)
     assert ledger["energy.dissipated [J]"].iloc[-1] == pytest.approx(work, rel=0.02)
     assert not any("friction_speed" in sentence for sentence in run.warnings)

@@ -68,7 +68,7 @@ def test_a_law_between_two_points_equals_a_spring():
 
     law, spring = run(True), run(False)
     assert_allclose(law.q, spring.q, atol=1e-9)  # Newton's tolerance
-    assert_allclose(law.ledger.to_numpy(), spring.ledger.to_numpy(), atol=1e-7)
+    assert_allclose(law.energies.to_numpy(), spring.energies.to_numpy(), atol=1e-7)
     assert law.quality.energy_imbalance < 1e-4
 
 
@@ -93,7 +93,7 @@ def test_coulomb_damped_oscillator_decays_linearly(integrator):
     assert_allclose(amplitude, 0.2 - decrement, rtol=0.0, atol=0.03 * decrement[1])
     assert solution.quality.energy_imbalance < 1e-4
     dissipated = 0.5 * stiffness * (0.2**2 - (0.2 - decrement[-1]) ** 2)
-    assert_allclose(solution.ledger["energy.dissipated [J]"].iloc[-1], dissipated, rtol=5e-3)
+    assert_allclose(solution.energies["energy.dissipated [J]"].iloc[-1], dissipated, rtol=5e-3)
 
 
 @pytest.mark.parametrize("native", [True, False])

@@ -74,7 +74,7 @@ def test_block_on_a_plane_slows_down_by_mu_g(integrator, turn):
         solution.columns["friction.v [m/s]"], 2.0 - 0.3 * GRAVITY * solution.t, atol=1e-6
     )
     assert solution.quality.energy_imbalance < 1e-7
-    assert_allclose(solution.ledger["energy.dissipated [J]"], friction_force * travel, atol=1e-6)
+    assert_allclose(solution.energies["energy.dissipated [J]"], friction_force * travel, atol=1e-6)
 
 
 @pytest.mark.parametrize("force", [1e-7, 1e-4, 1e2])

@@ -52,7 +52,7 @@ def test_a_pendulum_rotates_uniformly_after_gravity_ends(integrator):
     # Energy gained until then: work of the weight.
     fall = 2.0 * 9.81 * np.sin(-solution.q[6, 2])
     assert_allclose(0.5 * 2.5 * rate[6] ** 2, fall, rtol=1e-4)
-    assert_allclose(solution.ledger["energy.work_of_loads [J]"].iloc[-1], fall, rtol=1e-4)
+    assert_allclose(solution.energies["energy.work_of_loads [J]"].iloc[-1], fall, rtol=1e-4)
     assert solution.quality.energy_imbalance < 1e-4
 
 

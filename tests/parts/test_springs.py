@@ -186,12 +186,14 @@ def test_law_of_a_spring_counts_as_a_load_unless_its_energy_is_given():
     assert_allclose(plain.q, potential.q, atol=1e-12)
     for solution in (plain, potential):
         assert solution.quality.energy_imbalance < 1e-5
-    elastic_energy = potential.ledger["energy.strain [J]"]
+    elastic_energy = potential.energies["energy.strain [J]"]
     assert_allclose(elastic_energy.iloc[0], 15.0 * 0.16 + 50.0 * 0.0256, rtol=1e-12)
     assert_allclose(
-        plain.ledger["energy.dissipated [J]"], potential.ledger["energy.dissipated [J]"], atol=1e-9
+        plain.energies["energy.dissipated [J]"],
+        potential.energies["energy.dissipated [J]"],
+        atol=1e-9,
     )
-    assert np.all(plain.ledger["energy.strain [J]"] == 0.0)
+    assert np.all(plain.energies["energy.strain [J]"] == 0.0)
 
 
 BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)

@@ -62,7 +62,7 @@ def test_columns_are_selected_by_header_name_or_observable(run):
     assert_array_equal(tip, run.columns["tip.y [m]"])
     assert_array_equal(run["tip.y [m]"], tip)
     assert list(run["tip"]) == list(run.columns)
-    assert_array_equal(run["energy.kinetic"], run.ledger["energy.kinetic [J]"])
+    assert_array_equal(run["energy.kinetic"], run.energies["energy.kinetic [J]"])
     assert_array_equal(run["lam.hinge"].iloc[:, 0], run.lam[:, 0])
     assert_array_equal(run["beam.x0_dot"], run.v[:, 0])
 

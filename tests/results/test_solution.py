@@ -60,8 +60,8 @@ def test_regression_the_energy_of_long_steps_balances_to_the_tolerance(rtol):
     """With powers at the ends of steps only, the imbalance was 8e-6 at 1e-7, 2e-3 at 1e-3."""
     solution = bd.simulate(driven_bar(lambda t: 3.0 * t**2 - t**3), bd.Radau(rtol), 2.0)
     assert solution.quality.energy_imbalance < 0.1 * rtol
-    exchanged = solution.ledger["energy.work_of_drivers [J]"].abs().max()
-    assert solution.ledger["energy.imbalance [J]"].abs().max() < rtol * exchanged
+    exchanged = solution.energies["energy.work_of_drivers [J]"].abs().max()
+    assert solution.energies["energy.imbalance [J]"].abs().max() < rtol * exchanged
 
 
 @every_integrator
@@ -130,7 +130,7 @@ def test_the_energy_imbalance_decreases_with_the_step():
 @every_integrator
 def test_kinetic_and_gravitational_energy_of_a_bar(integrator):
     solution = bd.simulate(swing(), integrator, 1.0, output_step=0.1)
-    ledger = solution.ledger
+    ledger = solution.energies
     height, rate = solution.q[:, 1], solution.v
     kinetic = 0.5 * (2.0 * np.sum(rate[:, :2] ** 2, axis=1) + 0.3 * rate[:, 2] ** 2)
     assert_allclose(ledger["energy.kinetic [J]"], kinetic, rtol=0.0, atol=1e-5)
@@ -146,7 +146,7 @@ def test_the_work_of_a_driver_is_the_energy_of_the_bar(integrator):
     solution = bd.simulate(driven_bar(lambda t: 1.0 - np.cos(3.0 * t)), integrator, 2.0, 0.05)
     rate = 3.0 * np.sin(3.0 * solution.t)
     work = 0.5 * 0.8 * rate**2
-    ledger = solution.ledger
+    ledger = solution.energies
     # Tolerance: the second-order error of the reaction at this step, (3 h)^2 = 1e-5 of 3.6 J.
     assert_allclose(ledger["energy.work_of_drivers [J]"], work, rtol=0.0, atol=1e-3)
     assert_allclose(ledger["energy.kinetic [J]"], work, rtol=0.0, atol=1e-3)
@@ -160,7 +160,7 @@ def test_the_work_of_a_driver_is_the_energy_of_the_bar(integrator):
 @every_integrator
 def test_the_work_of_a_constant_force_is_force_times_distance(integrator):
     solution = bd.simulate(pushed(3.0), integrator, 2.0, 0.1)
-    ledger = solution.ledger
+    ledger = solution.energies
     work = 3.0 * 0.5 * 1.5 * solution.t**2
     assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
     assert_allclose(ledger["energy.work_of_drivers [J]"], 0.0, rtol=0.0, atol=0.0)
@@ -171,7 +171,7 @@ def test_the_work_of_a_constant_force_is_force_times_distance(integrator):
 def test_the_energy_balances_across_a_jump_of_the_force(integrator):
     solution = bd.simulate(pushed(bd.piecewise((0.3, 5.0), 0.0)), integrator, 1.0, 0.037)
     work = 0.5 * 2.0 * (2.5 * np.minimum(solution.t, 0.3)) ** 2
-    ledger = solution.ledger
+    ledger = solution.energies
     assert_allclose(ledger["energy.work_of_loads [J]"], work, rtol=0.0, atol=1e-5)
     assert_allclose(ledger["energy.imbalance [J]"], 0.0, rtol=0.0, atol=1e-5)
 

@@ -118,7 +118,7 @@ def test_descent_time_is_independent_of_the_start(start, integrator):
 @pytest.mark.parametrize("integrator", ADAPTIVE, ids=lambda x: x.method)
 def test_work_of_the_rod_driver_matches_closed_form(integrator):
     solution = bd.simulate(rotating_rod, integrator)
-    work = solution.ledger["energy.work_of_drivers [J]"]
+    work = solution.energies["energy.work_of_drivers [J]"]
     exact = 2.0**2 * 0.1**2 * np.sinh(2.0 * solution.t) ** 2
     # Work is quadratic in the motion.
     assert_allclose(work, exact, rtol=0.0, atol=200e-6 * exact[-1])
@@ -127,12 +127,12 @@ def test_work_of_the_rod_driver_matches_closed_form(integrator):
 def test_energies_of_the_slider_crank_match_sundials():
     solution = bd.simulate(spring_slider_crank, bd.Radau(1e-8), output_step=5e-3)
     # idasSlCrank_ASAi_dns, integral of the kinetic energy, at a tolerance of 1e-6 per step.
-    kinetic = solution.ledger["energy.kinetic [J]"]
+    kinetic = solution.energies["energy.kinetic [J]"]
     assert simpson(kinetic, x=solution.t) == pytest.approx(3.3366160662909388, rel=1e-5)
     # Work of the force of 1 N along the path of the end of the rod.
     _, slider, rod = solution.q.T
     assert_allclose(
-        solution.ledger["energy.work_of_loads [J]"],
+        solution.energies["energy.work_of_loads [J]"],
         (slider + np.cos(rod)) - (slider + np.cos(rod))[0],
         rtol=0.0,
         atol=1e-7,

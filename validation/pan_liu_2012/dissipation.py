@@ -74,10 +74,10 @@ def compute_dissipation() -> dict[str, pd.DataFrame]:
             line["error of the angle [-]"] = measure_deviation(
                 columns[[ANGLE]], exact.observed[[ANGLE]]
             )
-            lost = -solution.ledger["energy.imbalance [J]"].iloc[-1]
-            largest = solution.ledger["energy.kinetic [J]"].max()
+            lost = -solution.energies["energy.imbalance [J]"].iloc[-1]
+            largest = solution.energies["energy.kinetic [J]"].max()
             line["energy lost over largest kinetic [-]"] = lost / largest
-            curves[f"{name} [N]"] = columns[FORCE].set_axis(solution.t)
+            curves[f"{name} [N]"] = columns[FORCE]
         lines.append(line)
     lines.append(
         {
@@ -86,7 +86,7 @@ def compute_dissipation() -> dict[str, pd.DataFrame]:
             **_measure_vibration(exact.observed),
         }
     )
-    curves["resolved, step 2e-5 s [N]"] = exact.observed[FORCE].set_axis(exact.t)
+    curves["resolved, step 2e-5 s [N]"] = exact.observed[FORCE]
     history = pd.DataFrame(curves).iloc[:301].rename_axis("t [s]")
     fixed = [c for c in history if any(x in c for x in ("rho_inf 1 ", "rho_inf 0.8 "))]
     return {

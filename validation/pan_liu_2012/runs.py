@@ -35,18 +35,14 @@ def observe_run(
     mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
 ) -> pd.DataFrame:
     """Return observed columns of a run over time, every `rows` seconds."""
-    return _index_by_time(run_to_end(mechanism, t_end, rows, integrator))
+    return run_to_end(mechanism, t_end, rows, integrator).observed
 
 
 def observe_until_failure(
     mechanism: bd.Mechanism, t_end: float, rows: float, integrator: Any = SCHEME
 ) -> pd.DataFrame:
     """Return observed columns up to the end or the failure of the run."""
-    return _index_by_time(bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows))
-
-
-def _index_by_time(solution: bd.Solution) -> pd.DataFrame:
-    return solution.observed.set_index(pd.Index(solution.t, name="t [s]"))
+    return bd.simulate(mechanism, integrator, t_end=t_end, output_step=rows).observed
 
 
 def measure_deviation(run: Any, reference: Any) -> float:

@@ -230,7 +230,8 @@ def build_observable(
     sizes = (operator.shape[0], len(data), lam_rows.stop - lam_rows.start)
     expression = quantity.expression
     kernel_type = AccelerationKernel if quantity.has_accelerations else QuantityKernel
-    is_switched = quantity.load_of in numbers.switched_parts
+    load = quantity.load_of
+    is_switched = load is not None and load in numbers.switched_parts
     if isinstance(expression, FormulaExpression) and expression.is_shareable:
         kernel, more = _build_shared_kernel(kernel_type, expression, *sizes), np.zeros(0)
     else:
@@ -253,8 +254,8 @@ def build_observable(
         kernel, more = _with_activity(kernel, quantity.columns), np.append(more, 1.0)
     data_slice = numbers.store(np.concatenate([data, more]))
     numbers.record_signals(signal_numbers, data_slice.start)
-    if is_switched:
-        numbers.record_activity(quantity.load_of, data_slice.stop - 1)
+    if load is not None and is_switched:
+        numbers.record_activity(load, data_slice.stop - 1)
     return Observable(
         name,
         quantity.columns,
