@@ -33,6 +33,7 @@ from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
     StepExtremes,
     find_missed_peaks,
+    may_have_short_peaks,
     measure_step_extremes,
     missed_peak_warnings,
     unknown_peak_warnings,
@@ -141,18 +142,20 @@ class RunData:
     def step_extremes(self) -> dict[str, StepExtremes]:
         """Extremes of the observed columns at the steps between the first and the last row.
 
-        They include peaks between the rows. Empty for models without abrupt forces, such as
-        contacts.
+        They include peaks between the rows. Accelerations are omitted in models without abrupt
+        forces, such as contacts.
         """
         return measure_step_extremes(self.equations, self.trajectory, self.t, lambda: self.columns)
 
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:
-        """Peaks of forces, powers, accelerations and stresses that the rows miss, by header."""
-        extremes = self.step_extremes
-        if not extremes:
+        """Peaks between the rows of columns that abrupt forces change within a step, by header.
+
+        Positions, velocities and works are excluded. Empty for models without abrupt forces.
+        """
+        if not may_have_short_peaks(self.equations):
             return {}
-        return find_missed_peaks(self.columns, extremes, self.equations.length)
+        return find_missed_peaks(self.columns, self.step_extremes, self.equations.length)
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
@@ -229,7 +232,7 @@ class RunData:
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
             *missed_peak_warnings(self.missed_peaks),
-            *unknown_peak_warnings(self.step_extremes, self.trajectory),
+            *unknown_peak_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),

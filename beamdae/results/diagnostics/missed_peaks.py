@@ -15,11 +15,14 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-# Units of columns that contacts and other abrupt forces change within a few steps.
-_IMPULSIVE_UNITS = ("N", "N m", "W", "m/s^2", "rad/s^2", "Pa")
+# Units of positions, velocities and works, which abrupt forces change gradually; forces, powers,
+# accelerations, stresses, strains, and signals of controllers in any unit may change within a step.
+_GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
+_UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 # Units of translations beside those of rotations, whose values differ by a factor of a length.
 _UNITS_OF_POINTS = {"N m": "N", "rad/s^2": "m/s^2"}
 _ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mechanism
+_ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 2048
 _MAX_NAMES = 3  # of further columns in a warning
@@ -69,10 +72,8 @@ def measure_step_extremes(
 ) -> dict[str, StepExtremes]:
     """Return the extremes of the observed columns at the steps between the output rows.
 
-    With contacts, all columns are evaluated; with other forces that may change abruptly (formulas,
-    tables, friction in joints), only the units of forces, powers and stresses. Otherwise the
-    result is empty because the columns hardly change between rows. Columns that are not finite at a
-    step are omitted.
+    Columns that are not finite at a step are omitted, and so are accelerations in models without
+    abrupt forces: at the steps after a sudden load, they contain transients that are not resolved.
 
     Parameters
     ----------
@@ -84,13 +85,9 @@ def measure_step_extremes(
         Function that returns the observed columns (k,) at these times, by header.
     """
     headers = [header for o in equations.observables for header in o.headers]
-    mechanism = equations.mechanism
-    parts = () if mechanism is None else mechanism.parts.values()
-    is_selected = [any(x.gaps for x in parts)] * len(headers)
-    if headers and not is_selected[0] and may_have_short_peaks(equations):
-        is_selected = [Header.of(header).unit in _IMPULSIVE_UNITS for header in headers]
-    if not any(is_selected):
+    if not headers:
         return {}
+    omitted_units = () if may_have_short_peaks(equations) else _UNITS_OF_ACCELERATIONS
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
     squares = _SquareIntegral(rows_of_table)
@@ -114,15 +111,14 @@ def measure_step_extremes(
     times, values = extremes
     return {
         header: StepExtremes(low, low_time, high, high_time, rms)
-        for header, selected, (low, high), (low_time, high_time), rms in zip(
+        for header, (low, high), (low_time, high_time), rms in zip(
             headers,
-            is_selected,
             values.T.tolist(),
             times.T.tolist(),
             squares.finish().tolist(),
             strict=True,
         )
-        if selected and np.isfinite([low, high]).all()
+        if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
     }
 
 
@@ -145,8 +141,10 @@ class _SquareIntegral:
     def _add(self, nodes: Array) -> None:
         order = np.argsort(nodes[:, 0], kind="stable")
         nodes = np.concatenate([self._last, nodes[order]])
-        squares = nodes[:, 1:] ** 2
-        self._sum += 0.5 * np.diff(nodes[:, 0]) @ (squares[1:] + squares[:-1])
+        # Columns may be infinite or not a number at some steps.
+        with np.errstate(invalid="ignore", over="ignore"):
+            squares = nodes[:, 1:] ** 2
+            self._sum += 0.5 * np.diff(nodes[:, 0]) @ (squares[1:] + squares[:-1])
         self._last = nodes[-1:]
 
     def finish(self) -> Array:
@@ -158,10 +156,13 @@ class _SquareIntegral:
 
 
 def may_have_short_peaks(equations: EquationsOfMotion) -> bool:
-    """Return True if forces may peak between rows: formulas of the user, and friction.
+    """Return True if forces may peak between rows: contacts, formulas of the user, and friction.
 
-    Formulas count even if they are smooth. Contacts do not count: their gaps are known.
+    Formulas count even if they are smooth.
     """
+    mechanism = equations.mechanism
+    if mechanism is not None and any(x.gaps for x in mechanism.parts.values()):
+        return True
     kernels = (term.kernel for term in equations.forces)
     return any(not kernel.reused or kernel.local.n_multipliers for kernel in kernels)
 
@@ -182,8 +183,8 @@ def find_missed_peaks(
 ) -> dict[str, MissedPeak]:
     """Return the missed peak of each column whose largest or smallest value the rows miss.
 
-    Only forces, moments, powers, accelerations and stresses are considered, and only differences
-    above 1 % of the range of the column.
+    Positions, velocities and works are not considered, nor are differences of at most 1 % of the
+    range of the column.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def find_missed_peaks(
     names = [
         x
         for x in extremes
-        if Header.of(x).unit in _IMPULSIVE_UNITS and np.isfinite(observed[x]).all()
+        if Header.of(x).unit not in _GRADUAL_UNITS and np.isfinite(observed[x]).all()
     ]
     if not names:
         return {}
@@ -217,6 +218,7 @@ def find_missed_peaks(
         for unit in units
     ]
     is_at_rest |= half_range <= _ROUNDING_OF_MOMENTS * np.array(others)
+    is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
     misses = np.stack([rows[0] - low, high - rows[1]])
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range) & ~is_at_rest
     peaks = {}
@@ -235,12 +237,13 @@ def find_missed_peaks(
     return peaks
 
 
-def unknown_peak_warnings(
-    extremes: Mapping[str, StepExtremes], trajectory: Trajectory
-) -> Iterator[str]:
+def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
     """Yield a warning if peaks between rows are unknown because steps have not been stored."""
-    columns = [remove_unit(x) for x in extremes if Header.of(x).unit in _IMPULSIVE_UNITS]
-    if columns and any(interval.record is not None for interval in trajectory.intervals):
+    if all(x.record is None for x in trajectory.intervals) or not may_have_short_peaks(equations):
+        return
+    headers = (header for o in equations.observables for header in o.headers)
+    columns = [remove_unit(x) for x in headers if Header.of(x).unit not in _GRADUAL_UNITS]
+    if columns:
         yield (
             f"{list_first(columns, _MAX_NAMES)}: this long run stores only some of its steps, so "
             "short peaks between the output rows are unknown; set keep_steps=True, or reduce "

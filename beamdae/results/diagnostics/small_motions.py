@@ -26,7 +26,7 @@ _MAX_RELATIVE_TOLERANCE = 3e-3
 _RECOMMENDED_RELATIVE_TOLERANCE = 1e-3
 _MIN_RTOL = 1e-10
 # Columns with a smaller half range, relative to the amplitude of their parts, are at rest.
-_RESTING_SHARE = 1e-9
+_RESTING_SHARE = 1e-8
 _SAMPLES = 400  # times at which columns are evaluated
 _GRADIENT_SAMPLES = 3
 _DIFFERENCE_STEP = 1e-6  # of gradients, relative to the scale of a coordinate
