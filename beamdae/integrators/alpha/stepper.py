@@ -115,7 +115,8 @@ class AlphaStepper:
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
-                rows=allocate_rows(1 + 3 * n + m, self.steps_per_check),
+                # Each step may be followed by the state after a sample.
+                rows=allocate_rows(1 + 3 * n + m, 2 * self.steps_per_check),
                 newton_tolerance=newton_tolerance,
                 min_correction_limit=INCREMENT_ROUNDING * max(1.0, size),
                 tolerance=tolerance,
