@@ -85,3 +85,17 @@ def test_regression_residuals_with_a_large_mean_suggest_an_offset(sigma):
     # A sigma in a wrong unit does not make the steps too long.
     assert ("unit of sigma" in sentence) == (sigma is not None)
     assert not [x for x in fit.warnings if "step" in x]
+
+
+def test_regression_a_sigma_in_a_larger_unit_is_named(exact):
+    """A thousandfold sigma was accepted with chi-square 0.04 of 601 degrees of freedom."""
+    data = {"t [s]": TIMES, "mass.x [mm]": 1e3 * (exact + white())}
+    options = {"log": ["damping"]}
+    with pytest.warns(bd.BeamdaeWarning, match=r"sigma of mass.x is .*e\+03 times .*, mm\."):
+        wrong = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=1e3, **options)
+    assert len(wrong.warnings) == 1
+    # The interval of a logarithm is positive.
+    low, high = wrong.table().loc["damping", ["lower 95 %", "upper 95 %"]]
+    assert 0.0 < low < wrong.parameters["damping"] < high
+    right = bd.fit(oscillator, data, list(TRUE), METHOD, sigma="1 mm", **options)
+    assert right.warnings == ()

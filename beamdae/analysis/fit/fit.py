@@ -83,10 +83,11 @@ def fit(
         Integrator whose runs can be differentiated; see `sensitivities`. Defaults to `Radau()`. One
         more run with half the step or a tenth of `rtol` checks the accuracy at the estimates.
     sigma
-        Standard deviation of the errors of the data, in the units of the columns: a number for
-        all columns, or a dict by the names used in `data`, with or without their units. Texts
-        such as "0.1 mm" are converted. Required if there are several columns, unless a long table
-        contains it. Defaults to an estimate from the residuals.
+        Standard deviation of the errors of the data, in the units of the columns of `data`, for
+        example in mm for a column "tip.y [mm]" although the model is in m: a number for all
+        columns, or a dict by the names used in `data`, with or without their units. Texts such as
+        "0.1 mm" are converted. Required if there are several columns, unless a long table contains
+        it. Defaults to an estimate from the residuals.
     parameters
         Values of parameters that differ from the defaults. For those in `by`, the search begins
         with these values.
@@ -97,7 +98,7 @@ def fit(
         (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
         "6 mm" for parameters with a unit.
     log
-        Names of parameters whose logarithms are varied. They stay positive.
+        Names of parameters whose logarithms are varied. They and their intervals stay positive.
     scale, offset
         Columns whose sensors have an unknown scale or offset: the recorded value is
         scale * y + offset for the observed column y. An entry is the name of a column, with one

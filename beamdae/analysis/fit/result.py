@@ -54,6 +54,8 @@ _MIN_RELATIVE_SIGMA = 1e-6
 _MIN_MEAN_SHARE = 0.5
 # If larger values of chi-square are less probable, the model does not explain the data.
 _MIN_PROBABILITY = 1e-6
+# From this ratio of sigma to the residuals of a column, sigma is reported.
+_MAX_SIGMA_RATIO = 5.0
 # Larger shares of the variance that a fit without known errors leaves are reported.
 _MAX_UNEXPLAINED_SHARE = 0.5
 # Correlation of consecutive residuals up to which these are noise.
@@ -117,10 +119,11 @@ class Fit:
         Sentences on estimates that depend on the steps of the runs (a run with half the step or a
         tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
         do not explain the data (`sigma` is known, and larger values of chi-square have a
-        probability below 1e-6, or, without `sigma`, more than half of the variance is left), on
-        residuals that are no white noise (consecutive ones have a correlation above 0.5, single
-        ones are outliers, or, without `sigma`, columns or experiments scatter differently), on
-        estimates at a bound, or on data that end after the end time of the model.
+        probability below 1e-6, or, without `sigma`, more than half of the variance is left), on a
+        given `sigma` of more than five times the residuals of its column, on residuals that are no
+        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
+        without `sigma`, columns or experiments scatter differently), on estimates at a bound, or on
+        data that end after the end time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -262,17 +265,23 @@ class Fit:
     def table(self) -> pd.DataFrame:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.
 
-        The limits are `quantile` standard deviations away from the estimates.
+        The limits are `quantile` standard deviations away from the estimates; for parameters in
+        `log`, those of the logarithms, so that both limits are positive.
         """
         import pandas as pd
 
         values, deviations = self.values, self.standard_deviations
+        lower, upper = values - self.quantile * deviations, values + self.quantile * deviations
+        for k in np.flatnonzero(self._scaling.is_log):
+            with np.errstate(over="ignore"):
+                factor = np.exp(self.quantile * deviations[k] / values[k])
+            lower[k], upper[k] = values[k] / factor, values[k] * factor
         return pd.DataFrame(
             {
                 "value": values,
                 "standard deviation": deviations,
-                "lower 95 %": values - self.quantile * deviations,
-                "upper 95 %": values + self.quantile * deviations,
+                "lower 95 %": lower,
+                "upper 95 %": upper,
             },
             index=list(self.names),
         )
@@ -611,6 +620,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             *(
                 _check_chi_square(problem, residuals, len(all_names))
                 or _check_variation(problem, evaluation.residuals)
+                or _check_sigma(problem, residuals, len(all_names))
                 or _check_noise(problem, evaluation.residuals)
             ),
             *_check_bounds(problem, scaling, search, estimates),
@@ -655,6 +665,39 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
         "given sigma, and the standard deviations do not apply; check the unit of sigma, which is "
         f"that of its column, or {_suggest_offset(problem, residuals)}add what the model lacks.",
     )
+
+
+def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+    """Return a warning for each column with a given sigma far above its residuals.
+
+    Residuals that are small beside the data may be those of computed data without noise.
+    """
+    if not problem.data.is_sigma_known:
+        return ()
+    columns: dict[str, list[Array]] = {}
+    begin = 0
+    for series in problem.data.series:
+        end = begin + len(series.values)
+        changes = (series.values - series.values.mean()) / series.sigma
+        name = series.name_in_data or series.column
+        columns.setdefault(name, []).append(np.stack([residuals[begin:end], changes]))
+        begin = end
+    sentences = []
+    for name, parts in columns.items():
+        squares = np.sum(np.concatenate(parts, axis=1) ** 2, axis=1)
+        freedom = sum(x.shape[1] for x in parts) - count
+        left, variation = squares
+        if freedom < _MIN_NOISE_COUNT or left * _MAX_SIGMA_RATIO**2 >= freedom:
+            continue
+        if left > _MAX_NOISELESS_RATIO**2 * variation:
+            column, unit = split_unit(name)
+            ratio = float(np.sqrt(freedom / left))
+            sentences.append(
+                f"sigma of {column} is {ratio:.2g} times as large as the residuals, so the "
+                "standard deviations are too large; check its unit, which is that of the column "
+                f"in the data{unit and f', {unit}'}."
+            )
+    return tuple(sentences)
 
 
 def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
