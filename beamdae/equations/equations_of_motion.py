@@ -98,13 +98,23 @@ class RangeTerm:
             ]
         )
 
+    @property
+    def length(self) -> float:
+        """Length of the part [m], the last of the data of each copy."""
+        return float(self.statement.data[-1, 0])
+
+    def axial_displacements(self, q: Array) -> Array:
+        """Return the displacements of all nodes along the axis [m], as `rotations`."""
+        along, _ = self._defect.displacements
+        return np.concatenate([self._nodal(x, along) for x in self._column_blocks(q)])
+
     def deformation_changes(self, q: Array) -> tuple[Array, Array]:
         """Return the deformations, and their changes due to exact strains, for k rows of `q`.
 
-        Both arrays, (k, 2), contain the largest displacement [m] and the largest rotation [rad] of
-        a node. Changes are computed to first order for the part alone, under the same section
-        forces at its ends; they are infinite if the stiffness is singular. The `defect` of
-        `statement` must not be None.
+        Both arrays, (k, 3), contain the largest displacement [m], the largest rotation [rad] and
+        the largest displacement along the axis [m] of a node. Changes are computed to first order
+        for the part alone, under the same section forces at its ends; they are infinite if the
+        stiffness is singular. The `defect` of `statement` must not be None.
         """
         width = 3 * self._stiffness_plan.bandwidth + 1  # of banded factors
         numbers = self.statement.data.shape[1] * self._defect.size * (self._defect.size + width)
@@ -145,11 +155,14 @@ class RangeTerm:
         return plan_banded_stiffness(self.operator, size, self._defect.deformations)
 
     def _largest(self, deformations: Array) -> Array:
-        """Return the largest displacement and rotation of deformations (k, copies, size)."""
+        """Return the largest displacement, rotation and axial displacement (k, 3).
+
+        Deformations have the shape (k, copies, size).
+        """
         defect = self._defect
         u, v = (deformations[..., component] for component in defect.displacements)
-        rotations = np.abs(deformations[..., defect.rotations])
-        return np.stack([np.max(x, axis=(1, 2)) for x in (np.hypot(u, v), rotations)], axis=1)
+        values = (np.hypot(u, v), np.abs(deformations[..., defect.rotations]), np.abs(u))
+        return np.stack([np.max(x, axis=(1, 2)) for x in values], axis=1)
 
     def _deformations(self, q: Array) -> Array:
         """Return the deformations (k, copies, size)."""

@@ -36,6 +36,7 @@ _MAX_SAMPLE_COUNT = 20_000
 # three times as large.
 _MAX_RETAINED_BYTES = 5e7
 _DEFECT_SAMPLE_COUNT = 16  # times of the largest motions at which exact strains are evaluated
+_AXIAL_SAMPLE_COUNT = 2  # further times, of the largest axial displacements
 
 # Error of deflections over the relative change of the deformation by exact strains. The error grows
 # with the number of oscillations, whose frequencies are wrong: a relative change e of the stiffness
@@ -74,6 +75,9 @@ class BeamRange:
     remedies
         Settings of the beam that reduce the error, as alternatives to splitting the beam; may be
         empty.
+    axial_error
+        Error that the axial vibrations of a bent beam cause; `error` is at least as large. Zero if
+        the beam is stretched rather than bent: then, `error` is the error of axial vibrations.
     """
 
     name: str
@@ -82,6 +86,7 @@ class BeamRange:
     strain: float
     error: float | None = None
     remedies: tuple[str, ...] = ()
+    axial_error: float = 0.0
 
     @property
     def warning(self) -> str | None:
@@ -91,11 +96,16 @@ class BeamRange:
         consequence = "the deformation is wrong"
         if self.error < _MAX_ESTIMATED_ERROR:
             consequence = f"the error of deflections is at most about {100 * self.error:.2g} %"
+        motion = ""
         if _is_stretched(self.deflection, self.rotation):
+            motion = "is stretched or compressed"
+        elif self.axial_error == self.error:
+            motion = f"bends {self.rotation:.2g} rad and vibrates along its axis"
+        if motion:
             # Shorter bodies have the same strain.
             return (
-                f"{self.name}: the beam is stretched or compressed (deflection "
-                f"{self.deflection:.2g} of the length), where {consequence}; set strain='exact'."
+                f"{self.name}: the beam {motion} (deflection {self.deflection:.2g} of the length), "
+                f"where {consequence}; set strain='exact'."
             )
         reduction = MAX_UNREPORTED_ERROR / min(self.error, _MAX_ESTIMATED_ERROR)
         bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
@@ -120,11 +130,17 @@ class _Deformations(NamedTuple):
     samples
         Coordinates (k, n) at which exact strains are evaluated; None if the strain measure does not
         limit the rotation.
+    axial_factor
+        The factor for displacements along the axis.
+    axial_samples
+        Coordinates (k, n) with large displacements along the axis; None for a stretched beam.
     """
 
     largest: Array
     error_factor: float = 0.0
     samples: Array | None = None
+    axial_factor: float = 0.0
+    axial_samples: Array | None = None
 
 
 def measure_beam_ranges_of_run(
@@ -202,7 +218,12 @@ def _find_deformations(
     largest, motion = term.largest_and_rotations(q)
     if _is_stretched(*largest[:2]):
         motion = term.displacements(q)
-    return _Deformations(largest, error_factor(motion), q[_select_samples(motion)])
+        return _Deformations(largest, error_factor(motion), q[_select_samples(motion)])
+    bending = (error_factor(motion), q[_select_samples(motion)])
+    # Axial vibrations are faster than those of bending: their phase error can be larger.
+    motion = term.axial_displacements(q)
+    axial_samples = q[_select_samples(motion)[-_AXIAL_SAMPLE_COUNT:]]
+    return _Deformations(largest, *bending, error_factor(motion), axial_samples)
 
 
 def _is_stretched(deflection: float, rotation: float) -> bool:
@@ -214,11 +235,22 @@ def _is_stretched(deflection: float, rotation: float) -> bool:
 
 
 def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
-    statement, samples, error = term.statement, deformations.samples, None
-    if samples is not None:
-        error = deformations.error_factor * _relative_change(term, samples)
+    statement, error, axial_error = term.statement, None, 0.0
     deflection, rotation, strain = map(float, deformations.largest)
-    return BeamRange(statement.part, deflection, rotation, strain, error, statement.remedies)
+    samples, axial_samples = deformations.samples, deformations.axial_samples
+    if samples is not None:
+        rows = samples if axial_samples is None else np.concatenate([samples, axial_samples])
+        largest, changes = term.deformation_changes(rows)
+        count = len(samples)
+        ratio = _relative_change(term, samples, largest[:count], changes[:count])
+        error = deformations.error_factor * ratio
+        if axial_samples is not None and deflection > 0.0:
+            change = float(np.max(changes[:, 2])) / (deflection * term.length)
+            axial_error = deformations.axial_factor * change
+            error = max(error, axial_error)
+    return BeamRange(
+        statement.part, deflection, rotation, strain, error, statement.remedies, axial_error
+    )
 
 
 def _error_factor_of_run(motion: Array) -> float:
@@ -243,7 +275,8 @@ def relative_change_by_exact_strains(term: RangeTerm, q: Array) -> float:
     """
     deflection, rotation, _ = term.largest_deformation(q)
     motion = term.displacements(q) if _is_stretched(deflection, rotation) else term.rotations(q)
-    return _relative_change(term, q[_select_samples(motion)])
+    samples = q[_select_samples(motion)]
+    return _relative_change(term, samples, *term.deformation_changes(samples))
 
 
 def _select_samples(motion: Array) -> Array:
@@ -259,13 +292,13 @@ def _largest_of_rows(values: Array) -> Array:
     return np.maximum(values.max(axis=1), -values.min(axis=1))
 
 
-def _relative_change(term: RangeTerm, samples: Array) -> float:
-    deformations, changes = (np.max(x, axis=0) for x in term.deformation_changes(samples))
+def _relative_change(term: RangeTerm, samples: Array, largest: Array, changes: Array) -> float:
+    deformation, change = (np.max(x[:, :2], axis=0) for x in (largest, changes))
     # The rotations of a beam that is stretched are small, and their changes insignificant.
-    deformations[1] = max(deformations[1], term.largest_deformation(samples)[0])
-    deformed = deformations > 0.0
+    deformation[1] = max(deformation[1], term.largest_deformation(samples)[0])
+    deformed = deformation > 0.0
     with np.errstate(invalid="ignore"):  # infinite deformations
-        return float(np.max(changes[deformed] / deformations[deformed], initial=0.0))
+        return float(np.max(change[deformed] / deformation[deformed], initial=0.0))
 
 
 def _find_peaks(values: Array, count: int) -> Array:
