@@ -193,7 +193,8 @@ def share_plans(
 
     `build` returns a plan, or a tuple or dataclass that contains plans. It is called for a template
     of the structure, whose operators contain codes in place of their weights; the plans then get
-    the weights of the structure. `build` must not depend on weights otherwise.
+    the weights of the structure. `build` must not depend on weights otherwise. It may call other
+    functions with this decorator.
     """
     shared = cache_on_owner(build)
 
@@ -217,7 +218,8 @@ def share_plans(
 def _find_template(structure: Structure) -> tuple[Structure, Array] | None:
     """Return the template of a structure and the weights that replace its codes, in order.
 
-    Return None if the operators have no such weights, or the structure is too large to be cached.
+    Return None if the operators have no such weights, the structure is too large to be cached, or
+    it is a template itself.
     """
     terms: list[ForceTerm | ConstraintTerm] = [*structure.forces, *structure.joints]
     weights = [term.operator.data[_is_coded(term.operator)] for term in terms]
@@ -230,7 +232,8 @@ def _find_template(structure: Structure) -> tuple[Structure, Array] | None:
     ]
     count = len(structure.forces)
     template = replace(structure, forces=tuple(coded[:count]), joints=tuple(coded[count:]))
-    return intern_structure(template), np.concatenate(weights)
+    # Plans derived from the plans of a template keep its codes.
+    return None if template == structure else (intern_structure(template), np.concatenate(weights))
 
 
 def _is_coded(operator: sp.csr_array) -> Array:

@@ -13,6 +13,7 @@ from slider_crank import slider_crank
 import beamdae as bd
 from beamdae.equations import measures, structure
 from beamdae.equations.formulations.first_order import FIRST_ORDER, formulate_first_order
+from beamdae.equations.formulations.kinematic_reduction import reduce_kinematics
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.linear import pivots
@@ -64,9 +65,33 @@ def test_models_that_differ_only_in_numbers_share_their_structure(numbers):
         for x, y in zip(sums(one), sums(other), strict=True):
             assert x is y
     assert plan_state_sums(other.structure) is plan_state_sums(one.structure)
+    assert reduced_jacobian(other) is reduced_jacobian(one)
     # Observables of one kind share their function.
     functions = [[o.function for o in e.observables] for e in (one, other)]
     assert all(x is y for x, y in zip(*functions, strict=True))
+
+
+def reduced_jacobian(e):
+    form = formulate_first_order(e, "stabilized-index1", apart=True)
+    return reduce_kinematics(form)[1]
+
+
+def test_reduced_equations_of_other_weights_share_their_layout(empty_caches):
+    """The reduction is derived from another plan, whose weights must not be lost."""
+    one = equations(bodies=2, frame="chord")
+    first = reduced_jacobian(one)
+    other = equations(bodies=2, frame="chord", subtended=50.0)
+    assert other.structure is not one.structure
+    second = reduced_jacobian(other)
+    assert second._layouts is first._layouts
+    structure._intern_equal.cache_clear()
+    fresh = equations(bodies=2, frame="chord", subtended=50.0)
+    assert fresh.structure is not other.structure
+    alone = reduced_jacobian(fresh)
+    for x, y in zip(vars(second).values(), vars(alone).values(), strict=True):
+        if isinstance(x, np.ndarray):
+            assert np.array_equal(x, y)
+    assert not np.array_equal(second.weights, first.weights)
 
 
 def test_radau_shares_the_tangent_kernels_of_single_states():

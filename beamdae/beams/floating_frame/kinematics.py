@@ -358,9 +358,13 @@ class FloatingFrame(FormulationKinematics):
         """
         if self.strain == "exact":
             return super().force_rotation(s)
-        element, row, _ = self._locate_section(s)
-        formula = Formula(SectionRotation(self.mesh.nodes), tuple(map(float, row)))
-        return PointValues(self._element_operator(element), formula)
+
+        def create() -> PointValues:
+            element, row, _ = self._locate_section(s)
+            formula = Formula(SectionRotation(self.mesh.nodes), tuple(map(float, row)))
+            return PointValues(self._element_operator(element), formula)
+
+        return self._geometry.derive(("force rotation", s, self.element), create)
 
     def deformation(self, s: float, axes: str) -> PointValues:
         """Return the function for (u, v, phi) [m, m, rad] at s [m], relative to the frame.
@@ -371,11 +375,15 @@ class FloatingFrame(FormulationKinematics):
             If the frame is the chord and `s` is at an end of the beam.
         """
         self._require_off_chord_ends(s)
-        element, row, angle = self._locate_section(s)
-        formula = Formula(
-            FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
-        )
-        return PointValues(self._element_operator(element), formula)
+
+        def create() -> PointValues:
+            element, row, angle = self._locate_section(s)
+            formula = Formula(
+                FloatingFrameDeformation(self.mesh.nodes, axes), tuple(map(float, (angle, *row)))
+            )
+            return PointValues(self._element_operator(element), formula)
+
+        return self._geometry.derive(("deformation", s, axes, self.element), create)
 
     @property
     def curvature_error(self) -> float:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.formulations.first_order import FirstOrderForm
+from beamdae.equations.formulations.first_order import FirstOrderForm, plan_jacobian
+from beamdae.equations.structure import Structure, share_plans
 from beamdae.native.loop_functions import combine, pick
 from beamdae.symbolic.kernel_sums import SumPlan
 
@@ -58,7 +59,16 @@ def reduce_kinematics(
     and A_2 on the pattern, followed by a number that is not used. `form` must have been built with
     `apart`.
     """
-    n, size, pattern = form.equations.n, form.size, form.pattern
+    return _plan_reduction(form.equations.structure, form.formulation.name)
+
+
+# Shared by the pilot run, the main run and the other cases of a sweep.
+@share_plans
+def _plan_reduction(
+    structure: Structure, name: str
+) -> tuple[sp.csc_array, SumPlan, KinematicReduction]:
+    pattern, plan = plan_jacobian(structure, name, True)
+    n, size = structure.n, pattern.shape[0]
     entries = np.bincount(pattern.indices, minlength=size)[:n]
     is_defined = entries <= _DEFINITION_ENTRIES
     corrected, defined = np.flatnonzero(~is_defined), np.flatnonzero(is_defined)
@@ -91,7 +101,6 @@ def reduce_kinematics(
         for part in range(2)
     ]
     new_targets = _to_unsigned(np.concatenate(targets))
-    plan = form.sums[1]
     plan = replace(
         plan,
         add_targets=new_targets[plan.add_targets],

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -60,10 +61,15 @@ def small_motion_warnings(
     if equations.n > _MAX_SIZE:
         return
     scales, is_rigid = _coordinate_scales(equations, amplitudes)
+
+    @cache
+    def sample() -> tuple[Array, State]:
+        return trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
+
     ratios: dict[str, tuple[float, float, str]] = {}
     for observable in equations.observables:
         if not observable.has_accelerations:
-            ratios |= _column_ratios(equations, trajectory, observable, scales, is_rigid)
+            ratios |= _column_ratios(equations, sample, observable, scales, is_rigid)
     coarse = {
         name: x
         for name, x in ratios.items()
@@ -99,19 +105,21 @@ def _coordinate_scales(
 
 def _column_ratios(
     equations: EquationsOfMotion,
-    trajectory: Trajectory,
+    sample: Callable[[], tuple[Array, State]],
     observable: Observable,
     scales: Array,
     is_rigid: Array,
 ) -> dict[str, tuple[float, float, str]]:
-    """Return amplitude / half range, half range and unit of the small columns, by name."""
+    """Return amplitude / half range, half range and unit of the small columns, by name.
+
+    `sample` returns rows (t, branch) and the states at `_SAMPLES` times.
+    """
     columns = [k for k, column in enumerate(observable.columns) if column.unit in ("m", "rad")]
     rows = np.unique(observable.operator.indices)
     rows = rows[is_rigid[rows] & (scales[rows] > 0.0)]
     if not columns or not rows.size:
         return {}
-    moments = np.linspace(trajectory.start, trajectory.end, _SAMPLES)
-    times, states = trajectory.at(moments)
+    times, states = sample()
     values = _evaluate(equations, observable, times, states)
     half_ranges = 0.5 * np.ptp(values, axis=0)
     columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < float(np.max(scales[rows]))]
