@@ -34,11 +34,13 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import (
     ModelParameter,
+    convert_text,
     describe_parameters,
     format_with_unit,
+    is_sequence,
     parse_unit,
     parse_value,
-    plain_number,
+    plain_value,
 )
 from beamdae.read_only import ReadOnlyDict, copy_containers
 
@@ -113,7 +115,7 @@ class Model:
         parameters = require_mapping(
             self.name, "parameters", self.parameters, "a dict of values by name"
         )
-        parameters = {name: plain_number(value) for name, value in parameters.items()}
+        parameters = {name: plain_value(value) for name, value in parameters.items()}
         files = tuple(require_sequence(self.name, "data", self.data, "a list of file names"))
         for name in files:
             if not isinstance(name, str) or not name.isprintable() or not name:
@@ -253,12 +255,12 @@ class Model:
 
     @cached_property
     def _units_and_other_units(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Units by parameter, and those of float parameters with a unit that is not an SI unit."""
+        """Units by parameter, and units other than SI units of floats and tuples of floats."""
         parameters = [x for x in self.parameter_info.values() if x.unit not in ("", "-")]
         other_units = {
             x.name: x.unit
             for x in parameters
-            if type(x.default) is float and (parse_unit(x.unit) or (1,))[0] != 1
+            if _has_floats(x.default) and (parse_unit(x.unit) or (1,))[0] != 1
         }
         return ReadOnlyDict({x.name: x.unit for x in parameters}), other_units
 
@@ -271,10 +273,16 @@ class Model:
         return public("view")(self, **settings)
 
     def _unconverted(self, parameters: dict[str, Any]) -> dict[str, Any]:
-        return {
-            x: UnconvertedNumber(parameters[x], x, unit)
-            for x, unit in self._units_and_other_units[1].items()
-        }
+        values: dict[str, Any] = {}
+        for name, unit in self._units_and_other_units[1].items():
+            value = parameters[name]
+            if isinstance(value, float):
+                values[name] = UnconvertedNumber(value, name, unit)
+            else:
+                values[name] = type(value)(
+                    UnconvertedNumber(x, name, unit) if isinstance(x, float) else x for x in value
+                )
+        return values
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return all parameters: the defaults, updated with checked and converted `values`.
@@ -306,7 +314,7 @@ class Model:
 
     def _convert(self, name: str, value: Any) -> Any:
         kind = type(self.parameters[name])
-        value = plain_number(unbox_scalar(value))
+        value = plain_value(unbox_scalar(value))
         if isinstance(value, str) and kind is not str:
             value = self._parse(name, value, kind)
         value = self._convert_numbers(name, value)
@@ -324,15 +332,14 @@ class Model:
         return value
 
     def _convert_numbers(self, name: str, value: Any) -> Any:
-        """Convert other sequences of numbers if the default is a tuple or list of floats."""
+        """Convert sequences of numbers and texts if the default is a tuple or list of floats."""
         default: Any = self.parameters[name]
         kind = type(default)
-        if kind not in (tuple, list) or isinstance(value, kind) or not _is_sequence(value):
-            return value
-        is_real = all(as_real(x) is not None for x in default)
-        if not is_real or not any(isinstance(x, float) for x in default):
+        if kind is float or not _has_floats(default) or not is_sequence(value):
             return value
         entries = require_sequence(self.name, name, value, "a list of numbers")
+        unit = self.parameter_info[name].unit
+        entries = [convert_text(self.name, f"an entry of {name}", x, unit) for x in entries]
         if any(as_real(x) is None for x in entries):
             return value
         return kind(require_finite(self.name, f"an entry of {name}", x) for x in entries)
@@ -362,12 +369,12 @@ class Model:
         raise self._type_error(name, text)
 
 
-def _is_sequence(value: Any) -> bool:
-    try:
-        return isinstance(value, (tuple, list)) or bool(getattr(value, "ndim", None) == 1)
-    except Exception:
-        # Attributes of other objects may raise any error.
-        return False
+def _has_floats(value: Any) -> bool:
+    """Return True for floats, and for tuples and lists of numbers with at least one float."""
+    if type(value) not in (tuple, list):
+        return type(value) is float
+    is_real = all(as_real(x) is not None for x in value)
+    return is_real and any(isinstance(x, float) for x in value)
 
 
 def model_of(mechanism: Any) -> Model | None:
@@ -421,7 +428,8 @@ def _explain_missing_end_time(function: Callable[_P, _R]) -> Callable[_P, _R]:
                 f"model: the end time {number:g} has no name; pass t_end by name: "
                 f"@bd.model(t_end={number:g})."
             )
-        if misplaced or settings.get("t_end") is None:
+        # Python names misspelled arguments.
+        if misplaced or (settings.get("t_end") is None and settings.keys() <= {"t_end", "data"}):
             raise BeamdaeError(
                 "model: the end time of runs is missing; write @bd.model(t_end=1.0) before the "
                 "function."

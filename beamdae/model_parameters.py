@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
@@ -14,6 +14,7 @@ from beamdae.errors import (
     UnconvertedNumber,
     as_real,
     as_text,
+    require_sequence,
     short_repr,
     suggest,
     unbox_scalar,
@@ -118,41 +119,46 @@ class ModelParameter(NamedTuple):
     description: str = ""
 
 
-class _DescribedNumber:
-    """Unit and description of a default value, as a mixin of subclasses of float and int."""
+class _DescribedValue:
+    """Unit and description of a default value, as a mixin of subclasses of built-in types."""
 
     unit: str
     description: str
 
     def __new__(cls, value: Any, unit: str, description: str) -> Self:
-        number = super().__new__(cls, value)  # type: ignore[call-arg]
-        number.unit, number.description = unit, description
-        return number
+        described = super().__new__(cls, value)  # type: ignore[call-arg]
+        described.unit, described.description = unit, description
+        return described
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (plain_number(self), self.unit, self.description)
+        return type(self), (plain_value(self), self.unit, self.description)
 
 
-class _DescribedFloat(_DescribedNumber, float):
+class _DescribedFloat(_DescribedValue, float):
     pass
 
 
-class _DescribedInt(_DescribedNumber, int):
+class _DescribedInt(_DescribedValue, int):
     pass
 
 
-def param(default: float, unit: str = "-", description: str = "") -> Any:
+class _DescribedTuple(_DescribedValue, tuple[float, ...]):
+    pass
+
+
+def param(default: float | Sequence[float], unit: str = "-", description: str = "") -> Any:
     """Return a default value with its unit and description, for the arguments of a model function.
 
-    The result is a number: it can be used in every formula. The function receives its values in
-    this unit. Parts expect SI units and reject values of parameters with other units, such as "deg"
-    or "N/mm", that the function has not converted. Users can write values in any unit of the same
-    quantity anyway.
+    The result is a number or a tuple of floats: it can be used in every formula. The function
+    receives its values in this unit. Parts expect SI units and reject values of parameters with
+    other units, such as "deg" or "N/mm", that the function has not converted. Users can write
+    values in any unit of the same quantity anyway.
 
     Parameters
     ----------
     default
-        Default value, a finite float or int. Its type is the type of the parameter.
+        Default value: a finite float or int, whose type is the type of the parameter, or a tuple or
+        list of such numbers, such as (0.006, 0.004).
     unit
         Unit of the parameter, such as "m", "N m/rad" or "deg"; "-" for a number without dimension.
     description
@@ -160,13 +166,13 @@ def param(default: float, unit: str = "-", description: str = "") -> Any:
 
     Returns
     -------
-    float or int
-        The number, with the attributes `unit` and `description`.
+    float, int or tuple
+        The number or the tuple of floats, with the attributes `unit` and `description`.
 
     Raises
     ------
     BeamdaeError
-        If an argument has the wrong type, or the number is not finite.
+        If an argument has the wrong type, or a number is not finite.
 
     Examples
     --------
@@ -184,12 +190,14 @@ def param(default: float, unit: str = "-", description: str = "") -> Any:
     >>> swing.complete({"length": "850 mm"})
     {'length': 0.85, 'mass': 2.0}
     """
-    value = plain_number(unbox_scalar(default))
-    number = None if isinstance(value, bool) else as_real(value)
-    if number is None or not math.isfinite(number):
+    value = plain_value(unbox_scalar(default))
+    is_list = is_sequence(value)
+    entries = require_sequence("param", "default", value, "numbers") if is_list else [value]
+    numbers = [None if isinstance(x, bool) else as_real(x) for x in entries]
+    if not numbers or any(x is None or not math.isfinite(x) for x in numbers):
         raise BeamdaeError(
-            f"param: default must be a finite number, got {short_repr(default)}; write defaults "
-            "of other types without param."
+            "param: default must be a finite number or a tuple of them, got "
+            f"{short_repr(default)}; write defaults of other types without param."
         )
     text, about = as_text(unit), as_text(description)
     if text is None or not text.strip() or not text.isprintable() or len(text) > _MAX_UNIT_LENGTH:
@@ -198,14 +206,28 @@ def param(default: float, unit: str = "-", description: str = "") -> Any:
         )
     if about is None:
         raise BeamdaeError(f"param: description must be a text, got {short_repr(description)}.")
+    details = text.strip(), " ".join(about.split())
+    if is_list:
+        return _DescribedTuple(numbers, *details)
     kind = _DescribedInt if isinstance(value, int) else _DescribedFloat
-    return kind(value, text.strip(), " ".join(about.split()))
+    return kind(value, *details)
 
 
-def plain_number(value: Any) -> Any:
-    """Return a number of `param` or of a model's arguments as a plain one; others unchanged."""
+def is_sequence(value: Any) -> bool:
+    """Return True for tuples, lists and one-dimensional arrays."""
+    try:
+        return isinstance(value, (tuple, list)) or bool(getattr(value, "ndim", None) == 1)
+    except Exception:
+        # Attributes of other objects may raise any error.
+        return False
+
+
+def plain_value(value: Any) -> Any:
+    """Return a value of `param` or of a model's arguments as a plain one; others unchanged."""
     if isinstance(value, (_DescribedFloat, UnconvertedNumber)):
         return float(value)
+    if isinstance(value, _DescribedTuple):
+        return tuple(value)
     return int(value) if isinstance(value, _DescribedInt) else value
 
 
@@ -228,7 +250,7 @@ def describe_parameters(
     for name, value in parameters.items():
         unit, description = documented.get(name, ("", ""))
         default = defaults.get(name)
-        if isinstance(default, _DescribedNumber):
+        if isinstance(default, _DescribedValue):
             unit, description = default.unit, default.description or description
         described[name] = ModelParameter(name, value, unit, description)
     return described

@@ -149,6 +149,39 @@ def test_mistakes_in_param():
             bd.param(*arguments)
 
 
+@bd.model(t_end=1.0)
+def leaf(thickness=bd.param([0.006, 0.004], "m", "thickness"), width=bd.param((40, 30.0), "mm")):
+    mech = bd.Mechanism()
+    mech.add(bd.PointMass("tip", thickness[0], at=(1e-3 * width[0], 0.0)))
+    return mech
+
+
+def test_regression_param_accepts_tuples_of_numbers():
+    """The unit of a thickness at several points could only be written in the docstring."""
+    assert leaf.parameters == {"thickness": (0.006, 0.004), "width": (40.0, 30.0)}
+    assert type(leaf.parameters["thickness"]) is tuple
+    assert leaf.parameter_info["thickness"][2:] == ("m", "thickness")
+    assert leaf.complete({"thickness": ("5 mm", 0.003)})["thickness"] == (0.005, 0.003)
+    assert pickle.loads(pickle.dumps(bd.param((1.0,), "m"))).unit == "m"
+    assert leaf() is not None
+    with pytest.raises(bd.BeamdaeError, match="an entry of thickness=5 kg: the unit kg measures"):
+        leaf.complete({"thickness": ("5 kg", 0.003)})
+    for default in ((), ("a",), (math.nan,), (True,), ((1.0,),)):
+        with pytest.raises(bd.BeamdaeError, match="param: default must be a finite number or a"):
+            bd.param(default, "m")
+
+
+def test_regression_numbers_of_tuples_are_not_passed_on_unconverted():
+    @bd.model(t_end=1.0)
+    def unconverted(width=bd.param((40.0, 30.0), "mm")):
+        mech = bd.Mechanism()
+        mech.add(bd.PointMass("tip", 1.0, at=(width[0], 0.0)))
+        return mech
+
+    with pytest.raises(bd.BeamdaeError, match="got the parameter width in mm"):
+        unconverted()
+
+
 def test_all_numbers_of_the_examples_have_units():
     for name in example_names():
         for x in bd.load_model(f"example:{name}").parameter_info.values():

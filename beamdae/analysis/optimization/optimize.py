@@ -82,8 +82,8 @@ def optimize(
         Constraints `at_most(quantity, limit)` and `at_least(quantity, limit)`.
     bounds
         (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
-        "6 mm" for parameters with a unit; for a list of floats, both are numbers
-        for all entries, or lists with one number per entry. All evaluated designs satisfy the
+        "6 mm" for parameters with a unit. For a list of floats, each of the two is such a number or
+        text for all entries, or a list with one number per entry. All evaluated designs satisfy the
         bounds.
     integrator, t_end, start
         Runs, see `gradient`. `start` is also that of equilibrium paths. One more run with half the

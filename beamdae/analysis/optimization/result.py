@@ -136,9 +136,13 @@ class Optimization:
         return next((x for x in self.analyses if isinstance(x, Solution)), None)
 
     def table(self) -> pd.DataFrame:
-        """Return first and final values and bounds of the numbers in the parameters, by name."""
+        """Return first and final values, bounds and units of the numbers in parameters, by name.
+
+        The unit is "" if it is unknown.
+        """
         import pandas as pd
 
+        units = self._problem.units
         rows = {
             name: {
                 "first value": self._first[name],
@@ -146,6 +150,7 @@ class Optimization:
                 "lower bound": lower,
                 "upper bound": upper,
                 "at bound": name in self.at_bounds,
+                "unit": units[name],
             }
             for name, (value, lower, upper) in self._numbers.items()
         }
