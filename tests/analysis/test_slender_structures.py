@@ -222,3 +222,47 @@ def test_regression_a_path_that_ends_by_rounding_says_so():
         path = bd.equilibrium(mech, to={"crown.y": 0.0}, control="arc length")
     # Other kernels of BLAS may get farther.
     assert path.status.success or "rounding errors may prevent" in path.status.sentence
+
+
+def column_damping(height, ratio):
+    """Return the retardation time of steel at which the slowest mode has this damping ratio."""
+    steel = bd.Material.of("steel")
+    return 2.0 * ratio / (3.516 * height * np.sqrt(steel.E / (12.0 * steel.rho)))
+
+
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("ratio", [1e-9, 1e-8, 1e-6, 1e-4])
+def test_regression_light_damping_does_not_delay_flutter(ratio):
+    # The load was 14.30, 11.41, 10.9397 and 10.9348, in silence.
+    mech = flutter_column(1e-2, column_damping(1e-2, ratio), formulation="exact")
+    path = bd.equilibrium(mech, loads=["press"], to=12.0)
+    (point,) = path.critical
+    assert point.kind == "flutter point"
+    assert point.factor == pytest.approx(10.93472, rel=3e-6 + 1e-14 / ratio)
+
+
+@pytest.mark.slow(reason="five seconds")
+def test_regression_light_damping_on_a_fine_mesh():
+    # 3 % early where differences of the forces were rejected for the highest mode alone.
+    steel = bd.Material.of("steel")
+    mech, section = (
+        bd.Mechanism(),
+        bd.Section.rectangle(steel, width=0.02, height=1e-3, damping=column_damping(1e-3, 1e-8)),
+    )
+    line = bd.Line((0.0, 0.0), (0.0, 1.0))
+    beam = mech.add(bd.Beam("column", line, section, 60, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("press", beam.end, (0.0, -section.EI), axes="body"))
+    path = bd.equilibrium(mech, loads=["press"], to=12.0)
+    assert [point.factor for point in path.critical] == pytest.approx([10.93881], rel=1e-4)
+
+
+@pytest.mark.parametrize(("ratio", "has_note"), [(1e-11, True), (1e-8, False)])
+def test_damping_near_rounding_errors_has_a_note(ratio, has_note):
+    mech = flutter_column(1e-3, column_damping(1e-3, ratio), formulation="exact")
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        path = bd.equilibrium(mech, loads=["press"], to=1.0, step=1.0)
+    assert path.stable
+    messages = [str(note.message) for note in notes]
+    assert any("beside the damping ratio" in message for message in messages) == has_note

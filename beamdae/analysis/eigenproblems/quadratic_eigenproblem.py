@@ -365,7 +365,7 @@ class QuadraticProblem:
         is_damped = power > quadratic_form_rounding(damping, shapes)
         with np.errstate(over="ignore"):  # Infinity is right for an eigenvalue near 0.
             off_axis = np.where(is_damped, 0.0, 0.5 * rounding / np.maximum(size, _TINY))
-        off_axis = np.maximum(off_axis, _REAL_TOLERANCE * size)
+        off_axis = np.where(is_damped, off_axis, np.maximum(off_axis, _REAL_TOLERANCE * size))
         if is_rotating:
             off_axis = np.where(_is_split_double(values, np.sqrt(rounding)), np.inf, off_axis)
         real = np.where(np.abs(values.real) <= off_axis, 0.0, values.real)

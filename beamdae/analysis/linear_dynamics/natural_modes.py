@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.analysis.eigenproblems.eigensolution import (
     UNSTABLE,
     VIBRATION,
-    classify_mode,
+    classify_modes,
     solve_eigenproblem,
 )
 from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
@@ -275,7 +275,7 @@ def modes(
         model = model()
     lin = linearize_about("modes", model, about, require_finite("modes", "t", t))
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
-    kinds = tuple(classify_mode(complex(value)) for value in solution.values)
+    kinds = classify_modes(lin.linearized_equations, solution)
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
         warnings.append("there are no modes because joints and drivers fix every coordinate.")

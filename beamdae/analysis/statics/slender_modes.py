@@ -32,6 +32,9 @@ Array = np.ndarray
 # of the squared frequency of a mode. The actual error is about 20 times smaller. With many more
 # modes, errors of differences, which grow with the frequency, would exceed those of the matrix.
 _MAX_ROUNDING_RATIO = 1e-8
+# Larger relative errors of differences are accepted up to this fraction of the largest such bound:
+# differences for the highest of the modes must not leave the slowest ones inaccurate.
+_MAX_ERROR_RATIO = 1e-2
 # Modes up to this multiple of the highest such squared frequency are included, because modes that
 # nearly coincide determine each other.
 _SQUARE_MARGIN = 2.0
@@ -166,7 +169,8 @@ def refine_modes(
     if modes.others is not None:
         parts = np.hstack([parts, modes.others])
     refined = None
-    if np.max(rounding / np.maximum(squares, _TINY)) > _MAX_MIXING:
+    worst = float(np.max(rounding / np.maximum(squares, _TINY)))
+    if worst > _MAX_MIXING:
         refined = _refine_shapes(system, x, mu, tangent, parts)
         parts = parts if refined is None else refined
     basis = _span_soft_motions(tangent, parts, float(np.max(squares[is_refined])))
@@ -175,7 +179,8 @@ def refine_modes(
     reduced = reduce_stiffness(system, x, mu, basis)
     least = np.max(rounding[is_refined]) / _MAX_ROUNDING_RATIO
     sizes = np.sqrt(np.maximum(np.abs(np.diag(reduced.matrix)), least))
-    if not np.linalg.norm(reduced.error / sizes / sizes[:, None], 2) <= _MAX_ROUNDING_RATIO:
+    max_error = max(_MAX_ROUNDING_RATIO, min(_MAX_ERROR_RATIO * worst, _MAX_CORRECTION))
+    if not np.linalg.norm(reduced.error / sizes / sizes[:, None], 2) <= max_error:
         return modes
     damping, ratio = _reduce_damping(
         system, x, mu, tangent.damping, basis, np.median(squares[is_refined])
@@ -194,6 +199,7 @@ def refine_modes(
         none, one = np.zeros_like(damping), np.eye(len(damping))
         companion = np.block([[none, one], [-reduced.matrix, -damping]])
         values, shares, errors = _solve_with_errors(companion, errors, floor)
+        shares = shares / la.norm(shares, axis=0)
         shapes = basis @ shares
         # Errors of the stiffness move undamped eigenvalues off the imaginary axis.
         power = np.abs(np.einsum("ij,ij->j", shares.conj(), damping @ shares))

@@ -14,7 +14,12 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
-from beamdae.analysis.eigenproblems.eigensolution import UNSTABLE, classify_mode, solve_eigenproblem
+from beamdae.analysis.eigenproblems.eigensolution import (
+    UNSTABLE,
+    classify_modes,
+    damping_ratios,
+    solve_eigenproblem,
+)
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.saddle_elimination import (
@@ -85,6 +90,9 @@ class Stability:
     squares
         Squared eigenvalues [1/s^2] of the modes under forces without a potential if nothing is
         damped; otherwise empty.
+    damping_ratio
+        Smallest damping ratio of the damped modes under forces without a potential; 0 if nothing
+        is damped, or if the forces have a potential.
     """
 
     eigenvalues: Array
@@ -94,6 +102,7 @@ class Stability:
     growth: Array = field(default_factory=lambda: np.zeros(0, complex))
     growing_modes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     squares: Array = field(default_factory=lambda: np.zeros(0, complex))
+    damping_ratio: float = 0.0
 
     @property
     def oscillation_count(self) -> int:
@@ -258,10 +267,12 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
     solution = solve_eigenproblem(linearized, MODE_COUNT)
     solution = refine_modes(system, x, mu, linearized, solution)
-    is_growing = np.array([classify_mode(value) == UNSTABLE for value in solution.values], bool)
+    kinds = classify_modes(linearized, solution)
+    is_growing = np.array([kind == UNSTABLE for kind in kinds], bool)
     growth = solution.values[is_growing]
     count = len(growth) + int(np.sum(growth.imag > 0.0))
     is_damped = np.any(linearized.tangent.damping.data)
+    ratios = np.abs(damping_ratios(linearized, solution))
     return Stability(
         np.zeros(0),
         np.zeros((e.n, 0)),
@@ -269,6 +280,7 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
         growth=growth,
         growing_modes=solution.shapes[:, is_growing].real,
         squares=np.zeros(0, complex) if is_damped else solution.values**2,
+        damping_ratio=float(np.min(ratios[ratios > 0.0])) if np.any(ratios) else 0.0,
     )
 
 
