@@ -95,9 +95,10 @@ def measure_step_extremes(
     for interval in trajectory.intervals:
         evaluate = ObservedRows(equations.with_loads_of(interval.configuration))
         rows = interval.times[:: interval.nodes_per_step]
-        (steps,) = np.nonzero((rows[:, 0] >= begin) & (rows[:, 0] <= end))
-        for k in range(0, len(steps), _MAX_ROWS_AT_ONCE):
-            block = steps[k : k + _MAX_ROWS_AT_ONCE]
+        first = int(np.searchsorted(rows[:, 0], begin, side="left"))
+        last = int(np.searchsorted(rows[:, 0], end, side="right"))
+        for k in range(first, last, _MAX_ROWS_AT_ONCE):
+            block = slice(k, min(k + _MAX_ROWS_AT_ONCE, last))
             columns = evaluate(rows[block], *(x[block] for x in interval.state))
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
@@ -259,6 +260,6 @@ def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
     others = [remove_unit(column) for column in peaks if column != worst]
     names = list_first(others, _MAX_NAMES)
     yield (
-        f"{peaks[worst].description}{names and f', also in {names}'}; reduce output_step=, or "
-        "evaluate the run around this time with at_times."
+        f"{peaks[worst].description}{names and f', also in {names}'}; read these values from "
+        "step_extremes, or reduce output_step=."
     )

@@ -125,13 +125,23 @@ def _column_ratios(
     columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < float(np.max(scales[rows]))]
     if not columns:
         return {}
-    amplitudes = np.zeros(len(observable.columns))
-    for k in np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1]:
-        time, state = times[k], State(*(x[k] for x in states))
-        changes = _changes(equations, observable, time, state, scales, rows)
-        amplitudes = np.maximum(
-            amplitudes, _largest_free_change(equations, time, state, scales, changes)
-        )
+    instants = [
+        (times[k], State(*(x[k] for x in states)))
+        for k in np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1]
+    ]
+    changes = [_changes(equations, observable, *x, scales, rows) for x in instants]
+    # Free changes are zero, or not smaller than this share of all changes.
+    smallest = _ROUNDING * np.min([np.max(np.abs(x), axis=1) for x in changes], axis=0)
+    columns = [k for k in columns if half_ranges[k] > _RESTING_SHARE * smallest[k]]
+    if not columns:
+        return {}
+    amplitudes = np.max(
+        [
+            _largest_free_change(equations, *x, scales, change)
+            for x, change in zip(instants, changes, strict=True)
+        ],
+        axis=0,
+    )
     return {
         remove_unit(observable.headers[k]): (
             float(amplitudes[k] / half_ranges[k]),
