@@ -58,6 +58,7 @@ _NOISE_RANGE = 1e-9
 _TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
 _QUARTILES = (0.25, 0.5, 0.75)
 _MAX_POLES = 24  # in the table of a linear model
+_MAX_REAL_POLES = 8  # of these; overdamped axial vibrations of beams have many
 _MIN_IMAGINARY_SHARE = 1e-6  # of poles; smaller imaginary parts are rounding errors
 _POLE_ROUNDING = 10.0 * np.finfo(float).eps  # of poles, relative to the largest one
 _FREQUENCY_MARGIN = 10.0  # of transfer functions, below the slowest and above the listed poles
@@ -525,7 +526,10 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     The charts show magnitude and phase over the frequency (Bode diagram).
     """
     poles = model.poles[model.poles.imag >= 0.0]
-    frequencies = _choose_frequencies(poles, len(model.states))
+    rounding = _POLE_ROUNDING * np.max(np.abs(poles), initial=0.0)
+    described = [_describe_pole(pole, rounding) for pole in poles]
+    listed = _select_poles(poles, np.array([x[-1] for x in described]))
+    frequencies = _choose_frequencies(poles, listed, len(model.states))
     response = model.frequency_response(frequencies)
     pairs = [
         (i, j)
@@ -542,9 +546,7 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     }
     noise = _TRANSFER_ROUNDING * _bound_magnitudes(model, np.quantile(frequencies, _QUARTILES))
     pairs = [pairs[k] for k in sorted(range(len(pairs)), key=lambda k: units.index(units[k]))]
-    rounding = _POLE_ROUNDING * np.max(np.abs(poles), initial=0.0)
-    described = [_describe_pole(pole, rounding) for pole in poles]
-    rows = [[str(k), *(f"{x:.6g}" for x in row)] for k, row in enumerate(described[:_MAX_POLES], 1)]
+    rows = [[str(k + 1), *(f"{x:.6g}" for x in described[k])] for k in listed]
     growth_rate = max((x[-1] for x in described), default=0.0)
     facts = {
         "about": model.about,
@@ -553,9 +555,9 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         f"{_format_count(len(model.outputs), 'output')}",
         "largest growth rate": f"{growth_rate:.6g} 1/s" if len(poles) else "-",
     }
-    if len(poles) > _MAX_POLES:
-        fastest = np.abs(poles[-1]) / (2.0 * np.pi)
-        facts["not listed"] = f"{len(poles) - _MAX_POLES} faster poles, up to {fastest:.4g} Hz"
+    if len(poles) > len(listed):
+        fastest = np.max(np.abs(np.delete(poles, listed)))
+        facts["not listed"] = f"{len(poles) - len(listed)} poles, up to |p| = {fastest:.4g} 1/s"
     values = [
         [x.name, x.unit, "output", f"{y:.6g}"]
         for x, y in zip(model.outputs, model.output_values, strict=True)
@@ -602,6 +604,17 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
             for (i, j), unit in zip(pairs, sorted(units, key=units.index), strict=True)
         ],
     }
+
+
+def _select_poles(poles: Array, growth_rates: Array) -> list[int]:
+    """Return the positions of the poles in the table: growing ones, and the slowest others.
+
+    Of the others, at most eight are real.
+    """
+    is_oscillating = np.array([_is_oscillating(x) for x in poles], bool)
+    is_candidate = is_oscillating | (np.cumsum(~is_oscillating) <= _MAX_REAL_POLES)
+    is_listed = is_candidate & (np.cumsum(is_candidate) <= _MAX_POLES)
+    return np.flatnonzero(is_listed | (growth_rates > 0.0)).tolist()
 
 
 def _describe_pole(pole: complex, rounding: float) -> tuple[float, float, float]:
@@ -669,8 +682,8 @@ def _bound_magnitudes(model: LinearModel, frequencies: Array) -> Array:
     return np.median(bounds, axis=0)
 
 
-def _choose_frequencies(poles: Array, n_states: int) -> Array:
-    """Return frequencies [Hz] around the poles, denser beside lightly damped ones."""
+def _choose_frequencies(poles: Array, listed: list[int], n_states: int) -> Array:
+    """Return frequencies [Hz] around the listed poles, denser beside lightly damped ones."""
     sizes = np.abs(poles) / (2.0 * np.pi)
     known = np.sort(sizes[sizes > _NOISE_RANGE * sizes.max(initial=0.0)])
     if not len(known):
@@ -678,7 +691,7 @@ def _choose_frequencies(poles: Array, n_states: int) -> Array:
     low = known[0] / _FREQUENCY_MARGIN
     peaks = [
         size
-        for pole, size in zip(poles[:_MAX_POLES], sizes, strict=False)
+        for pole, size in zip(poles[listed], sizes[listed], strict=True)
         if _is_oscillating(pole) and abs(pole.real) < _MAX_PEAK_DAMPING * abs(pole)
     ]
     high = min(max([known[0], *peaks]) * _FREQUENCY_MARGIN, low * _MAX_FREQUENCY_RATIO)

@@ -119,6 +119,10 @@ def test_unreadable_paths_are_refused(file, tmp_path):
     assert refusal("a\0.py") == (
         r"path: 'a\x00.py' is not a valid file name; use at most 4096 printable characters."
     )
+    assert refusal("stage.py:sampled") == (
+        "stage.py:sampled: a model file must be a Python file (.py); choose a model of the file "
+        "stage.py by name (--model sampled)."
+    )
     assert refusal(3) == "load_model: path must be a model file, got 3."
     assert "no model ['swing'] (did you mean 'swing'?); available models: swing." in refusal(
         file(HEAD + MODEL), ["swing"]

@@ -289,6 +289,22 @@ def test_the_page_of_a_linear_model_has_poles_and_transfer_functions(oscillator,
     assert linear.page(tmp_path / "linear.html").stat().st_size > 10_000
 
 
+def test_regression_fast_real_poles_do_not_fill_the_table():
+    """Nineteen overdamped axial vibrations of leaves hid the vibrations after them."""
+    mech = bd.Mechanism()
+    for k in range(12):
+        mech.state(f"fast {k}").follows(-1e3 * (k + 1.0) * mech.part(f"fast {k}"))
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 2e10, 4.0))
+    page = build_linear_page(bd.linearize(mech), "fast")
+    tables = {table["title"]: table["rows"] for table in page["tables"]}
+    numbers = [row[0] for row in tables["Poles"]]
+    assert numbers == ["1", "2", "3", "4", "5", "6", "7", "8", "13"]
+    assert tables["Poles"][-1][1] == f"{1e5 / (2.0 * np.pi):.6g}"
+    assert dict(tables["Linear model"])["not listed"] == "4 poles, up to |p| = 1.2e+04 1/s"
+
+
 def test_the_page_of_a_linear_model_in_a_browser(oscillator, show):
     tab = show(build_linear_page(bd.linearize(oscillator, inputs=["push"]), "oscillator"))
     panels = tab.locator("#panels .panel")

@@ -47,6 +47,14 @@ def test_the_page_contains_facts_tables_and_curves(run):
     assert "arm" in [symbol["name"] for symbol in group["frames"]["symbols"]]
 
 
+def test_regression_the_potential_of_gravity_on_pages_begins_at_zero(run):
+    """A potential of -0.9 J drew energies of some mJ as one line."""
+    (case,) = build_run_page(run, "arm")["cases"]
+    energies, gravity = case["curves"]["energy"], run.all_columns()["energy.gravity [J]"]
+    assert_allclose(energies["gravity from start"], gravity - gravity[0])
+    assert "gravity" not in energies
+
+
 def test_the_page_of_equations_has_no_animation(tmp_path):
     import casadi as ca
 
@@ -85,7 +93,7 @@ def test_the_page_of_a_run_in_a_browser(run, show):
     assert selected_options(tab.get_by_label("Energy [J]: quantity")) == ["all in J"]
     energies = tab.locator("[data-panel=energy] .switch").all_inner_texts()
     # The work of loads and other energies that stay zero are listed as constant.
-    assert energies == ["kinetic", "gravity"]
+    assert energies == ["kinetic", "gravity from start"]
     assert tab.locator("[data-chart=energy] path.curve").count() == len(energies)
     assert "arm" in tab.locator("#stage title").all_text_contents()
 

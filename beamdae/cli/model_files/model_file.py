@@ -212,7 +212,11 @@ def _compile_file(path: Path) -> CodeType:
             "printable characters."
         )
     if path.suffix != ".py":
-        raise BeamdaeError(f"{path}: a model file must be a Python file (.py).")
+        file, separator, name = path.name.rpartition(":")
+        remedy = ""
+        if separator and file.endswith(".py") and name:
+            remedy = f"; choose a model of the file {path.with_name(file)} by name (--model {name})"
+        raise BeamdaeError(f"{path}: a model file must be a Python file (.py){remedy}.")
     try:
         if not path.exists():
             raise BeamdaeError(f"{path}: there is no such file.")

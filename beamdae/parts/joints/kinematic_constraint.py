@@ -290,7 +290,8 @@ class KinematicConstraint(Part):
             Name of the point in `points`: "a", "b" or a name that the joint defines.
         axes
             "inertial", or "body" for axes that rotate with the body (or with the section of a
-            beam).
+            beam); in the reference configuration, these are the inertial axes, also for an oblique
+            beam, whose axial force is N of `Beam.section_forces`.
 
         Raises
         ------

@@ -246,7 +246,8 @@ class Skate(KinematicConstraint):
         place
             Name of the point, which must be "on".
         axes
-            "inertial", or "body" for axes that rotate with the body.
+            "inertial", or "body" for axes that rotate with the body; in the reference
+            configuration, these are the inertial axes.
 
         Raises
         ------

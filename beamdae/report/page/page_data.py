@@ -22,6 +22,7 @@ _MISSING_CODE = 65535  # code of values that cannot be quantized
 _MAX_MAGNITUDE = 1e300  # larger values are omitted because their range could overflow
 _POSITION_DRIFT = "position drift"
 _VELOCITY_DRIFT = "velocity drift"
+_GRAVITY, _GRAVITY_LABEL = "gravity", "gravity from start"
 # Quantities per panel that span decades; the logarithms of their magnitudes are stored and drawn.
 _LOGARITHMIC: dict[str, tuple[str, ...]] = {
     "observed": (),
@@ -70,11 +71,15 @@ def select_curves(
         return {n: np.asarray(table[n], float)[selection] for n in names if n in table}
 
     def split_panels(table: Mapping[str, Any]) -> dict[str, dict[str, Array]]:
-        energies = select_rows(table, LEDGER_COLUMNS)
-        return {
-            "observed": select_rows(table, observed_columns(table)),
-            "energy": {Header.of(c).suffix.replace("_", " "): x for c, x in energies.items()},
+        energies = {
+            Header.of(c).suffix.replace("_", " "): x
+            for c, x in select_rows(table, LEDGER_COLUMNS).items()
         }
+        if _GRAVITY in energies:
+            # The potential of all masses, relative to y = 0, often far exceeds its changes.
+            energies[_GRAVITY] = energies[_GRAVITY] - energies[_GRAVITY][0]
+            energies = {_GRAVITY_LABEL if x == _GRAVITY else x: y for x, y in energies.items()}
+        return {"observed": select_rows(table, observed_columns(table)), "energy": energies}
 
     position, velocity = DRIFT_COLUMNS
     drift = select_rows(columns, DRIFT_COLUMNS)
