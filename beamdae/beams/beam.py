@@ -668,6 +668,15 @@ class Beam(Part):
     def _section_at(self, s: float) -> Section:
         return self.section.at(self._require_arc_length(s))
 
+    @staticmethod
+    def section_of_strains(quantity: Quantity) -> tuple[Beam, float] | None:
+        """Return beam and arc length [m] if a quantity was computed from the strains there."""
+        recipe = quantity.recipe
+        if recipe is None or recipe.build is not Beam._evaluate_strains:
+            return None
+        beam, s, *_ = recipe.arguments
+        return beam, float(s)
+
     @rebuilt_for_mesh
     def _evaluate_strains(
         self, s: float, columns: tuple[Variable, ...], kind: Callable[..., SX], *numbers: float

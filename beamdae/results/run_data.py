@@ -38,6 +38,7 @@ from beamdae.results.diagnostics.missed_peaks import (
     missed_peak_warnings,
     unknown_peak_warnings,
 )
+from beamdae.results.diagnostics.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import quality_warnings
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
@@ -235,6 +236,7 @@ class RunData:
             *unknown_peak_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
+            *moving_load_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
             *self._step_warnings(),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),

@@ -1,0 +1,80 @@
+"""Warnings about section forces, computed from strains, in elements that a moving load passes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.beam_loads import MovingForce
+from beamdae.beams.sliding import SlidingOnBeam
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.parts.part import Part
+from beamdae.results.diagnostics.beam_ranges import sample_positions
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Error of the bending moment at a section while a load is on its element, relative to the product
+# of load and element length, measured on a simply supported beam. The shear force is off by up to
+# half of the load with any mesh.
+_MOMENT_ERROR = 0.058
+# Below this element length, relative to the beam, that error is less than 1 % of the largest moment
+# of a simply supported beam, load times length / 4.
+_MAX_ELEMENT_LENGTH = 0.01 * 0.25 / _MOMENT_ERROR
+# A load that passes less than this share of the element, such as one that starts near its other
+# end, causes small errors.
+_MIN_PASSED_SHARE = 0.5
+
+
+def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield a warning per observed section whose element a moving load passes during the run.
+
+    Strains within an element are smooth, and do not follow the jump of the shear force below the
+    load. Stresses and strains are exempt if the element is short.
+    """
+    mechanism = equations.mechanism
+    parts = () if mechanism is None else mechanism.parts.values()
+    loads = [x for x in parts if isinstance(x, (MovingForce, SlidingOnBeam))]
+    if mechanism is None or not loads:
+        return
+    paths: dict[str, tuple[float, float]] = {}
+    for name, quantity in mechanism.observables.items():
+        section = Beam.section_of_strains(quantity)
+        for load in loads if section else ():
+            beam, s = section  # type: ignore[misc]
+            if load.beam is not beam:
+                continue
+            if load.name not in paths:
+                paths[load.name] = _path(load, equations, trajectory)
+            first, last = paths[load.name]
+            bounds = beam.mesh.element_bounds
+            element = int(np.clip(np.searchsorted(bounds, s), 1, len(bounds) - 1))
+            begin, end = float(bounds[element - 1]), float(bounds[element])
+            length = end - begin
+            is_passed = min(last, end) - max(first, begin) > _MIN_PASSED_SHARE * length
+            has_shear_force = len(quantity.columns) > 1
+            is_wrong = has_shear_force or length > _MAX_ELEMENT_LENGTH * beam.length
+            if not (is_passed and is_wrong):
+                continue
+            yield (
+                f"{name}: {load.name} passes the element of this section (s = {begin:.4g} to "
+                f"{end:.4g} m), in which strains do not follow the jump of the shear force: Q is "
+                "off by up to half of the load, and M by up to its product with "
+                f"{_MOMENT_ERROR * length:.2g} m; use solution.section_forces({beam.name!r}), or "
+                "more elements for M."
+            )
+
+
+def _path(load: Part, equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[float, float]:
+    """Return the range of the arc length of a load during the run [m]."""
+    if isinstance(load, MovingForce):
+        times = np.array([trajectory.start, trajectory.end])
+        places = load.start + load.speed * times
+    else:
+        assert equations.mechanism is not None
+        rows = map_coordinates(equations.mechanism).slice_of(load)
+        places = sample_positions(trajectory)[:, rows]
+    return float(np.min(places)), float(np.max(places))

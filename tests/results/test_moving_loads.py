@@ -1,0 +1,84 @@
+"""Warnings about section forces from strains in elements that a moving load passes."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+LENGTH, FORCE, SPEED = 2.0, 100.0, 0.5
+# Light and damped, so that the bridge hardly vibrates.
+LIGHT = bd.Material(E=2e11, nu=0.3, rho=50.0)
+STRIP = bd.Section.rectangle(LIGHT, width=0.05, height=0.02, damping=1e-2)
+
+
+def bridge(elements=4, start=0.0):
+    """Return a simply supported beam, at the middle of which a moving load is observed."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("bridge", bd.Line((0, 0), (LENGTH, 0)), STRIP, elements=elements))
+    mech.add(bd.Revolute("left", mech.ground.at(0, 0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(LENGTH, 0), beam.end, direction=(1, 0)))
+    mech.add(bd.MovingForce("wheel", beam, (0.0, -FORCE), SPEED, start))
+    return mech, beam
+
+
+def run(mech, t_end):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        return bd.simulate(mech, bd.Radau(1e-3), t_end, output_step=t_end / 400)
+
+
+def about_moving_loads(solution):
+    return [x for x in solution.warnings if "passes the element" in x]
+
+
+def test_regression_observed_section_forces_below_a_moving_load_have_a_warning():
+    mech, beam = bridge()
+    mech.observe("middle", beam.section_forces(1.0))
+    mech.observe("gauge", beam.stress(1.0, "top"))
+    mech.observe("deflection", beam.deflection(1.0))
+    mech.observe("later", beam.section_forces(1.9))
+    solution = run(mech, 2.8)
+    middle, gauge = about_moving_loads(solution)
+    assert middle.startswith("middle: wheel passes the element of this section (s = 0.5 to 1 m)")
+    assert "off by up to half of the load, and M by up to its product with 0.029 m" in middle
+    assert "use solution.section_forces('bridge')" in middle
+    assert gauge.startswith("gauge: wheel passes")
+    # The warning is right: the largest errors are up to those named, and the remedy is exact up to
+    # vibrations.
+    place = SPEED * solution.t
+    moment = 0.5 * np.minimum(place, LENGTH - place) * FORCE
+    error = np.abs(np.abs(solution["middle.M"].to_numpy()) - moment)[place > 0.5].max()
+    assert 0.7 * 0.029 * FORCE < error < 1.2 * 0.029 * FORCE
+    forces = solution.section_forces("bridge")
+    column = np.abs(forces.M[:, np.argmin(np.abs(forces.s - 1.0))])
+    place = SPEED * np.asarray(forces.t)
+    moment = 0.5 * np.minimum(place, LENGTH - place) * FORCE
+    assert np.abs(column - moment)[place > 0.5].max() < 0.015 * 0.5 * FORCE
+
+
+@pytest.mark.parametrize(
+    ("elements", "start", "count"),
+    [(4, 0.1, 0), (4, 0.6, 2), (30, 0.9, 1)],
+    ids=["before it", "passed", "short elements"],
+)
+def test_loads_elsewhere_and_stresses_in_short_elements_have_no_warning(elements, start, count):
+    mech, beam = bridge(elements, start)
+    mech.observe("middle", beam.section_forces(1.0))
+    mech.observe("gauge", beam.stress(1.0, "top"))
+    assert len(about_moving_loads(run(mech, 0.6))) == count
+
+
+@pytest.mark.parametrize(("start", "count"), [(0.1, 1), (0.5, 0)])
+def test_sliding_points_are_moving_loads(start, count):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    beam = mech.add(bd.Beam("rail", bd.Line((0, 0), (0.5, -0.6)), STRIP, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0, 0), beam.start))
+    bead = mech.add(bd.PointMass("bead", 0.1, at=beam.at(start).point))
+    mech.add(bd.SlidingOnBeam("slide", bead.point, beam))
+    mech.observe("clamp", beam.section_forces(0.0))
+    solution = run(mech, 0.45)
+    assert len(about_moving_loads(solution)) == count
