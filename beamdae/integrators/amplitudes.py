@@ -57,8 +57,10 @@ class Amplitudes:
     rate
         Highest rate of all parts [1/s], 0 if nothing moves. The rate of a part is the root mean
         square of its velocities divided by the standard deviation of its positions. The standard
-        deviation of an angle is limited to its value over one uniform revolution. Parts whose
-        amplitudes are at most 1e-3 of the largest amplitude are ignored.
+        deviation of an angle is limited to its value over one uniform revolution. The rate of a
+        first-order state is pi/2 times the mean absolute value of its rate divided by its
+        amplitude, the same for a harmonic motion, because the mean square would be that of a short
+        transient. Parts whose amplitudes are at most 1e-3 of the largest amplitude are ignored.
     """
 
     by_part: dict[str, float]
@@ -107,6 +109,10 @@ class Amplitudes:
         variance = np.average((q - np.average(q, axis=0, weights=weights)) ** 2, 0, weights)
         variance[angles] = np.minimum(variance[angles], _MAX_ANGLE_VARIANCE)
         mean_square_rate = np.average(v**2, 0, weights)
+        states = equations.states
+        mean_rate = np.average(np.abs(v[:, states]), 0, weights)
+        mean_square_rate[states] = (0.5 * np.pi * mean_rate) ** 2
+        variance[states] = half_ranges[states] ** 2
         rates = [
             float(np.sqrt(np.sum(mean_square_rate[part.rows]) / np.sum(variance[part.rows])))
             for part in equations.parts

@@ -242,12 +242,15 @@ class ErrorControl:
         """Return the mask of the velocities in the error test, (n,).
 
         With `tangent_frames`, "rigid velocities" include frames that move with one section. BDF
-        would follow the vibrations of this section with ten times as many steps.
+        would follow the vibrations of this section with ten times as many steps. Rates of
+        first-order states are never tested: they follow from the states, and those of fast states
+        are so large that steps would shrink to less than a hundredth of their time constants.
         """
         tested = np.full(equations.n, self.policy in ("velocities", "all"))
         if self.policy == "rigid velocities":
             for part in equations.parts:
                 tested[part.rigid] |= tangent_frames or not part.follows_section
+        tested[equations.states] = False
         return tested
 
 

@@ -48,6 +48,16 @@ def test_first_order_lag(integrator, rate):
     np.testing.assert_allclose(run["lag"], lag_of(run.t, rate), atol=TOLERANCE)
 
 
+@pytest.mark.parametrize("method", [bd.Ida(1e-6), bd.Radau(1e-6)], ids=lambda x: x.method)
+@pytest.mark.parametrize("rate", [1e4, 1e7])
+def test_regression_transients_of_fast_states_take_few_steps(method, rate):
+    """The rate of the state was tested, and taken for the rate of the motion: runs gave up."""
+    run = bd.simulate(build_lag(rate, size=2.0, start=1.0), method, t_end=1.0, output_step=0.1)
+    assert run.status.success, run.status.sentence
+    assert run.statistics.steps < 1000
+    np.testing.assert_allclose(run["lag"].iloc[1:], 2.0 * (run.t[1:] - 1.0 / rate), atol=1e-6)
+
+
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.9, 1.0])
 def test_order_of_generalized_alpha_is_two(rho_inf):
     errors = []

@@ -68,3 +68,22 @@ def test_inactive_forces_are_not_checked():
         mech, push = build_ball("tent")
         mech.when("ball.x", threshold, "up", bd.deactivate(push))
         assert simulate(mech, 0.04)[1][:26] == expected
+
+
+@pytest.mark.parametrize("width", [0.01, 0.2])
+def test_regression_rates_of_states_are_checked_without_the_derivative(width):
+    """The row x' - rate, zero but for errors, was taken for a force that changes within steps."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    x = mech.sensor("x", ball.point, "x")
+    mech.state("count", ca.exp(-(((x - PLACE) / width) ** 2)))
+    bd.low_pass(mech, "slow", ca.sin(9.0 * x), 0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        found = bd.simulate(mech, bd.GeneralizedAlpha(0.02), 1.0).warnings
+    if width == 0.2:
+        assert found == ()
+    else:
+        (warning,) = found
+        assert warning.startswith("count: with steps of 0.02 s, the change of this state is wrong")
+        assert "because its rate changes within steps" in warning

@@ -120,16 +120,22 @@ class StepTolerance:
 
     @classmethod
     def from_rtol(
-        cls, rtol: float, scales: MotionScales, tested: Array, is_one_sided: bool = False
+        cls,
+        rtol: float,
+        scales: MotionScales,
+        tested: Array,
+        has_untested: bool,
+        is_one_sided: bool = False,
     ) -> StepTolerance:
         """Return the tolerance that keeps the error of a run near `rtol`.
 
         The estimate decreases with the fourth power of the step, the error of a run with the fifth,
         which suggests an exponent of 4/5. An exponent of 0.9 suits both the damped and the undamped
         cases of validation/tolerances; with one-sided forces, such as contacts, it is 1. The
-        tolerance decreases with the number of periods of the motion, because errors accumulate.
+        tolerance decreases with the number of periods of the motion, because errors accumulate;
+        `has_untested` is True if velocities of bodies are not tested.
         """
-        exponent = _PERIOD_EXPONENT_VELOCITIES if tested.all() else _PERIOD_EXPONENT
+        exponent = _PERIOD_EXPONENT if has_untested else _PERIOD_EXPONENT_VELOCITIES
         smooth = _TOLERANCE_FACTOR * rtol**_TOLERANCE_EXPONENT
         local = min(smooth, _ONE_SIDED_FACTOR * rtol) if is_one_sided else smooth
         local *= reduce_tolerance(scales.periods, exponent, _PERIOD_EXPONENT_LONG)
@@ -204,7 +210,10 @@ class RadauStepper:
         )
         tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
         is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
-        self._tolerance = tolerance = StepTolerance.from_rtol(rtol, scales, tested, is_one_sided)
+        has_untested = not np.delete(tested, plan.equations.states).all()
+        self._tolerance = tolerance = StepTolerance.from_rtol(
+            rtol, scales, tested, has_untested, is_one_sided
+        )
         longest = plan.longest_step("Radau", max_step)
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)

@@ -56,7 +56,7 @@ class _MissedImpulse(NamedTuple):
 def unresolved_force_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> Iterator[str]:
-    """Yield one warning per formula whose impulse in fixed steps is wrong by more than 0.8 %.
+    """Yield one warning per formula whose integral in fixed steps is wrong by more than 0.8 %.
 
     Fixed steps evaluate a force at their ends only. The force is evaluated between them on the
     interpolated motion; peaks shorter than both a step and a thousandth of the run may be missed.
@@ -71,14 +71,15 @@ def unresolved_force_warnings(
     """
     intervals = [x for x in trajectory.intervals if x.record is None and len(x.nodes) > 1]
     spacing = _SAMPLE_SPACING * (trajectory.end - trajectory.start)
-    impulses: dict[tuple[str, int], list[_MissedImpulse]] = {}
+    impulses: dict[tuple[str, int, bool], list[_MissedImpulse]] = {}
     for interval in intervals:
         # Events change laws, and switch parts.
         configuration = interval.configuration
         active = equations if configuration is None else configuration.equations
-        for name, k, term in _name_terms(active):
-            impulses.setdefault((name, k), []).append(_measure(term, interval, spacing))
-    for (name, _), of_force in impulses.items():
+        for name, k, is_rate, term in _name_terms(active):
+            of_interval = _measure(term, interval, spacing, is_rate)
+            impulses.setdefault((name, k, is_rate), []).append(of_interval)
+    for (name, _, is_rate), of_force in impulses.items():
         total = np.sum([x.total for x in of_force], axis=0)
         is_relevant = total > _MIN_RANGE * np.max(total)
         missed = np.where(is_relevant, np.sum([x.missed for x in of_force], axis=0), 0.0)
@@ -88,25 +89,42 @@ def unresolved_force_warnings(
             continue
         worst = max(of_force, key=lambda x: x.largest[entry])
         step = max(float(np.diff(x.nodes).max()) for x in intervals)
+        integral, cause = (
+            ("change of this state", "its rate") if is_rate else ("impulse of this force", "it")
+        )
         yield (
-            f"{name}: with steps of {step:.2g} s, the impulse of this force is wrong by "
-            f"{_format_percent(share[entry])} %, mostly at t = {worst.t[entry]:.4g} s, because it "
-            "changes within steps; reduce the step, or use Radau or Ida."
+            f"{name}: with steps of {step:.2g} s, the {integral} is wrong by "
+            f"{_format_percent(share[entry])} %, mostly at t = {worst.t[entry]:.4g} s, because "
+            f"{cause} changes within steps; reduce the step, or use Radau or Ida."
         )
 
 
 @cache_on_owner
-def _name_terms(equations: EquationsOfMotion) -> tuple[tuple[str, int, FormulaForceTerm], ...]:
-    """Return each formula with the name of its part, and its number among those of the part."""
+def _name_terms(
+    equations: EquationsOfMotion,
+) -> tuple[tuple[str, int, bool, FormulaForceTerm], ...]:
+    """Return the name of the part of each formula, its number in the part, and True for rates."""
     terms = compile_formula_forces(equations)
     names = name_formula_forces(equations) if terms else []
-    return tuple((x, names[:k].count(x), terms[k]) for k, x in enumerate(names))
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    states = {name for name, part in parts.items() if part.is_state}
+    return tuple((x, names[:k].count(x), x in states, terms[k]) for k, x in enumerate(names))
 
 
-def _measure(term: FormulaForceTerm, interval: Interval, spacing: float) -> _MissedImpulse:
+def _measure(
+    term: FormulaForceTerm, interval: Interval, spacing: float, is_rate: bool
+) -> _MissedImpulse:
     """Compare the trapezoidal rule on the steps with that on samples between them."""
+
+    def evaluate(t: Array, q: Array, v: Array) -> Array:
+        values = term.evaluate(t, interval.branch, q, v)
+        if is_rate:
+            # The first row is x' - rate, which is zero but for errors.
+            values[:, 0] -= np.asarray(term.operator[[0]] @ v.T)[0]
+        return values
+
     rows = interval.rows
-    at_nodes = term.evaluate(interval.nodes, interval.branch, rows.q, rows.v)
+    at_nodes = evaluate(interval.nodes, rows.q, rows.v)
     nodes, gaps = interval.nodes, np.diff(interval.nodes)[:, None]
     total = np.sum(0.5 * gaps * (np.abs(at_nodes[1:]) + np.abs(at_nodes[:-1])), axis=0)
     none = np.zeros(at_nodes.shape[1])
@@ -119,7 +137,7 @@ def _measure(term: FormulaForceTerm, interval: Interval, spacing: float) -> _Mis
     share = (np.arange(len(step)) - starts[step] + 1.0) / (counts[step] + 1.0)
     t = nodes[step] + share * gaps[step, 0]
     state = interval.at(t)
-    force = term.evaluate(t, interval.branch, state.q, state.v)
+    force = evaluate(t, state.q, state.v)
     share = share[:, None]
     line = (1.0 - share) * at_nodes[step] + share * at_nodes[step + 1]
     size = np.maximum(at_nodes.max(axis=0), force.max(axis=0))
