@@ -309,3 +309,46 @@ def test_regression_axial_vibrations_of_a_beam_that_also_bends_are_counted():
     (beam_range,) = solution.validity
     assert beam_range.rotation > beam_range.deflection
     assert 0.013 < beam_range.error == beam_range.axial_error < 0.13
+
+
+def pull_bar(force, height=0.1, **settings):
+    """Return a bar of 1 m between a hinge and a slider, with an axial force EA * `force`."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(SOFT, width=0.05, height=height)
+    bar = mech.add(bd.Beam("bar", LINE, section, elements=2, **settings))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), bar.start))
+    mech.add(bd.PointOnLine("slider", mech.ground.at(1.0, 0.0), bar.end, direction=(1.0, 0.0)))
+    mech.add(bd.Force("pull", bar.end, (section.EA * force, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize("about", ["equilibrium", "path"])
+def test_regression_modes_of_stretched_beams_warn_of_strains(about):
+    # The axial frequency is 6.9 % above that of exact strains, whose axial stiffness is constant.
+    state = bd.equilibrium(pull_bar(0.05, 0.01)) if about == "path" else about
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)  # whether they are issued or listed
+        modes = bd.modes(pull_bar(0.05, 0.01), about=state, n=2)
+    (sentence,) = modes.warnings
+    assert "bar: the beam is stretched" in sentence
+    assert "error of natural frequencies is at most about 8.5 %; set strain='exact'." in sentence
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", bd.BeamdaeWarning)
+        assert bd.modes(pull_bar(0.002), about="equilibrium", n=2).warnings == ()
+        exact = pull_bar(0.05, strain="exact")
+        assert bd.modes(exact, about="equilibrium", n=2).warnings == ()
+
+
+def test_regression_buckling_loads_of_thick_columns_warn_of_strains():
+    # At a height of a fifth of the length, the load is 5.2 % below that of exact strains.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        thick, thin, exact = (
+            bd.buckling(pull_bar(-0.01, height, **settings), n=1)
+            for height, settings in ((0.2, {}), (0.02, {}), (0.2, {"strain": "exact"}))
+        )
+    (sentence,) = thick.warnings
+    assert "bar: the beam is stretched or compressed" in sentence
+    assert "error of buckling loads is at most about 8.9 %" in sentence
+    assert exact.warnings == thin.warnings == ()
+    assert thick.factors[0] == pytest.approx(0.948 * exact.factors[0], rel=1e-2)

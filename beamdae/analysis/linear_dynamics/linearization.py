@@ -38,6 +38,7 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
+from beamdae.results.diagnostics.beam_ranges import frequency_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
@@ -77,8 +78,8 @@ class Linearization:
         Matrices of the linearized equations.
     warnings
         Warnings that name the coordinate with the largest acceleration if the state is at rest but
-        not an equilibrium, and that the state is the end of an equilibrium path or a run that ended
-        early.
+        not an equilibrium, that the state is the end of an equilibrium path or a run that ended
+        early, and of errors of the strains of deformed beams.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
@@ -128,6 +129,8 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         If `about` is invalid, no such state exists, or a coordinate has no inertia.
     """
     lin = _linearize(name, model, about, t)
+    strains = frequency_warnings(lin.equations, lin.state.q)
+    lin = replace(lin, warnings=(*lin.warnings, *strains))
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)

@@ -25,6 +25,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
+from beamdae.results.diagnostics.beam_ranges import buckling_warnings
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 
 if TYPE_CHECKING:
@@ -218,6 +219,9 @@ def buckling(
             "joints and supports."
         ) from None
     e = system.equations
+    if len(factors) and not warnings:
+        buckled = begin.x + float(factors[0]) * path.response.x
+        warnings += buckling_warnings(e, buckled[: e.n])
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest

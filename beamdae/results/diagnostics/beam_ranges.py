@@ -48,6 +48,13 @@ _ERROR_PER_OSCILLATION = 5.0
 # Error of deflections in equilibrium over that change, relative to the largest deflection. Measured
 # by validation/strain_validity/run.py on cantilevers.
 _ERROR_OF_EQUILIBRIUM = 1.1
+# Errors of natural frequencies about a deformed state, and of linear buckling loads, over that
+# change. Measured: up to 1.0 for stretched strings and rotating beams, 0.7 to 3.9 for bent
+# cantilevers and compressed columns at half their buckling load, more near it; 1.1 for buckling
+# loads of thick columns.
+_ERROR_OF_FREQUENCY = 4.0
+_ERROR_OF_FREQUENCY_IN_TENSION = 1.2
+_ERROR_OF_BUCKLING = 2.0
 
 
 @dataclass(frozen=True)
@@ -93,9 +100,13 @@ class BeamRange:
         """Warning if the estimated error exceeds 1 %, otherwise None."""
         if self.error is None or self.error <= MAX_UNREPORTED_ERROR:
             return None
+        return self._describe(self.error, "deflections")
+
+    def _describe(self, error: float, quantity: str) -> str:
+        """Return a warning about the error of a quantity, with the remedies."""
         consequence = "the deformation is wrong"
-        if self.error < _MAX_ESTIMATED_ERROR:
-            consequence = f"the error of deflections is at most about {100 * self.error:.2g} %"
+        if error < _MAX_ESTIMATED_ERROR:
+            consequence = f"the error of {quantity} is at most about {100 * error:.2g} %"
         motion = ""
         if _is_stretched(self.deflection, self.rotation):
             motion = "is stretched or compressed"
@@ -107,7 +118,7 @@ class BeamRange:
                 f"{self.name}: the beam {motion} (deflection {self.deflection:.2g} of the length), "
                 f"where {consequence}; set strain='exact'."
             )
-        reduction = MAX_UNREPORTED_ERROR / min(self.error, _MAX_ESTIMATED_ERROR)
+        reduction = MAX_UNREPORTED_ERROR / min(error, _MAX_ESTIMATED_ERROR)
         bodies = 2 ** ceil(log(reduction) / log(_ERROR_AFTER_HALVING))
         settings = "".join(f", or set {remedy}" for remedy in self.remedies)
         return (
@@ -177,6 +188,39 @@ def sample_positions(trajectory: Trajectory) -> Array:
     # Sampled at equally spaced times because the steps of Radau may be too long.
     times = np.linspace(intervals[0].t[0], trajectory.end, count)
     return trajectory.positions_at(np.unique(times))
+
+
+def frequency_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
+    """Yield a warning for each beam whose strains at q (n,) cause errors of frequencies."""
+    ratios = (_ERROR_OF_FREQUENCY, _ERROR_OF_FREQUENCY_IN_TENSION)
+    yield from _state_warnings(equations, q, "natural frequencies", *ratios)
+
+
+def buckling_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
+    """Yield a warning for each beam whose strains at q (n,) cause errors of buckling loads."""
+    ratios = (_ERROR_OF_BUCKLING, _ERROR_OF_BUCKLING)
+    yield from _state_warnings(equations, q, "buckling loads", *ratios)
+
+
+def _state_warnings(
+    equations: EquationsOfMotion,
+    q: Array,
+    quantity: str,
+    error_ratio: float,
+    error_ratio_in_tension: float,
+) -> Iterator[str]:
+    for term in equations.ranges:
+        statement = term.statement
+        if statement.defect is None:
+            continue
+        largest = term.largest_deformation(q[None]).tolist()
+        error = error_ratio * relative_change_by_exact_strains(term, q[None])
+        elongation = term.axial_displacements(q[None])[0].sum()
+        if _is_stretched(*largest[:2]) and elongation > 0.0:
+            error *= error_ratio_in_tension / error_ratio
+        if error > MAX_UNREPORTED_ERROR:
+            beam = BeamRange(statement.part, *largest, error, statement.remedies)
+            yield beam._describe(error, quantity)
 
 
 def strain_warnings(
