@@ -213,13 +213,14 @@ def _state_warnings(
         statement = term.statement
         if statement.defect is None:
             continue
-        largest = term.largest_deformation(q[None]).tolist()
+        deflection, rotation, strain = map(float, term.largest_deformation(q[None]))
         error = error_ratio * relative_change_by_exact_strains(term, q[None])
         elongation = term.axial_displacements(q[None])[0].sum()
-        if _is_stretched(*largest[:2]) and elongation > 0.0:
+        if _is_stretched(deflection, rotation) and elongation > 0.0:
             error *= error_ratio_in_tension / error_ratio
         if error > MAX_UNREPORTED_ERROR:
-            beam = BeamRange(statement.part, *largest, error, statement.remedies)
+            remedies = statement.remedies
+            beam = BeamRange(statement.part, deflection, rotation, strain, error, remedies)
             yield beam._describe(error, quantity)
 
 
