@@ -284,9 +284,13 @@ def test_all_parameters_of_the_models(name):
     model = getattr(importlib.import_module(name), name)
     values = {"formulation": formulation} if formulation else {}
     by = [k for k, x in model.parameters.items() if isinstance(x, float)]
-    method = bd.GeneralizedAlpha(step=1e-3)
+    # Rounding errors of multipliers are inversely proportional to the square of the step: with 1 ms
+    # and the exact formulation, they reach the tolerance, also if a parameter changes in its last
+    # digits.
+    step = 2e-3 if formulation else 1e-3
+    method = bd.GeneralizedAlpha(step=step)
     # The condition numbers of the iteration matrices of stiff beams reach 1e7.
-    assert_agrees_with_forward(model, by, 0.01, method, values, positions=1e-9)
+    assert_agrees_with_forward(model, by, 10 * step, method, values, positions=1e-9)
 
 
 @pytest.mark.slow(reason="runs at a small tolerance")

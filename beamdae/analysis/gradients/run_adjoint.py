@@ -436,12 +436,11 @@ class _RunSweep:
         forward = StartDerivatives(solver)
         time, at = node_state(interval, 0)
         zeros, dp = np.zeros(e.n), np.zeros(len(e.p))
-        first = forward.consistent_state(time, at, v, zeros, zeros, dp, 1.0)
+        h = float(interval.t[1] - interval.t[0])
+        moved, first = forward.restart_states(time, at, v, zeros, zeros, dp, 1.0, h)
         result = _weigh(_as_state(by_nodes[0], e), first)
         if isinstance(method, Radau):
             return result + _weigh(by_steps, first)
-        h = float(interval.t[1] - interval.t[0])
-        moved = forward.moved_state(time, at, v, zeros, zeros, dp, 1.0, h)
         none = FurtherForces.none(e, 1)
         nodes = differentiate_alpha_steps(
             method, forward, [forward], interval, [moved], dp[None], [1.0], none

@@ -200,10 +200,8 @@ class RunDerivatives:
         def differentiate(
             x: StartDerivatives, dq: Array, dv: Array, dp: Array, dt: Array
         ) -> tuple[Array, ...]:
-            return (
-                *x.moved_state(time, at, v, dq, dv, dp, dt, h),
-                *x.consistent_state(time, at, v, dq, dv, dp, dt),
-            )
+            moved, first = x.restart_states(time, at, v, dq, dv, dp, dt, h)
+            return *moved, *first
 
         positions = [x.q for x in totals]
         states = differentiate_together(

@@ -226,12 +226,18 @@ class StartDerivatives:
         """
         dq = self.project_positions(time, at.q, dq, dp, dt)
         dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
+        return self._state_at_fixed_time(time, at, dq, dv, dp, dt)
+
+    def _state_at_fixed_time(
+        self, time: Array, at: State, dq: Array, dv: Array, dp: Array, dt: Numbers
+    ) -> State:
+        """Return the result of `consistent_state` for consistent (dq, dv) along the moving time."""
         dq, dv = dq - np.multiply.outer(dt, at.v), dv - np.multiply.outer(dt, at.a)
         dv = self._with_state_rates(time, at, dq, dv, dp)
         along = State(dq, dv, *self._zeros[1:])
         return State(dq, dv, *self.acceleration(time, at, along, dp))
 
-    def moved_state(
+    def restart_states(
         self,
         time: Array,
         at: State,
@@ -241,26 +247,28 @@ class StartDerivatives:
         dp: Array,
         dt: Numbers,
         h: float,
-    ) -> State:
-        """Return the total derivative of a consistent state along its moving time.
+    ) -> tuple[State, State]:
+        """Return the derivatives of a consistent state along its moving time, and at fixed time.
 
-        For the arguments, see `consistent_state`; `h` is the step after the restart [s].
+        For the arguments, see `consistent_state`, whose result is the second one; `h` is the step
+        after the restart [s].
         """
         dq = self.project_positions(time, at.q, dq, dp, dt)
         dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
+        first = self._state_at_fixed_time(time, at, dq, dv, dp, dt)
+        if not np.any(dt):
+            return first, first
         dv = self._with_state_rates(time, at, dq, dv, dp)
-        if np.any(dt) and len(self.equations.states):
+        if len(self.equations.states):
             rates = time_rate(lambda t: self.solver.force(t, at.q, at.v), time, h)
             states = self.equations.states
             dv[..., states] -= np.multiply.outer(dt, rates[states])
         da, dlam = self.acceleration(time, at, State(dq, dv, *self._zeros[1:]), dp)
-        if np.any(dt):
-            rates = time_rate(
-                lambda t: np.concatenate(self.solver.acceleration(t, at.q, at.v)), time, h
-            )
-            a_rate, lam_rate = np.split(np.multiply.outer(dt, rates), [self.equations.n], axis=-1)
-            da, dlam = da + a_rate, dlam + lam_rate
-        return State(dq, dv, da, dlam)
+        rates = time_rate(
+            lambda t: np.concatenate(self.solver.acceleration(t, at.q, at.v)), time, h
+        )
+        a_rate, lam_rate = np.split(np.multiply.outer(dt, rates), [self.equations.n], axis=-1)
+        return State(dq, dv, da + a_rate, dlam + lam_rate), first
 
     def project_positions(
         self, time: Array, q: Array, dq: Array, dp: Array, dt: Numbers = 0.0
