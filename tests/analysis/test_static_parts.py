@@ -31,6 +31,7 @@ def mechanism_with_all_forces():
     mech.add(bd.Force("follower", end, (2.0, 3.0), axes="body"))
     mech.add(bd.DistributedForce("wind", leaf[0], (0.4, 1.0), axes="section"))
     mech.observe("mass", mass.at(1.0, 0.6))
+    mech.observe("ball", ball.point)
     mech.observe("bent", leaf[1].strain(s=0.2, offset=1e-3))
     return mech
 
@@ -87,6 +88,32 @@ def test_gradient_of_displacement_control_matches_differences(loading, state, na
     assert_allclose(control.gradient(state, 0.0)[0], by_difference[0], atol=1e-7)
 
 
+def test_columns_are_linear_controls_if_they_are_linear_in_the_coordinates(loading):
+    for name, is_linear in (("ball.x", True), ("mass.x", False), ("bent [-]", False)):
+        control = DisplacementControl.from_name(loading.full_equations, name, np.zeros(2))
+        assert control.is_linear == is_linear, name
+
+
+def test_linear_columns_control_paths_as_other_columns_do(monkeypatch):
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=0.003)
+    arc = bd.Arc(radius=-1.0, length=1.0, angle=0.5)
+    beam = mech.add(bd.Beam("arch", arc, strip, 2, formulation="exact"))
+    for end in (beam.start, beam.end):
+        mech.add(bd.Revolute(f"hinge {end.point[0]:.1f}", mech.ground.at(*end.point), end))
+    mech.add(bd.Force("press", beam.at(0.5), (0.0, -1.0)))
+    mech.observe("crown", beam.at(0.5))
+    options = {"to": {"crown.y": 0.03}, "step": 0.05}
+    path = bd.equilibrium(mech, **options)
+    assert path.columns["crown.y [m]"][-1] == pytest.approx(0.03, abs=1e-15)
+    monkeypatch.setattr(DisplacementControl, "is_linear", False)
+    other = bd.equilibrium(mech, **options)
+    assert_allclose(path.q, other.q, rtol=0.0, atol=1e-7)
+    assert_allclose(path.factors, other.factors, rtol=1e-6, atol=1e-6)
+    assert [one.kind for one in path.critical] == [one.kind for one in other.critical]
+    assert path.critical
+
+
 def test_arc_length_along_its_own_direction_is_one():
     norm = StepNorm(np.array([1.0, 2.0]), 4.0)
     direction = PathDirection(np.array([0.5, 1.0, 7.0]), 0.3)
@@ -116,6 +143,32 @@ def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
         assert sparse.eigenvalue(index) == pytest.approx(dense.eigenvalue(index), rel=1e-6)
     mode, other = (s.mode(dense.negative_count) for s in (dense, sparse))
     assert_allclose(np.abs(other), np.abs(mode), atol=1e-6)
+
+
+def count_by_pivots(clamped, height, elements, angle):
+    """Return the number of negative eigenvalues of a straight beam that pivots determine."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=height)
+    line = bd.Line((0.3, 0.2), (0.3 + np.cos(angle), 0.2 + np.sin(angle)))
+    beam = mech.add(bd.Beam("beam", line, strip, elements, formulation="exact"))
+    if clamped:
+        mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
+    mech.add(bd.Force("tip force", beam.end, (0.0, -1.0)))
+    equations = bd.equations_of_motion(mech)
+    (system,) = build_loading(mech, equations, None, 0.0).systems
+    x = np.append(equations.q0, np.zeros(equations.m))
+    return system.bordered.count_negative_eigenvalues(x, 0.0)
+
+
+def test_regression_signs_of_pivots_of_thin_beams_with_fine_meshes_are_certain():
+    """Shifts exceeded the smallest eigenvalue, and eigenvalues took 95 % of the time of paths."""
+    assert count_by_pivots(clamped=True, height=1e-4, elements=128, angle=0.0) == 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -2.1])
+@pytest.mark.parametrize(("height", "elements"), [(1e-2, 2), (1e-3, 32), (1e-2, 64)])
+def test_signs_of_pivots_of_free_beams_are_not_certain(height, elements, angle):
+    assert count_by_pivots(clamped=False, height=height, elements=elements, angle=angle) is None
 
 
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])

@@ -7,7 +7,7 @@ shortened and repeated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,13 @@ from beamdae.analysis.statics.newton_loop import (
     leaves_path,
     propose_step,
 )
-from beamdae.analysis.statics.path_controls import Control, LoadControl, PathDirection, StepNorm
+from beamdae.analysis.statics.path_controls import (
+    Control,
+    DisplacementControl,
+    LoadControl,
+    PathDirection,
+    StepNorm,
+)
 from beamdae.results.outcome import REACHED_END, Status
 
 Array = np.ndarray
@@ -161,7 +167,12 @@ def follow_path(
     factors, and increases otherwise.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
-    by_load = isinstance(settings.target_control, LoadControl) and not settings.by_arc_length
+    control = settings.target_control
+    by_load = isinstance(control, LoadControl) and not settings.by_arc_length
+    if isinstance(control, DisplacementControl) and control.is_linear:
+        # Once, because evaluating a column takes as long as an iteration.
+        control = control.linearize(path.end.x, path.end.mu)
+        settings = replace(settings, target_control=control)
     for target in targets:
         is_target_reached = settings.target_control.value(path.end.x, path.end.mu) == target
         while not is_target_reached:

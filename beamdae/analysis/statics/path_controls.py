@@ -75,7 +75,6 @@ class DisplacementControl:
     observable: Observable
     column: int
     time: Array
-    is_linear: ClassVar[bool] = False
 
     @classmethod
     def from_name(cls, equations: EquationsOfMotion, name: str, time: Array) -> DisplacementControl:
@@ -107,6 +106,11 @@ class DisplacementControl:
         switching = equations.configurations
         inactive = frozenset() if switching is None else switching.initially_inactive
         return cls(equations.without_loads_of(inactive), *positions[name], time)
+
+    @cached_property
+    def is_linear(self) -> bool:
+        """True if the column is linear in the coordinates, as coordinates of nodes are."""
+        return self.observable.function.is_linear_in(1, self.column)
 
     @cached_property
     def _position_derivative(self):  # type: ignore[no-untyped-def]
