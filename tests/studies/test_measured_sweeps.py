@@ -230,9 +230,9 @@ def test_regression_measures_are_repeated_after_a_file_of_the_model_has_changed(
 
 def test_regression_measured_cases_have_no_rows_and_say_why(tmp_path):
     measure = {"f": lambda model: float(bd.modes(model).frequencies[0])}
-    swept = bd.sweep(oscillator, {"length": [0.5, 1.0]}, measure=measure)
+    swept = bd.sweep(oscillator, {"stiffness": [50.0, 100.0]}, measure=measure)
     with pytest.raises(bd.BeamdaeError, match="has no rows: the model was measured, not run"):
-        swept.run(length=0.5)
+        swept.run(stiffness=50.0)
     assert create_sweep_page(swept)["notes"] == []
 
 
