@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -303,3 +304,22 @@ def test_laws_at_rest_do_not_supply_energy():
     )
     mech.add(law)
     assert findings(mech) == ()
+
+
+# Start --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("speed", "count"), [(1e-17, 0), (0.1, 1)])
+def test_regression_rounding_errors_of_start_velocities_have_no_warning(speed, count):
+    # Periodic motions start with the velocities of earlier runs.
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (1.0, 0.0)), STRIP, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    equations = bd.equations_of_motion(mech)
+    v0, names = np.zeros(equations.n), list(equations.q_names)
+    v0[names.index("strip.v2")] = 0.1
+    v0[names.index("strip.y0")] = speed
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(replace(equations, v0=v0), bd.Radau(1e-3), t_end=1e-3)
+    assert len([x for x in solution.warnings if "do not allow" in x]) == count

@@ -13,6 +13,7 @@ Array = np.ndarray
 
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
+_MAX_ROUNDING = 1e-12  # relative to the largest requested velocity of all parts
 _AS_DRAWN = "as drawn"
 
 
@@ -100,20 +101,25 @@ def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> 
 def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Array) -> str:
     """Return a sentence on the requested velocity that changed most, or an empty string."""
     worst, largest = None, _MAX_UNREPORTED_VELOCITY_CHANGE
+    lengths, angles = (
+        np.array([x.unit == unit for x in e.coordinates], bool) for unit in ("m", "rad")
+    )
     # Elastic coordinates adapt to the rigid motion.
     for part in (x for x in e.parts if not x.is_state):
         rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
-        is_angle = np.array([e.coordinates[k].unit == "rad" for k in rows], bool)
+        is_angle = angles[rows]
         vectors = [(rows[is_angle], 1), (rows[~is_angle], 0)]
         if not part.rigid_count and np.any(requested[vectors[0][0]]):
             # The nodes of a turning beam move although no translation is given.
             vectors.pop()
         for vector, kind in vectors:
             size = np.max(np.abs(requested[vector]), initial=0.0)
+            rows_of_kind = angles if kind else lengths
+            if size <= _MAX_ROUNDING * np.max(np.abs(requested[rows_of_kind]), initial=0.0):
+                size = 0.0
             if not size and part.given_velocities[kind]:
                 # A given zero is compared with the motion of the other bodies.
-                units = [coordinate.unit == ("m", "rad")[kind] for coordinate in e.coordinates]
-                size = np.max(np.abs(actual[units]), initial=0.0)
+                size = np.max(np.abs(actual[rows_of_kind]), initial=0.0)
             for k in vector if size else ():
                 change = abs(actual[k] - requested[k]) / size
                 if change > largest:
