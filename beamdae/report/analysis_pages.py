@@ -397,16 +397,8 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
 
 
 def find_response_peaks(response: FrequencyResponse) -> dict[str, list[tuple[float, float]]]:
-    """Return (parameter, half range) at the peaks of the observed columns that move."""
-    observed = response.points[0].solution.columns if response.points else {}
-    largest = {name: float(response.curve(name)[1].max()) for name in observed}
-    units = {name: Header.of(name).unit for name in observed}
-    return {
-        name: response.peaks(name)
-        for name in observed
-        if largest[name]
-        > _NOISE_RANGE * max(largest[other] for other in observed if units[other] == units[name])
-    }
+    """Return (parameter, half range) at the peaks of the observed columns that vary."""
+    return {name: response.peaks(name) for name in response.varying_columns}
 
 
 def _half_range_column(header: str) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import select_column
+from beamdae.results.columns import Header, select_column
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest_modulus, mean
@@ -22,6 +23,12 @@ Array = np.ndarray
 
 _STABILITY_MARGIN = 1e-3  # moduli of the multipliers of stable motions may exceed 1 by this
 _SHORTEST_STEP = 1e-12  # minimum arc length between two points of the curve
+# Half ranges whose relative changes along the curve are smaller are constant: errors of the runs.
+_MIN_VARIATION = 1e-4
+# Smaller half ranges, relative to the largest ones of the same kind, are rounding errors.
+_NOISE_RATIO = 1e-9
+# Units of rotations, and those of translations, whose values differ by a factor of a length [m].
+_UNITS_OF_TRANSLATIONS = {"rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "N m": "N"}
 
 
 @read_only_data
@@ -178,9 +185,9 @@ class FrequencyResponse(HasTable, HasPage):
     def peaks(self, column: str) -> list[tuple[float, float]]:
         """Return (parameter, half range) at each peak of the curve of an observed column.
 
-        Each peak is the vertex of a parabola (half range over arc length of the curve) through the
-        three nearest points. Unless the curve folds there, the parameter of the vertex is limited
-        to the range of these points. The ends of the curve are not peaks.
+        Each peak is the vertex of a parabola through the three nearest points: 1 / half range^2
+        over the parameter, which is exact for a linear resonance, or, where the curve folds, the
+        half range over the arc length of the curve. The ends of the curve are not peaks.
 
         Parameters
         ----------
@@ -196,15 +203,24 @@ class FrequencyResponse(HasTable, HasPage):
             return []
         values, sizes = self.curve(column)
         (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
-        peaks = []
-        for k in (inner + 1).tolist():
-            at = self._vertex_arc_length(k, sizes)
-            parameter = _interpolate_parabola(at, k, self._arc_length, values)
-            before, here, after = values[k - 1 : k + 2].tolist()
-            if (here - before) * (after - here) > 0.0:
-                parameter = min(max(parameter, min(before, after)), max(before, after))
-            peaks.append((parameter, _interpolate_parabola(at, k, self._arc_length, sizes)))
-        return peaks
+        return [self._peak(k, values, sizes) for k in (inner + 1).tolist()]
+
+    def _peak(self, k: int, values: Array, sizes: Array) -> tuple[float, float]:
+        """Return (parameter, half range) of the peak next to the point `k`."""
+        near = slice(k - 1, k + 2)
+        before, here, after = values[near].tolist()
+        is_monotone = (here - before) * (after - here) > 0.0
+        if is_monotone and np.all(sizes[near] > 0.0):
+            a, b, c = np.polyfit(values[near] - here, (sizes[k] / sizes[near]) ** 2, 2).tolist()
+            shift = -0.5 * b / a if a > 0.0 else np.inf
+            lowest = c - 0.25 * b**2 / a if a > 0.0 else 0.0
+            if min(before, after) <= here + shift <= max(before, after) and lowest > 0.0:
+                return here + shift, float(sizes[k] / np.sqrt(lowest))
+        at = self._vertex_arc_length(k, sizes)
+        parameter = _interpolate_parabola(at, k, self._arc_length, values)
+        if is_monotone:
+            parameter = min(max(parameter, min(before, after)), max(before, after))
+        return parameter, _interpolate_parabola(at, k, self._arc_length, sizes)
 
     def curve(self, column: str) -> tuple[Array, Array]:
         """Return the parameter (k,) and the half range (k,) of an observed column.
@@ -224,15 +240,36 @@ class FrequencyResponse(HasTable, HasPage):
         values = np.array([point.parameter for point in self.points])
         return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
 
-    @property
+    @cached_property
+    def varying_columns(self) -> tuple[str, ...]:
+        """Headers of the observed columns whose half ranges vary along the curve by over 0.01 %.
+
+        Columns at the level of rounding errors are omitted.
+        """
+        if not self.points:
+            return ()
+        sizes = {name: self.curve(name)[1] for name in self.points[0].solution.columns}
+        largest: dict[str, float] = {}
+        for name, size in sizes.items():
+            unit = Header.of(name).unit
+            largest[unit] = max(largest.get(unit, 0.0), float(size.max()))
+        varying = []
+        for name, size in sizes.items():
+            unit = Header.of(name).unit
+            other = _UNITS_OF_TRANSLATIONS.get(unit, unit)
+            noise = _NOISE_RATIO * max(largest[unit], largest.get(other, 0.0))
+            if size.max() > noise and np.ptp(size) > _MIN_VARIATION * size.max():
+                varying.append(name)
+        return tuple(varying)
+
+    @cached_property
     def _arc_length(self) -> Array:
         """Arc length along the curve (k,), with all coordinates scaled to a range of 1.
 
-        The coordinates are the parameter and the half ranges of the observed columns.
+        The coordinates are the parameter and the half ranges of the varying columns.
         """
         values = np.array([point.parameter for point in self.points])
-        sizes = np.array([list(map(half_range, p.solution.columns.values())) for p in self.points])
-        rows = np.concatenate([values[:, None], sizes], axis=1)
+        rows = np.stack([values, *(self.curve(name)[1] for name in self.varying_columns)], axis=1)
         rows = rows / np.where(np.ptp(rows, axis=0) > 0.0, np.ptp(rows, axis=0), 1.0)
         steps = np.linalg.norm(np.diff(rows, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST_STEP))])

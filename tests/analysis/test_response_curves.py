@@ -276,3 +276,26 @@ def test_regression_number_of_points_does_not_depend_on_the_mesh():
     # The steps are limited by amplitudes, and by the curvature in the space of all states.
     assert counts[1] == pytest.approx(counts[0], rel=0.25)
     assert max(counts) < 60
+
+
+def test_regression_columns_of_rounding_errors_do_not_shift_peaks():
+    """A constant acceleration and rounding errors put a peak 3 % above the curve."""
+    frequencies = np.array([44.317, 44.388, 44.45275, 44.48581, 44.53545, 44.60747])
+    ratio = frequencies / 44.5
+    sizes = 0.01 / np.sqrt((1.0 - ratio**2) ** 2 / 4e-6 + ratio**2)
+    noise = np.random.default_rng(0).uniform(size=(2, len(sizes)))
+    points = []
+    for frequency, size, (one, other) in zip(frequencies, sizes, noise.T, strict=True):
+        half_ranges = {
+            "tip [m]": size,
+            "base.ay [m/s^2]": 5.0 + 1e-6 * one,
+            "base.angle_ddot [rad/s^2]": 1e-22 * other,
+        }
+        columns = {name: np.array([-x, x]) for name, x in half_ranges.items()}
+        run = SimpleNamespace(columns=columns)
+        points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
+    response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
+    assert response.varying_columns == ("tip [m]",)
+    ((frequency, size),) = response.peaks("tip")
+    assert frequency == pytest.approx(44.5, rel=1e-5)
+    assert size == pytest.approx(0.01, rel=1e-3)

@@ -80,11 +80,12 @@ function describeScatter(cases, x, y) {
   const visible = cases.filter((run) => !state.hidden.families.has(run.family));
   const showsErrors = y.kind === "error";
   // Lines of an overlay are straight and may start from zero, which a logarithmic axis cannot show.
-  const guides = findOverlay(x, y).lines;
+  const { lines: guides, marks } = findOverlay(x, y);
   const isLinear = guides.length > 0;
   const log = { x: !isLinear && needsLogAxis(x, cases), y: !isLinear && needsLogAxis(y, cases) };
   const [low, high] = showsErrors ? findErrorExtent(cases) : findExtent([cases.map(y.value)]);
-  const yExtent = [Math.min(low, ...guides.flatMap((line) => line.y)), high];
+  // Interpolated peaks can exceed all points.
+  const yExtent = [Math.min(low, ...guides.flatMap((line) => line.y)), Math.max(high, ...marks.map((mark) => mark.y))];
   const position = (run, xScale, yScale) => [xScale.toPosition(x.value(run)), yScale.toPosition(y.value(run))];
   const createPoints = (box, xScale, yScale) =>
     visible
