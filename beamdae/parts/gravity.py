@@ -107,4 +107,5 @@ class GravityLaws:
         force = ca.substitute([kernel.force], symbols, [*motion, data])[0]
         weight_power = ca.dot(weightless_force - force, local.v)
         powers = powers + ca.vertcat(weight_power, 0)
-        return ForceKernel(local, force, energies, powers, reused=kernel.reused)
+        # Not `reused`, although the original kernel may be: models share it by its instructions.
+        return ForceKernel(local, force, energies, powers)

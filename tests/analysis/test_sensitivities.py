@@ -773,6 +773,27 @@ def test_formulas_that_fail_on_one_side_lead_to_one_sided_differences():
     np.testing.assert_allclose(by_cosine, -2.0 * by_stiffness, rtol=1e-6, atol=1e-12)
 
 
+@bd.model(t_end=1.0)
+def dropped(speed=1.0, rate=2.0):
+    """Body and particle under a gravity that grows with time."""
+    mech = bd.Mechanism(gravity=(0.0, lambda t: -1.0 - rate * t))
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1, velocity=(0.0, speed)))
+    particle = mech.add(bd.PointMass("particle", 1.0, at=(1.0, 0.0), velocity=(0.0, speed)))
+    mech.observe("body", body.at(0.0, 0.0))
+    mech.observe("particle", particle.point)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_time_dependent_gravity():
+    """Every parameter was said to change the structure of the equations."""
+    result = bd.sensitivities(dropped, ["speed", "rate"])
+    for name in ("body", "particle"):
+        for parameter, exact in (("speed", result.t), ("rate", -(result.t**3) / 6.0)):
+            actual = result.sensitivity(f"{name}.y", parameter)
+            np.testing.assert_allclose(actual, exact, rtol=0.0, atol=1e-9)
+
+
 @bd.model(t_end=0.1)
 def amplified(gain=2.0):
     """CasADi stores 2 q as q + q, without a number."""

@@ -190,6 +190,31 @@ def broken(limit=25.0, mass=2.0):
     return mech
 
 
+@bd.model(t_end=0.4)
+def relieved(angle=-0.3, rate=2.0, mark=0.1):
+    """A driver follows a new law that contains two numbers, which are equal for mark = 0.1."""
+    mech, upper, _ = double_pendulum()
+    sides = (mech.ground.at(0.0, 0.0), upper.at(0.0, 0.0))
+    driver = mech.add(bd.Driver("driver", *sides, lambda t: -rate * t**2 - 3.0 * t**3))
+    later = bd.change_law(driver, lambda t: mark * t + 0.1 * t**2)
+    mech.when("upper.angle", angle, "down", later, name="relieved")
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("method", [bd.GeneralizedAlpha(step=1e-3), bd.Radau()])
+def test_regression_parameters_whose_equations_differ_after_an_event(method):
+    # Such parameters were differentiated together, and arrays of different lengths combined.
+    names = ["angle", "rate", "mark"]
+    together = bd.sensitivities(relieved, names, method, estimate_error=False)
+    gradient = bd.gradient(relieved, bd.EndValue("end.y"), names, method, estimate_error=False)
+    for name in names:
+        alone = bd.sensitivities(relieved, name, method, estimate_error=False)
+        actual, expected = (x.sensitivity("end.y", name) for x in (together, alone))
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-14)
+        assert gradient.derivatives[name] == pytest.approx(expected.iloc[-1], rel=1e-9)
+
+
 CASES = {
     "caught": (caught, ["angle", "time"]),
     "held": (held, ["angle", "rate"]),

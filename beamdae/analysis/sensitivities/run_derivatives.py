@@ -98,6 +98,8 @@ class RunDerivatives:
             else:
                 crossing = self._cross(phases, before, interval, rows[-1])
                 phases, derivatives, shifts, moved, firsts = crossing
+                if len({further_key(x.equations) for x in derivatives}) > 1:
+                    return self._differentiate_one_by_one()
             active = with_active_multipliers(interval)
             models = [x.equations for x in derivatives]
             run = self._run_equations(models)
@@ -121,6 +123,18 @@ class RunDerivatives:
             before = interval
         return {
             name: Trajectory(tuple(x[k] for x in rows)) for k, name in enumerate(self._differences)
+        }
+
+    def _differentiate_one_by_one(self) -> dict[str, Trajectory]:
+        """Return the derivatives by parameters with different equations after an event.
+
+        Forces may vanish at the value of one parameter, or its value may coincide with another
+        number of a law, which is then one number of the equations instead of two.
+        """
+        solution, method, starts = self._solution, self._method, self._starts
+        return {
+            name: RunDerivatives(solution, method, {name: x}, starts).trajectories()[name]
+            for name, x in self._differences.items()
         }
 
     def _run_equations(self, models: Sequence[EquationsOfMotion]) -> EquationsOfMotion:
