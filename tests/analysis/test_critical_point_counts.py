@@ -10,6 +10,7 @@ from beamdae.analysis.statics.corrector import EquilibriumPoint
 from beamdae.analysis.statics.critical_points import (
     SegmentCriticalPoint,
     _cancel_opposite_changes,
+    _kinked_root,
 )
 
 FORMULATIONS = [{"formulation": "exact"}, {"strain": "exact"}]
@@ -148,3 +149,20 @@ def test_changes_that_cancel_at_one_load_are_no_critical_points(loads, changes, 
     assert [one.point.mu for one in kept] == remaining
     has_range = 0 < len(kept) < len(points)
     assert [one.loads for one in kept] == [(loads[0], loads[-1]) if has_range else None] * len(kept)
+
+
+@pytest.mark.parametrize("slopes", [(-1.0, -3.3), (-3.3, -1.0), (1.0, 3.3), (3.3, 1.0)])
+@pytest.mark.parametrize("select", [np.minimum, np.maximum])
+def test_regression_eigenvalues_that_change_their_order_where_they_vanish(slopes, select):
+    # The root of a cubic polynomial through the four samples is 1e-2 off.
+    positions = np.array([0.42, 0.47, 0.52, 0.57])
+    roots = np.array([0.4951, 0.4952])
+    first, second = (slope * (positions - root) for slope, root in zip(slopes, roots, strict=True))
+    root = _kinked_root(positions, select(first, second), 0.49)
+    assert np.min(np.abs(roots - root)) < 1e-12
+
+
+def test_roots_of_smooth_eigenvalues_are_those_of_a_polynomial():
+    positions = np.array([0.42, 0.47, 0.52, 0.57])
+    root = _kinked_root(positions, (0.5 - positions) * (1.0 + positions), 0.49)
+    assert root == pytest.approx(0.5, rel=1e-12)

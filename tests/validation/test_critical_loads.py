@@ -54,6 +54,8 @@ SLOW_PATHS = [
     # With linear increments in the floating frame, points were missed or 5e-4 off.
     ("arch, 180 degrees, hinged, load at the crown", 1e5, 8, "floating frame, exact strain"),
     ("arch, 215 degrees, hinged, load at the crown", 1e5, 8, "floating frame, exact strain"),
+    # Two eigenvalues change their order where both vanish: the loads were 3e-3 off.
+    ("ring, whole, fluid pressure", 1e5, 8, "exact"),
     ("ring, quarter, dead pressure", 1e5, 8, "exact"),
     ("ring, quarter, central pressure", 1e4, 8, "floating frame, exact strain"),
     # Rounding of positions, of differences of forces, and of constraints moved these loads.

@@ -42,6 +42,9 @@ _UNDECIDED_MULTIPLE = 4.0
 # up to the second number: next to that distance, rounding moves points along the critical mode.
 _UNDECIDED_SPACING = 10.0
 _MAX_UNDECIDED_SPACING = 5e-2
+# Two eigenvalues that vanish at nearly equal positions change their order there. The derivatives of
+# the ordered eigenvalues before and after it then have a ratio below this number.
+_KINK_RATIO = 0.5
 # Distance from the segment up to which an interpolated point is accepted if rounding decides.
 _MAX_OUTSIDE = 0.5
 # Distances from the onset of growth at which a singular tangent is sought; its samples are at this
@@ -388,7 +391,7 @@ class PathSegment:
         """
         position = self._search_zero(eigenvalue, ends, distance)
         spacing = max(min(_UNDECIDED_SPACING * distance, _MAX_UNDECIDED_SPACING), distance)
-        near = self._interpolate(position, eigenvalue, spacing)
+        near = self._interpolate(position, eigenvalue, spacing, _kinked_root)
         position = min(max(near.position, 0.0), 1.0)
         if abs(near.position - position) > _MAX_OUTSIDE:
             raise CorrectorError("the stability of equilibria changes abruptly")
@@ -482,10 +485,12 @@ class PathSegment:
         position: float,
         function: Callable[[EquilibriumPoint], float] | None,
         distance: float = _SAMPLE_DISTANCE,
+        find_root: Callable[[Array, Sequence[float], float], float] | None = None,
     ) -> SegmentCriticalPoint:
         """Return the point near `position` at which `function` vanishes.
 
-        If `function` is None, the point is at `position`. The point is interpolated from four
+        If `function` is None, the point is at `position`. `find_root` defaults to `_nearest_root`.
+        The point is interpolated from four
         others, because Newton's method does not converge at branch points, where even the bordered
         tangent is singular.
         """
@@ -497,7 +502,8 @@ class PathSegment:
         ]
         positions, points = np.array([one for one, _ in samples]), [one for _, one in samples]
         if function is not None:
-            position = _nearest_root(positions, [function(point) for point in points], position)
+            values = [function(point) for point in points]
+            position = (find_root or _nearest_root)(positions, values, position)
         # Values of the Lagrange polynomials at the position.
         weights = [
             np.prod([(position - b) / (a - b) for b in positions if b != a])
@@ -574,3 +580,19 @@ def _nearest_root(positions: Array, values: Sequence[float], near: float) -> flo
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real
     return near + unit * float(real[np.argmin(np.abs(real))]) if len(real) else near
+
+
+def _kinked_root(positions: Array, values: Sequence[float], near: float) -> float:
+    """Return the root near `near` of a function that may have a kink there, from four samples.
+
+    With a kink, the function is the smaller or the larger one of the lines through the first and
+    the last two samples; otherwise, the result is that of `_nearest_root`.
+    """
+    starts, ends = np.asarray(values)[::2], np.asarray(values)[1::2]
+    first, last = (ends - starts) / (positions[1::2] - positions[::2])
+    small, large = sorted((first, last), key=abs)
+    if not 0.0 < small * large < _KINK_RATIO * large**2:
+        return _nearest_root(positions, values, near)
+    roots = positions[::2] - starts / np.array([first, last])
+    is_smaller_line = last < first
+    return float(np.min(roots) if is_smaller_line == (first < 0.0) else np.max(roots))
