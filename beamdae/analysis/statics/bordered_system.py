@@ -652,7 +652,7 @@ class BorderedSystem:
             inverse, vectors = largest_eigenvalues(run.space, extend, min(count, n - m), tolerance)
         except ArithmeticError:
             return None
-        eigenvalues = 1.0 / inverse - saddle.shift_size
+        eigenvalues = 1.0 / inverse - saddle.last_shift
         order = np.argsort(eigenvalues)
         return NearestModes(eigenvalues[order], vectors[:, order], negative_count, saddle.size)
 

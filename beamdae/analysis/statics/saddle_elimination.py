@@ -14,7 +14,8 @@ size. Accuracy is not guaranteed; solutions must be refined and checked.
 By Sylvester's law of inertia, the number of negative pivots is m plus the number of negative
 eigenvalues of K in the null space of G, for any r. Rounding errors may change the signs of pivots
 only if an eigenvalue is close to zero. Therefore, pivots are counted for K - s I with shifts s on
-both sides of zero. If the numbers agree, no eigenvalue lies between the shifts.
+both sides of zero. If the numbers agree, no eigenvalue lies between the shifts. The second count is
+not needed if there is no negative eigenvalue with s > 0.
 """
 
 from __future__ import annotations
@@ -128,8 +129,8 @@ class SaddlePoint:
     reference
         Largest entry of the stiffness at the start, see `scale_by_reference`. The stiffness may
         vanish at a critical point, where rounding is that of its terms.
-    shift_size
-        Magnitude of the last shifts; the last factors are those of K + `shift_size` I.
+    last_shift
+        Last shift of `count_signs`, whose factors are those of K + `last_shift` I.
     joint_size
         Size of the entries of G, which is 1 / r.
     size, asymmetry
@@ -168,7 +169,7 @@ class SaddlePoint:
     ones: Array
     reference: float = 0.0
     joint_size: float = 1.0
-    shift_size: float = 0.0
+    last_shift: float = 0.0
     size: float = 0.0
     asymmetry: float = 0.0
     below: int = 0
@@ -284,11 +285,14 @@ def count_signs(run: SaddlePoint, tangent: Array) -> None:
     """Set `size`, `asymmetry`, `below` and `above` for a tangent with these non-zeros."""
     measure_stiffness(run, tangent)
     assemble_saddle_point(run, tangent)
-    run.shift_size = _SHIFT_RATIO * run.size
-    shift_diagonal(run, -run.shift_size)
-    run.above = eliminate(run.factors, run.nonzeros)
-    shift_diagonal(run, 2.0 * run.shift_size)
-    run.below = eliminate(run.factors, run.nonzeros)
+    run.last_shift = -_SHIFT_RATIO * run.size
+    shift_diagonal(run, run.last_shift)
+    run.below = run.above = eliminate(run.factors, run.nonzeros)
+    # If there is no negative eigenvalue, the other shift yields none either.
+    if run.above != run.scales.size - run.shift.size:
+        shift_diagonal(run, -2.0 * run.last_shift)
+        run.last_shift = -run.last_shift
+        run.below = eliminate(run.factors, run.nonzeros)
 
 
 def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
@@ -296,10 +300,10 @@ def count_signs_by_scipy(run: SaddlePoint, tangent: Array) -> None:
     plan = run.factors.plan
     measure_stiffness(run, tangent)
     assemble_saddle_point(run, tangent)
-    run.shift_size = _SHIFT_RATIO * run.size
-    shift_diagonal(run, -run.shift_size)
+    shift = _SHIFT_RATIO * run.size
+    shift_diagonal(run, -shift)
     run.above = count_negative_pivots_by_scipy(plan, run.nonzeros)
-    shift_diagonal(run, 2.0 * run.shift_size)
+    shift_diagonal(run, 2.0 * shift)
     run.below = count_negative_pivots_by_scipy(plan, run.nonzeros)
 
 
