@@ -297,6 +297,17 @@ def test_frequencies_off_an_equilibrium_do_not_depend_on_coordinates(angle):
         assert_allclose((modes.eigenvalues**2).real, [-9.81 * np.cos(angle)], rtol=1e-7)
 
 
+def test_regression_states_that_are_no_equilibria_are_marked():
+    """Poles of a hanging stage were 20 % off, and the linear model did not show its warning."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    load = mech.add(bd.PointMass("load", 1.0, at=(0.0, 1.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), load.point, 100.0))
+    for analysis in (bd.modes, bd.linearize):
+        result = analysis(mech)
+        assert "not an equilibrium" in result.warnings[0]
+        assert repr(result).endswith("; 1 warning, see .warnings>")
+
+
 def test_modes_about_positions_by_name():
     mech = bd.Mechanism()
     bar = mech.add(bd.RigidBody("bar", 1.0, 0.25, center=(1.0, 0.0)))

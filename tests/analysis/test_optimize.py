@@ -502,7 +502,6 @@ def test_bounds_may_be_texts_with_units(read):
             read({"stiffness": bounds})
 
 
-@pytest.mark.filterwarnings("ignore:.*not an equilibrium:beamdae.errors.BeamdaeWarning")
 def test_regression_frequencies_about_an_unbalanced_reference_name_the_remedy():
     """The message was that of mode_sensitivities, about an argument that optimize does not have."""
 

@@ -92,9 +92,11 @@ class LinearModel(HasPage):
 
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
+        count = len(self.warnings)
+        note = f"; {count} warning{'s' * (count > 1)}, see .warnings" if count else ""
         return (
             f"<LinearModel about {self.about}: {len(self.states)} states; "
-            f"inputs: {inputs or 'none'}; outputs: {outputs or 'none'}>"
+            f"inputs: {inputs or 'none'}; outputs: {outputs or 'none'}{note}>"
         )
 
     def __iter__(self) -> Any:
