@@ -256,7 +256,7 @@ def test_processes_that_die_or_hang_are_rows(tmp_path, monkeypatch, capfd):
         bd.Case(faulty, {"kind": kind, "marker": str(marker)}, ALPHA)
         for kind in [*kinds, *harmless]
     ]
-    study = create_study(*cases, limits=Limits(time=2.0, memory=1.0))
+    study = create_study(*cases, limits=Limits(time=5.0, memory=1.0))
     # On a busy machine, the start of the process alone can take the time limit and the delay.
     greedy = bd.Case(faulty, {"kind": "greedy", "marker": str(marker)}, ALPHA)
     unhurried = create_study(greedy, limits=Limits(memory=1.0))
