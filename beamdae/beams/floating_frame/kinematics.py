@@ -350,13 +350,13 @@ class FloatingFrame(FormulationKinematics):
         return PointValues(self._element_operator(element), values)
 
     def force_rotation(self, s: float) -> PointValues:
-        """Return the function for phi at s [m]; for exact strains, zero.
+        """Return the function for phi at s [m]; for exact and linear strains, zero.
 
         In strains for moderate rotations, such as u' + v'^2 / 2, the energy conjugate of the axial
         strain is the force along the undeformed axis, while that of the shear strain v' - phi is
-        the shear force in the section.
+        the shear force in the section. In linear strains, phi Q is neglected.
         """
-        if self.strain == "exact":
+        if self.strain in ("exact", "linear"):
             return super().force_rotation(s)
 
         def create() -> PointValues:
