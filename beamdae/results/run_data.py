@@ -28,6 +28,7 @@ from beamdae.results.diagnostics.beam_ranges import (
     sample_positions,
     strain_warnings,
 )
+from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
@@ -234,6 +235,7 @@ class RunData:
             *self._part_warnings(),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
+            *self._row_warnings(),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *moving_load_warnings(self.equations, self.trajectory),
@@ -241,6 +243,19 @@ class RunData:
             *self._step_warnings(),
             *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
         )
+
+    def _row_warnings(self) -> Iterator[str]:
+        """Yield warnings about vibrations that the output rows do not show."""
+        # Long runs store only the rows, and few steps between them.
+        if all(x.record is None for x in self.trajectory.intervals):
+            yield from coarse_row_warnings(
+                self.t, self.columns, self._observe_at, self.equations.length
+            )
+
+    def _observe_at(self, times: Array) -> Array:
+        """Return rows of the observed columns at ascending times [s]."""
+        rows, state = self.trajectory.at(times)
+        return self._observe(rows, *state)
 
     def _step_warnings(self) -> Iterator[str]:
         """Yield warnings about forces that fixed steps do not resolve."""

@@ -1,0 +1,89 @@
+"""Warnings about output rows that do not show the vibrations of columns."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
+
+FAR_APART = "rows are too far apart for its vibration"
+
+
+def sentences(function, rows=401, end=1.0, header="tip.y [m]"):
+    """Return the warnings of a run until `end` [s] with one column."""
+    t = np.linspace(0.0, end, rows)
+    evaluate = lambda x: function(x)[:, None]  # noqa: E731
+    return list(coarse_row_warnings(t, {header: function(t)}, evaluate, 1.0))
+
+
+@pytest.mark.parametrize("offset", [0.0, 10.0])
+@pytest.mark.parametrize(
+    ("rows_per_period", "is_coarse"),
+    [(0.5, True), (1.0, True), (1.9, True), (3.0, True), (5.1, True), (10.0, False), (40.0, False)],
+)
+def test_vibrations_need_six_rows_per_period(rows_per_period, is_coarse, offset):
+    frequency = 400.0 / rows_per_period
+    found = sentences(lambda t: offset + 0.3 * np.sin(2.0 * np.pi * frequency * t + 0.4))
+    assert len(found) == is_coarse
+    if is_coarse:
+        assert found[0].startswith(f"tip.y: the output {FAR_APART}")
+        period = float(found[0].split("about ")[1].split(" s")[0])
+        assert period == pytest.approx(1.0 / frequency, rel=0.4)  # one digit
+
+
+def held(t):
+    """Return values that a controller holds for 2.5 ms."""
+    return np.sin(1e4 * np.floor(t / 0.0025 + 1e-6) ** 2)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        held,
+        lambda t: t**2,
+        lambda t: np.sign(np.sin(40.0 * t)),
+        lambda t: np.zeros_like(t) + 1e-13 * np.sin(1e4 * t),
+        lambda t: np.sin(20.0 * t) + 0.02 * np.sin(3e3 * t),
+        lambda t: np.maximum(0.0, 1.0 - ((t - 0.5) / 2e-3) ** 2),
+    ],
+    ids=["held", "smooth", "jumps", "rounding", "small", "pulse"],
+)
+def test_other_columns_are_exempt(function):
+    assert not sentences(function)
+
+
+@pytest.mark.parametrize("values", [np.nan, np.inf])
+def test_columns_that_are_not_finite_are_exempt(values):
+    assert not sentences(lambda t: np.where(t > 0.5, values, np.sin(1e4 * t)))
+
+
+def test_moments_of_rounding_size_are_exempt():
+    t = np.linspace(0.0, 1.0, 401)
+
+    def evaluate(x):
+        return np.column_stack([np.sin(9.0 * x), 1e-9 * np.sin(2e3 * x)])
+
+    for other in ("push [N]", "push [N m]"):
+        columns = dict(zip([other, "push.M [N m]"], evaluate(t).T, strict=True))
+        assert not list(coarse_row_warnings(t, columns, evaluate, 1.0))
+
+
+def test_few_rows_are_exempt():
+    assert not sentences(lambda t: np.sin(1e3 * t), rows=99)
+
+
+def test_regression_default_rows_of_a_long_run_that_miss_a_vibration_are_reported():
+    """Cycles counted in such rows gave 57 % of the fatigue damage of a blade, without a word."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.1, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), ball.point, 4e4, 0.0, 1.0))
+    mech.observe("ball", ball.point)
+    with pytest.warns(bd.BeamdaeWarning, match=FAR_APART) as found:
+        bd.simulate(mech, bd.Radau(), t_end=6.0)
+    (sentence,) = [str(x.message) for x in found]
+    step = float(sentence.split("output_step=")[1].removesuffix("."))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.simulate(mech, bd.Radau(), t_end=0.6, output_step=step)
