@@ -10,13 +10,14 @@ import numpy as np
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning
+from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
-from beamdae.report.terminal.text_tables import format_number
+from beamdae.report.terminal.text_tables import format_headers, format_number
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
@@ -62,7 +63,8 @@ def build_optimization_page(result: Optimization, title: str) -> dict[str, Any]:
         "axes": {"x": _DESIGN, "y": _OBJECTIVE},
         "families": [_BEST, _FIRST, _FEASIBLE, _INFEASIBLE],
         "time": motions[1]["time"],
-        "featured": list(result.columns),
+        "featured": _list_headers(result),
+        "profiles": _list_profiles(result),
         "tables": [table for table in tables if table["rows"]],
         "cases": _list_cases(result, motions),
     }
@@ -93,15 +95,16 @@ def _build_warnings(result: Optimization) -> tuple[str, ...]:
 
 
 def _constraints_table(result: Optimization) -> dict[str, Any]:
-    _, *units = result.units.values()  # of the objective, the constraints and the parameters
     rows = [
         [
-            f"{x.name} {unit}".removesuffix(" -").strip(),
-            *(format_number(y, _DIGITS) for y in (x.value, x.limit, x.margin, x.multiplier)),
+            format_with_unit(x.name, x.unit),
+            *(format_number(y, _DIGITS) for y in (x.value, x.limit)),
+            format_number(100.0 * x.relative_margin),
+            format_number(x.multiplier, _DIGITS),
         ]
-        for x, unit in zip(result.constraints, units, strict=False)
+        for x in result.constraints
     ]
-    head = ["constraint", "value", "limit", "margin", "multiplier"]
+    head = ["constraint", "value", "limit", "margin [%]", "multiplier"]
     return {"title": "Constraints", "head": head, "rows": rows}
 
 
@@ -115,7 +118,28 @@ def _parameters_table(result: Optimization) -> dict[str, Any]:
         ]
         for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
     ]
-    return {"title": "Parameters", "head": ["parameter", *table], "rows": rows}
+    # The unit is part of the name.
+    return {"title": "Parameters", "head": ["parameter", *list(table)[:-1]], "rows": rows}
+
+
+def _list_headers(result: Optimization) -> list[str]:
+    """Return the headers of the columns in the objective and the constraints."""
+    observed: dict[str, str] = {}
+    for analysis in result.analyses:
+        for header in getattr(analysis, "columns", ()):
+            observed |= {header: header, split_unit(header)[0]: header}
+    return [observed.get(name, name) for name in result.columns]
+
+
+def _list_profiles(result: Optimization) -> list[dict[str, Any]]:
+    """Return lists of numbers among the parameters, such as the thicknesses along a beam."""
+    profiles = []
+    for name, values in result.parameters.items():
+        if isinstance(values, tuple) and len(values) > 1:
+            keys = [f"{name}[{k}]" for k in range(len(values))]
+            label = format_headers({name: result.units[keys[0]]}).get(name, name)
+            profiles.append({"label": label, "keys": keys})
+    return profiles
 
 
 def _list_columns(result: Optimization) -> list[dict[str, str]]:
@@ -144,6 +168,8 @@ def _list_cases(result: Optimization, motions: list[dict[str, Any]]) -> list[dic
             motion = {x: motions[k == best][x] for x in ("frames", "curves")}
             family = _BEST if k == best else _FIRST
             label += f" ({'first and best' if best == 1 else family})"
+        if result.is_feasible(k):
+            row[_VIOLATION] = 0.0  # without rounding errors
         values = {_DESIGN: k, **{name: x for name, x in row.items() if np.isfinite(x)}}
         cases.append(
             {

@@ -9,6 +9,7 @@ import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
+from beamdae.analysis.optimization.result import Constraint
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -319,6 +320,54 @@ def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported()
     assert result.status.kind == "limited"
     assert "the gauge is outside the section" in result.status.sentence
     assert result.parameters["height"] >= 0.015
+
+
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("load", [LOAD, -LOAD])
+def test_regression_limits_of_signed_stresses_beyond_the_limit_in_magnitude_are_reported(load):
+    """A compression of 1567 MPa satisfied the upper limit of 200 MPa without a warning."""
+    stress = bd.EquilibriumValue("stress 0")
+    # The top is in tension if the load points down.
+    permit = bd.at_most if load < 0.0 else bd.at_least
+    limit = permit(stress, 2e8 if load < 0.0 else -2e8)
+    given = ({"height": (0.005, 0.05)}, None, None)
+    with pytest.warns(bd.BeamdaeWarning, match=r"stress 0 at equilibrium is .* times its limit"):
+        result = bd.optimize(
+            cantilever,
+            bd.Mass(),
+            "height",
+            limit,
+            *given,
+            parameters={"height": (0.02,), "load": load},
+        )
+    assert result.at_bounds == ("height[0]",)
+    assert "LargestOf([quantity])" in result.warnings[0]
+    both = [bd.at_most(stress, 2e8), bd.at_least(stress, -2e8)]
+    result = bd.optimize(
+        cantilever, bd.Mass(), "height", both, *given, parameters={"height": (0.02,), "load": load}
+    )
+    assert result.warnings == ()
+    assert sorted(x.comparison for x in result.constraints) == [
+        "at its limit",
+        "margin 200 % of the limit",
+    ]
+    assert sorted(x.margin for x in result.constraints)[0] == pytest.approx(0.0, abs=200.0)
+    assert {x.unit for x in result.constraints} == {"Pa"}
+
+
+@pytest.mark.parametrize(
+    ("limit", "margin", "relative", "text"),
+    [
+        (2e8, -12.4, 0.0, "at its limit"),
+        (2e8, 5e7, 0.25, "margin 25 % of the limit"),
+        (-2e8, -5e5, -0.0025, "violated by 0.25 % of the limit"),
+        (0.0, 0.0123456, float("nan"), "margin 0.0123 Pa"),
+        (0.0, -0.5, float("nan"), "violated by 0.5 Pa"),
+    ],
+)
+def test_constraints_state_their_relative_margin(limit, margin, relative, text):
+    constraint = Constraint("stress", limit - margin, limit, margin, 0.0, relative, "Pa")
+    assert constraint.comparison == text
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -53,6 +53,19 @@ def test_files_and_json(here):
     assert len(designs) == document["evaluations"]
 
 
+@pytest.mark.slow(reason="one second")
+def test_regression_results_have_units_and_relative_margins(here):
+    """The objective had no unit, and limits that were reached had margins such as -12.4."""
+    limits = ["--at-most", "mass=2000 g", "--at-least", "mass=1 kg", "--bounds", "mass=500g:3kg"]
+    result = run("--by", "mass", "--minimize", "frequency:1:equilibrium", *limits)
+    assert result.exit_code == 0, result.output
+    lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert "objective frequency 1 = 0.711763 Hz" in lines
+    assert "mass <= 2 kg 2 kg, at its limit" in lines
+    assert "mass >= 1 kg 2 kg, margin 100 % of the limit" in lines
+    assert "mass 2 kg" in lines
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -80,6 +80,64 @@ def test_regression_quantities_with_a_sign_keep_their_unit():
     assert [x.rpartition(" ")[2] for x in names] == ["m/s", "kg", "6"], names
 
 
+@bd.model(t_end=1.0)
+def stepped(height=(0.02,) * 3, widths=(0.02, 0.02), force=-50.0):
+    """Cantilever in three steps of `height` [m] under a tip `force` [N]."""
+    steel = bd.Material.of("steel")
+
+    def section(s):
+        return bd.Section.rectangle(steel, widths[int(s > 0.5)], height[min(int(3.0 * s), 2)])
+
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=3))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, force)))
+    mech.observe("tip", beam.end)
+    mech.observe("stress", beam.stress(0.01, "top"))
+    return mech
+
+
+@pytest.fixture(scope="module")
+def lists():
+    limit = bd.at_most(bd.EquilibriumValue("stress", step=1.0), 6e7)
+    bounds = {"height": (0.01, 0.05), "widths": (0.01, 0.05)}
+    return bd.optimize(stepped, bd.Mass(), ["height", "widths"], limit, bounds)
+
+
+def test_regression_lists_of_numbers_are_shown_over_their_index(lists, show):
+    """The numbers were only in the table, and the first chart was the load factor."""
+    page = build_optimization_page(lists, "stepped")
+    assert [x["label"] for x in page["profiles"]] == ["height [m]", "widths"]
+    tab = show(page)
+    assert tab.locator("#profile path.curve").count() == 2
+    assert tab.locator("#profile .line-marker").count() == 6
+    assert "height [m]" in tab.locator("#profile .title").all_text_contents()
+    choice = tab.get_by_label("Parameter over its index")
+    choice.select_option(label="widths")
+    assert tab.locator("#profile .line-marker").count() == 4
+    # Designs that are hidden or not selected have no line; those without curves have one.
+    tab.locator("#selection button").first.click()
+    assert tab.locator("#profile path.curve").count() == 1
+    tab.locator("#selection button").first.click()
+    tab.locator("#table tbody tr", has_text="design 2").locator("td.label").first.click()
+    assert tab.locator("#profile path.curve").count() == 3
+    # The constrained column is the first one.
+    assert tab.get_by_label("Observed: quantity").input_value() == "stress [Pa]"
+
+
+def test_regression_limits_that_are_reached_have_no_rounding_errors(lists):
+    (row,) = facts(build_optimization_page(lists, "stepped"), "Constraints")
+    assert row[0] == "stress at equilibrium <= 6e+07 Pa"
+    assert row[3] == "0"
+
+
+def test_lists_of_designs_without_curves_are_shown(show):
+    bounds = {"height": (0.01, 0.05)}
+    result = bd.optimize(stepped, bd.Mass(), "height", bd.at_least(bd.Mass(), 2.0), bounds)
+    page = build_optimization_page(result, "stepped")
+    assert show(page).locator("#profile path.curve").count() == 2
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_has_no_violations(result, open_page, scheme):
     page = build_optimization_page(result, "pendulum")
@@ -87,8 +145,13 @@ def test_the_page_has_no_violations(result, open_page, scheme):
     assert find_violations(tab) == []
 
 
-def test_the_page_fits_a_phone(result, phone):
-    tab = phone(build_optimization_page(result, "pendulum"))
+def test_pages_of_lists_have_no_violations(lists, show):
+    assert find_violations(show(build_optimization_page(lists, "stepped"))) == []
+
+
+@pytest.mark.parametrize("name", ["result", "lists"])
+def test_the_page_fits_a_phone(name, phone, request):
+    tab = phone(build_optimization_page(request.getfixturevalue(name), name))
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
     assert find_violations(tab) == []
 

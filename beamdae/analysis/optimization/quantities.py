@@ -546,7 +546,9 @@ def at_most(quantity: Any, limit: float | str) -> Limit:
         A `Quantity`, or an `Objective` of a run.
     limit
         Upper limit of the value with its sign, in the unit of the quantity, or a text such as
-        "150 MPa". `LargestOf([quantity])` limits the magnitude, such as tension and compression.
+        "150 MPa". Stresses are positive in tension and negative in compression: an upper limit
+        permits any compression. To limit the magnitude, pass `LargestOf([quantity])` as quantity,
+        or add `at_least(quantity, "-150 MPa")`.
 
     Raises
     ------
@@ -570,7 +572,8 @@ def at_least(quantity: Any, limit: float | str) -> Limit:
     quantity
         A `Quantity`, or an `Objective` of a run.
     limit
-        Lower limit, in the unit of the quantity, or a text such as "50 Hz".
+        Lower limit of the value with its sign, in the unit of the quantity, or a text such as
+        "50 Hz".
 
     Raises
     ------

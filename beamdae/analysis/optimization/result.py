@@ -17,7 +17,7 @@ from beamdae.analysis.optimization.problem import (
     list_column_units,
     parameter_values,
 )
-from beamdae.analysis.optimization.quantities import LargestOf, RunQuantity, find_unit
+from beamdae.analysis.optimization.quantities import LargestOf, Limit, RunQuantity, find_unit
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
     SearchResult,
@@ -25,6 +25,7 @@ from beamdae.analysis.optimization.search import (
 )
 from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
+from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -58,6 +59,11 @@ class Constraint(NamedTuple):
     multiplier
         Lagrange multiplier: decrease of the objective per unit by which the limit is relaxed. It is
         0 if the limit does not affect the design, and NaN if the search was interrupted.
+    relative_margin
+        Margin divided by the magnitude of the limit: 0 if it is below the tolerance of the search,
+        1e-6, and NaN if the limit is 0 and the value is not.
+    unit
+        Unit of the value, the limit and the margin; "" if it is unknown.
     """
 
     name: str
@@ -65,6 +71,18 @@ class Constraint(NamedTuple):
     limit: float
     margin: float
     multiplier: float
+    relative_margin: float
+    unit: str
+
+    @property
+    def comparison(self) -> str:
+        """Comparison of the value with the limit: "at its limit" or the margin."""
+        if self.relative_margin == 0.0:
+            return "at its limit"
+        size, word = abs(self.margin), "margin" if self.margin > 0.0 else "violated by"
+        if self.limit == 0.0:
+            return f"{word} {format_with_unit(float(f'{size:.3g}'), self.unit)}"
+        return f"{word} {100.0 * abs(self.relative_margin):.3g} % of the limit"
 
 
 @read_only_data
@@ -100,9 +118,10 @@ class Optimization:
         Name and all parameters of the model of the best design.
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %), and on
+        of `rtol` would change the objective or a constrained quantity by more than 1 %), on
         maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not,
-        and the warnings of `analyses`.
+        on stresses within a limit of their signed value whose magnitude is beyond it, and the
+        warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -126,7 +145,7 @@ class Optimization:
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
         limits = f", {len(self.constraints)} constraints" if self.constraints else ""
         return (
-            f"<Optimization: {self.status.sentence}; objective {self.objective:.6g}{limits}, "
+            f"<Optimization: {self.status.sentence}; objective {self.objective_text}{limits}, "
             f"{self.evaluations} evaluations{bounds}>" + "".join(f" {x}" for x in self.warnings)
         )
 
@@ -179,6 +198,11 @@ class Optimization:
         return self._problem.objective.label
 
     @property
+    def objective_text(self) -> str:
+        """Value of the objective with its unit, such as "0.2279 kg"."""
+        return format_with_unit(self.objective, self.units["objective"])
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of runs and paths in the objective and the constraints."""
         return self._problem.columns
@@ -186,17 +210,9 @@ class Optimization:
     @property
     def units(self) -> dict[str, str]:
         """Units of the parameters and of the columns of `history`; "" if a unit is unknown."""
-        result = self.first_analyses[0] if self.first_analyses else None
-        equations = getattr(result, "equations", None)
         headers = [f"{k}: {x.quantity.label}" for k, x in enumerate(self._problem.limits, 1)]
-        quantities = (self._problem.objective, *(x.quantity for x in self._problem.limits))
-        known = {} if equations is None else list_column_units(equations)
-        names = ("objective", *headers)
-        units = {
-            name: find_unit(quantity, known) or ""
-            for name, quantity in zip(names, quantities, strict=True)
-        }
-        return units | self._problem.units
+        units = _list_units(self._problem, self.first_analyses)
+        return dict(zip(("objective", *headers), units, strict=True)) | self._problem.units
 
     @property
     def max_evaluations(self) -> int:
@@ -252,16 +268,8 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     """Return the result of a search, with the analyses of its best design."""
     best, trials = search.best, search.trials
     design = problem.design(best.numbers)
-    margins = problem.margins(best.values).tolist()
     stationarity = search.stationarity
-    nothing = [float("nan")] * len(problem.limits)
-    multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
-    constraints = tuple(
-        Constraint(limit.label, value, limit.bound, margin, multiplier)
-        for limit, value, margin, multiplier in zip(
-            problem.limits, best.values[1:].tolist(), margins, multipliers, strict=True
-        )
-    )
+    constraints = _list_constraints(problem, search)
     at_lower, at_upper = find_active_bounds(problem, best.numbers)
     names = problem.names
     columns: dict[str, Any] = {
@@ -280,7 +288,7 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     if not search.was_ended:
         try:
             own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
-            messages = tuple(dict.fromkeys((*own, *messages)))
+            messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", INTERRUPTED_CHECKS)
@@ -309,6 +317,42 @@ def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(message for x in results for message in x.warnings))
 
 
+def _list_constraints(problem: DesignProblem, search: SearchResult) -> tuple[Constraint, ...]:
+    nothing = [float("nan")] * len(problem.limits)
+    stationarity = search.stationarity
+    multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
+    _, *units = _list_units(problem, search.first_analyses)
+    values, firsts = (x.values[1:].tolist() for x in (search.best, search.trials[0]))
+    rows = zip(problem.limits, values, firsts, multipliers, units, strict=True)
+    constraints = []
+    for limit, value, first, multiplier, unit in rows:
+        margin = limit.margin(value)
+        relative = _relative_margin(limit, margin, first)
+        constraints.append(
+            Constraint(limit.label, value, limit.bound, margin, multiplier, relative, unit)
+        )
+    return tuple(constraints)
+
+
+def _list_units(problem: DesignProblem, analyses: Sequence[Any]) -> list[str]:
+    """Return the units of the objective and of the constrained quantities; "" if unknown."""
+    equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
+    known = {} if equations is None else list_column_units(equations)
+    quantities = (problem.objective, *(x.quantity for x in problem.limits))
+    return [find_unit(quantity, known) or "" for quantity in quantities]
+
+
+def _relative_margin(limit: Limit, margin: float, first: float) -> float:
+    """Return the margin relative to the limit; 0 within the tolerance of the search.
+
+    The tolerance of a limit of zero is relative to the first value of the quantity.
+    """
+    size = abs(limit.bound)
+    if abs(margin) <= FEASIBILITY_TOLERANCE * (size or abs(first) or 1.0):
+        return 0.0
+    return margin / size if size else float("nan")
+
+
 def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
     """Return a warning if errors of the steps change values of the best design.
 
@@ -325,6 +369,27 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
     if np.all(changes <= _MAX_STEP_ERROR * np.array([objective, *limits])):
         return ()
     return ("The steps of the run change values of the best design noticeably; use shorter steps.",)
+
+
+def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> tuple[str, ...]:
+    """Return a warning for each stress whose magnitude is beyond the limit of its signed value.
+
+    Quantities with limits on both sides have none.
+    """
+    labels = [limit.quantity.label for limit in problem.limits]
+    messages = []
+    for limit, label, x in zip(problem.limits, labels, constraints, strict=True):
+        # A limit on the side of compression, such as at_least(stress, -2e8), permits any tension.
+        bound, value = limit.sign * x.limit, limit.sign * x.value
+        if x.unit != "Pa" or labels.count(label) > 1 or not 0.0 < bound < -value:
+            continue
+        other = "at_least" if limit.sign > 0 else "at_most"
+        messages.append(
+            f"{label} is {x.value:.4g} Pa, {-value / bound:.3g} times its limit of {x.limit:.4g} "
+            "Pa in magnitude, because stresses have a sign; to limit the magnitude, add "
+            f"{other}(quantity, {-x.limit:.4g}) or limit LargestOf([quantity])."
+        )
+    return tuple(messages)
 
 
 def _check_maxima(

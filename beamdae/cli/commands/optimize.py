@@ -48,11 +48,17 @@ def optimize_command(
     ] = None,
     at_most: Annotated[
         list[str] | None,
-        typer.Option(metavar="QUANTITY=LIMIT", help="Upper limit of a quantity; repeatable."),
+        typer.Option(
+            metavar="QUANTITY=LIMIT",
+            help="Upper limit of a quantity, with its sign; repeatable.",
+        ),
     ] = None,
     at_least: Annotated[
         list[str] | None,
-        typer.Option(metavar="QUANTITY=LIMIT", help="Lower limit of a quantity; repeatable."),
+        typer.Option(
+            metavar="QUANTITY=LIMIT",
+            help="Lower limit of a quantity, with its sign; repeatable.",
+        ),
     ] = None,
     bounds: Annotated[
         list[str] | None,
@@ -160,6 +166,7 @@ def _parse_limit(option: str, text: str) -> Limit:
 
 
 def _print_results(result: Optimization, name: str) -> None:
+    from beamdae.model_parameters import format_with_unit
     from beamdae.report.terminal import text_tables
 
     record_results(
@@ -176,12 +183,17 @@ def _print_results(result: Optimization, name: str) -> None:
     console = create_console()
     facts = {
         "status": name_options(result.status.sentence),
-        "objective": f"{result.objective:.6g}",
+        "objective": f"{result.objective_label} = {result.objective_text}",
         "designs": str(result.evaluations),
         "at a bound": ", ".join(result.at_bounds) or "none",
     }
-    facts |= {x.name: f"value {x.value:.6g}, margin {x.margin:.3g}" for x in result.constraints}
-    values = result.table()["value"].items()
-    facts |= {str(parameter): f"{value:.6g}" for parameter, value in values}
+    facts |= {
+        format_with_unit(x.name, x.unit): f"{format_with_unit(x.value, x.unit)}, {x.comparison}"
+        for x in result.constraints
+    }
+    facts |= {
+        str(parameter): format_with_unit(float(row["value"]), row["unit"])
+        for parameter, row in result.table().iterrows()
+    }
     console.print(text_tables.fact_list(name, facts))
     print_warnings(console, result.warnings)

@@ -34,7 +34,7 @@ _SCRIPTS = (
     "chart",
     "cases",
     "curve_files",
-    "labels",  # only in pages with overlays
+    "labels",
     "scatter",
     "curves",
     "cursor",
@@ -43,12 +43,16 @@ _SCRIPTS = (
     "sliders",
     "map",
     "portrait",
+    "profile",
     "fact_tables",
     "case_table",
     "selection",
     "print",
     "main",  # must be last because it initializes the page
 )
+
+# Scripts that only pages with this entry contain.
+_OPTIONAL_SCRIPTS = {"labels": "overlays", "profile": "profiles"}
 
 # Lines that begin with a comment, after indentation is removed.
 _COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILINE)
@@ -95,6 +99,7 @@ _PAGE_DEFAULTS: dict[str, Any] = {
     "overlays": [],
     "leads": False,
     "featured": [],
+    "profiles": [],
     "noun": "cases",
     "tables": [],
     "cases": [],
@@ -207,6 +212,8 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "leads": True if the scatter plot is the main result, shown first beside the motion.
         - "featured": names of the observed columns that the user measured or asked for. They are
           listed first; the page opens on the first one that moves.
+        - "profiles": lists of numbers that a chart shows over their index, for each selected case:
+          "label", and "keys" of the numbers in the "values" of the cases.
         - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
           (default), "errors" or "solver".
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
@@ -251,7 +258,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         raise BeamdaeError(f"{folder}: the path must be a folder, but is a link; remove the link.")
     for block in blocks:
         block.write(folder)
-    scripts = [name for name in _SCRIPTS if name != "labels" or content["overlays"]]
+    scripts = [x for x in _SCRIPTS if x not in _OPTIONAL_SCRIPTS or content[_OPTIONAL_SCRIPTS[x]]]
     page_text = fill_template("page", _STYLES, scripts, content, title=title, sources=sources)
     write_text(path, page_text)
     remove_curve_files(path, {block.name for block in blocks})

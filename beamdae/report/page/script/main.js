@@ -62,7 +62,7 @@ function drawReference() {
 
 function showGroup(group) {
   state.group = group;
-  for (const key of ["scatter", "map", "portrait", ...PANELS.map((panel) => panel.key)]) {
+  for (const key of ["scatter", "map", "portrait", "profile", ...PANELS.map((panel) => panel.key)]) {
     state.views[key] = { x: null, y: null, ...page.views[key] };
     state.hidden.names[key] = new Set();
   }

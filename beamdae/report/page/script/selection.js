@@ -59,10 +59,11 @@ function selectInitialCases() {
   state.slots = [];
   state.sliderSlot = null;
   state.hidden.cases.clear();
-  // Without any curves, the first case that moves.
+  // Without any curves, the first case that moves; with profiles, the first ones.
   const moving = groupCases().filter((run) => run.frames);
   const hasData = candidates.some((run) => run.points);
-  let initial = candidates.length ? spreadCases(candidates) : moving.slice(0, 1);
+  const withoutCurves = moving.slice(0, page.profiles.length ? INITIAL_SELECTION : 1);
+  let initial = candidates.length ? spreadCases(candidates) : withoutCurves;
   if (byAccuracy.length) initial = byAccuracy.slice(0, 1);
   if (hasData) initial = candidates;
   initial.forEach(selectCase);
@@ -82,6 +83,7 @@ function showSelection() {
   drawSelectionLegend();
   explainMissingCurves();
   drawPortrait();
+  if (page.profiles.length) drawProfile();
   drawPanels();
 }
 
@@ -151,6 +153,7 @@ function createSelectionEntry({ run, number, color }) {
   const change = () => {
     toggleMember(hidden, run.id);
     drawSelectionLegend();
+    if (page.profiles.length) drawProfile();
     drawPanels();
   };
   const content = [
