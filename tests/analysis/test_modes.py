@@ -7,6 +7,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import beamdae as bd
+from beamdae.analysis.eigenproblems.eigensolution import _normalize
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
 
 STEEL = bd.Material(E=2.0e11, nu=0.3, rho=7800.0)
 STRIP = bd.Section.rectangle(STEEL, width=0.03, height=0.002)
@@ -180,6 +182,21 @@ def test_free_beam_has_three_rigid_body_modes(elements, damping):
     expected *= np.sqrt(strip.EI / strip.rhoA) / np.hypot(0.5, 0.2) ** 2
     # Allows for shear and rotary inertia at a height of 0.002 m, and the error of four elements.
     assert_allclose(np.abs(modes.eigenvalues[3:]), expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("excess", [-1e-12, 0.0, 1e-12])
+def test_regression_signs_of_shapes_do_not_depend_on_rounding_errors(excess):
+    """Of two coordinates of equal size and opposite sign, rounding made either one positive."""
+    mech = bd.Mechanism()
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        bob = mech.add(bd.PointMass(name, 2.0, at=(x, 0.0)))
+        mech.add(bd.Spring(f"{name} spring", mech.ground.at(x - 1.0, 0.0), bob.point, 8.0))
+    lin = linearize_about("modes", mech).linearized_equations
+    shape = np.zeros((lin.equations.n, 1))
+    shape[[0, 2], 0] = 1.0, -1.0 - excess
+    for sign in (1.0, -1.0):
+        shapes = _normalize(lin, np.array([2.0j]), sign * shape, 1).shapes
+        assert_allclose(shapes[[0, 2], 0], [0.5, -0.5], rtol=1e-9)
 
 
 def test_mass_on_a_damper_decays_without_oscillation():

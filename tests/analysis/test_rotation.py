@@ -142,7 +142,7 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     lin = linearize_about("modes", mech, bd.rotation(speed))
     e, frame = lin.equations, RotatingCoordinates.from_equations(lin.equations)
     modes = bd.modes(mech, about=bd.rotation(speed), n=2)
-    sizes = np.array([2e-5, 0.4e-5])
+    sizes = np.array([2e-6, 0.4e-6])
     z = (sizes @ modes.shapes).real
     rate = ((sizes * modes.eigenvalues) @ modes.shapes).real + speed * (frame.generator @ z)
     equations = replace(bd.equations_of_motion(mech), q0=lin.state.q + z, v0=lin.state.v + rate)
@@ -155,8 +155,9 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     moments = modes.shapes[:, states] @ by_x
     moments = moments + modes.eigenvalues * (modes.shapes[:, states] @ by_rate)
     expected = ((sizes * moments) @ np.exp(np.outer(modes.eigenvalues, solution.t))).real
-    # The error is of second order in amplitudes of 1e-4 of the length.
-    assert_allclose(moment, expected, rtol=0.0, atol=1e-3 * np.max(np.abs(expected)))
+    # The error, of second order in amplitudes of 1e-5 of the length, depends on the signs of the
+    # modes relative to each other.
+    assert_allclose(moment, expected, rtol=0.0, atol=2e-4 * np.max(np.abs(expected)))
 
 
 def rotor_on_a_bearing():

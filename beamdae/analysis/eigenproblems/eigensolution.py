@@ -35,6 +35,8 @@ _GROWTH_TOLERANCE = 1e-9
 # this ratio are rounding errors. If the second number is 0.1, Beck's column flutters at 5 % more.
 _MIN_DAMPING_RATIO = 1e-12
 _DAMPED_GROWTH_TOLERANCE = 1e-6
+# Coordinates of a shape whose sizes differ by less than this fraction are equally large.
+_EQUAL_SIZE_TOLERANCE = 1e-6
 # Modes of models with states are computed with dense matrices.
 _MAX_STATE_COORDINATES = 2000
 # A singular matrix has zero eigenvalues; their errors are up to this multiple of sqrt(eps |A|).
@@ -163,10 +165,13 @@ def _normalize(
     size = np.sqrt(np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes)))
     phase = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", shapes, mass @ shapes)))
     shapes = shapes * phase / np.where(size > 0.0, size, 1.0)
-    # The sign is chosen so that the largest coordinate is positive.
+    # The sign is chosen so that the first of the largest coordinates is positive: those of
+    # symmetric shapes and of joints are equal up to rounding.
     if shapes.size:
         relative = shapes.real / lin.equations.position_scales[:, None]
-        largest = relative[np.argmax(np.abs(relative), axis=0), np.arange(shapes.shape[1])]
+        sizes = np.abs(relative)
+        is_largest = sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes, axis=0)
+        largest = relative[np.argmax(is_largest, axis=0), np.arange(shapes.shape[1])]
         shapes = shapes * np.where(largest < 0.0, -1.0, 1.0)
     return EigenSolution(values, shapes)
 
