@@ -299,3 +299,19 @@ def test_regression_columns_of_rounding_errors_do_not_shift_peaks():
     ((frequency, size),) = response.peaks("tip")
     assert frequency == pytest.approx(44.5, rel=1e-5)
     assert size == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 1e-2, 5e-2])
+def test_regression_peaks_of_few_points_are_not_extrapolated_far(ratio):
+    """With points 4.6 half bandwidths apart, a peak was 29 times as large as the resonance."""
+    for spacing, limit in ((1.0, 1.02), (4.6, 1.25), (7.3, 1.25)):
+        for offset in np.linspace(-0.5, 0.5, 11):
+            frequencies = 1.0 + ratio * spacing * (np.arange(-2, 3) + offset)
+            sizes = 1.0 / np.hypot(1.0 - frequencies**2, 2.0 * ratio * frequencies)
+            points = []
+            for frequency, size in zip(frequencies, sizes, strict=True):
+                run = SimpleNamespace(columns={"tip [m]": np.array([-size, size])})
+                points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
+            response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
+            for _, size in response.peaks("tip"):
+                assert sizes.max() <= size <= limit * 0.5 / ratio
