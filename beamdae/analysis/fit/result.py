@@ -663,7 +663,7 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
     return (
         f"The model does not explain the data: the residuals are {ratio:.3g} times as large as the "
         "given sigma, and the standard deviations do not apply; check the unit of sigma, which is "
-        f"that of its column, or {_suggest_offset(problem, residuals)}add what the model lacks.",
+        f"that of its column, {_suggest_offset(problem, residuals)}or add what the model lacks.",
     )
 
 
