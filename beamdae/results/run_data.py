@@ -248,8 +248,9 @@ class RunData:
         """Yield warnings about vibrations that the output rows do not show."""
         # Long runs store only the rows, and few steps between them.
         if all(x.record is None for x in self.trajectory.intervals):
+            rtol = self.integrator.get("rtol") or 0.0
             yield from coarse_row_warnings(
-                self.t, self.columns, self._observe_at, self.equations.length
+                self.t, self.columns, self._observe_at, self.equations.length, rtol
             )
 
     def _observe_at(self, times: Array) -> Array:

@@ -87,3 +87,15 @@ def test_regression_default_rows_of_a_long_run_that_miss_a_vibration_are_reporte
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bd.simulate(mech, bd.Radau(), t_end=0.6, output_step=step)
+
+
+@pytest.mark.parametrize(("rtol", "count"), [(1e-3, 0), (1e-5, 1)])
+def test_regression_errors_of_constraints_are_no_vibrations(rtol, count):
+    """At coarse tolerances, held points seemed to vibrate: 1e-5 of the largest velocity."""
+    t = np.linspace(0.0, 1.0, 401)
+
+    def evaluate(x):
+        return np.column_stack([1e-5 * np.sin(1e3 * x), np.cos(5.0 * x)])
+
+    columns = dict(zip(["held.y_dot [m/s]", "tip.y_dot [m/s]"], evaluate(t).T, strict=True))
+    assert len(list(coarse_row_warnings(t, columns, evaluate, 1.0, rtol))) == count

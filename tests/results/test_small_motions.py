@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics.small_motions import small_motion_warnings as diagnose
 
 SPEED, AMPLITUDE, FREQUENCY = 20.0, 1e-3, 18.0  # m/s, m, rad/s
 
@@ -77,3 +78,40 @@ def test_the_warning_names_further_columns():
     assert not small_motion_warnings(bd.simulate(mech, bd.Radau(1e-9), t_end=60.0))
     fixed = bd.simulate(mech, bd.GeneralizedAlpha(0.01), t_end=60.0)
     assert not small_motion_warnings(fixed)  # The step does not refer to amplitudes.
+
+
+def flexible_slider():
+    """Return a flexible rod whose end slides on a line while its start moves on a circle."""
+    mech = bd.Mechanism()
+    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.2, 0.0), mass=1.0))
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.02)
+    line = bd.Line((0.2, 0.0), (1.2, 0.0))
+    rod = mech.add(bd.Beam("rod", line, section, elements=2))
+    ground = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Driver("motor", ground, crank.at(0.0, 0.0), law=bd.run_up(10.0, 0.2)))
+    mech.add(bd.Revolute("bearing", ground, crank.at(0.0, 0.0)))
+    mech.add(bd.Revolute("pin", crank.at(0.2, 0.0), rod.start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(1.2, 0.0), rod.end, direction=(1.0, 0.0)))
+    mech.observe("slider", rod.end)
+    return mech
+
+
+@pytest.mark.parametrize("integrator", [bd.Radau(1e-3), bd.Ida(1e-3)])
+def test_regression_points_of_beams_that_joints_hold_have_no_warning(integrator):
+    """The errors of the constraint, 1e-8 m and 1e-5 m/s, seemed to be motions of the slider."""
+    solution = bd.simulate(flexible_slider(), integrator, t_end=0.8)
+    assert not [x for x in solution.warnings if x.startswith("slider")]
+
+
+def test_regression_constraints_are_decomposed_once_for_all_columns(monkeypatch):
+    """Chains of 300 bodies with ten observed points took almost as long as their run."""
+    mech = train()
+    for k in range(4):
+        mech.observe(f"sensor {k}", mech.observables["sensor"])
+    with pytest.warns(bd.BeamdaeWarning):
+        solution = bd.simulate(mech, bd.Radau(1e-5), t_end=2.0, output_step=0.05)
+    calls, svd = [], np.linalg.svd
+    monkeypatch.setattr(np.linalg, "svd", lambda *args, **kw: calls.append(1) or svd(*args, **kw))
+    settings = (solution.equations, solution.trajectory, solution.integrator)
+    assert len(list(diagnose(*settings))) == 1
+    assert len(calls) == 3  # one per instant

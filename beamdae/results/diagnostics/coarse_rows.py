@@ -25,6 +25,7 @@ _KINDS = {"rad": ("m", 1), "rad/s": ("m/s", 1), "rad/s^2": ("m/s^2", 1), "N m": 
 # Smaller half ranges, relative to the largest of this kind, are errors of directions in which
 # nothing moves; ...
 _MIN_HALF_RANGE = 1e-6
+_ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
 _ROWS_PER_PERIOD = 20
 _STEP_OF_RATE = 1e-3  # relative to a gap
@@ -36,6 +37,7 @@ def coarse_row_warnings(
     columns: Mapping[str, Array],
     evaluate: Callable[[Array], Array],
     length: float,
+    rtol: float = 0.0,
 ) -> Iterator[str]:
     """Yield a warning if columns vibrate with fewer than about six output rows per period.
 
@@ -53,6 +55,8 @@ def coarse_row_warnings(
         Function that returns the columns (j, columns) at ascending times (j,) [s] of the run.
     length
         Length of the mechanism [m].
+    rtol
+        Tolerance of the run; 0 for fixed steps.
     """
     if len(t) < _MIN_ROWS or not columns:
         return
@@ -64,7 +68,8 @@ def coarse_row_warnings(
     is_finite = np.isfinite(rows).all(axis=0) & np.isfinite(inside).all(axis=0)
     rows, inside = np.where(is_finite, rows, 0.0), np.where(is_finite, inside, 0.0)
     half_range = 0.5 * np.ptp(np.vstack([rows, inside]), axis=0)
-    moves = _find_moving(headers, half_range, length, float(t[-1] - t[0]))
+    min_half_range = max(_MIN_HALF_RANGE, _ERROR_PER_RTOL * rtol)
+    moves = _find_moving(headers, half_range, length, float(t[-1] - t[0]), min_half_range)
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     share_of_gaps = np.mean(excess > _MIN_EXCESS * half_range, axis=0)
@@ -85,7 +90,9 @@ def coarse_row_warnings(
     )
 
 
-def _find_moving(headers: list[str], half_range: Array, length: float, duration: float) -> Array:
+def _find_moving(
+    headers: list[str], half_range: Array, length: float, duration: float, min_half_range: float
+) -> Array:
     """Return the mask of the columns that are not at rest but for errors."""
     units = [Header.of(header).unit for header in headers]
     kinds, powers = zip(*(_KINDS.get(unit, (unit, 0)) for unit in units), strict=True)
@@ -95,5 +102,5 @@ def _find_moving(headers: list[str], half_range: Array, length: float, duration:
     largest: dict[str, float] = {}
     for kind, size in zip(kinds, sizes.tolist(), strict=True):
         largest[kind] = max(size, largest.get(kind, 0.0))
-    limits = [max(_MIN_HALF_RANGE * largest[k], _ROUNDING * smallest.get(k, 0.0)) for k in kinds]
+    limits = [max(min_half_range * largest[k], _ROUNDING * smallest.get(k, 0.0)) for k in kinds]
     return np.asarray(sizes > limits)

@@ -66,10 +66,18 @@ def small_motion_warnings(
     def sample() -> tuple[Array, State]:
         return trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
 
+    # Decompositions of large matrices, which serve all observables.
+    @cache
+    def find_constrained(k: int) -> tuple[Array, Array]:
+        times, states = sample()
+        return _constrained_directions(equations, times[k], states.q[k], scales)
+
     ratios: dict[str, tuple[float, float, str]] = {}
     for observable in equations.observables:
         if not observable.has_accelerations:
-            ratios |= _column_ratios(equations, sample, observable, scales, is_rigid)
+            ratios |= _column_ratios(
+                equations, sample, find_constrained, observable, scales, is_rigid
+            )
     coarse = {
         name: x
         for name, x in ratios.items()
@@ -106,30 +114,34 @@ def _coordinate_scales(
 def _column_ratios(
     equations: EquationsOfMotion,
     sample: Callable[[], tuple[Array, State]],
+    find_constrained: Callable[[int], tuple[Array, Array]],
     observable: Observable,
     scales: Array,
     is_rigid: Array,
 ) -> dict[str, tuple[float, float, str]]:
     """Return amplitude / half range, half range and unit of the small columns, by name.
 
-    `sample` returns rows (t, branch) and the states at `_SAMPLES` times.
+    `sample` returns rows (t, branch) and the states at `_SAMPLES` times, and `find_constrained`
+    returns `_constrained_directions` at one of them.
     """
     columns = [k for k, column in enumerate(observable.columns) if column.unit in ("m", "rad")]
     rows = np.unique(observable.operator.indices)
-    rows = rows[is_rigid[rows] & (scales[rows] > 0.0)]
-    if not columns or not rows.size:
+    rows = rows[scales[rows] > 0.0]
+    rigid_rows = rows[is_rigid[rows]]
+    if not columns or not rigid_rows.size:
         return {}
     times, states = sample()
     values = _evaluate(equations, observable, times, states)
     half_ranges = 0.5 * np.ptp(values, axis=0)
-    columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < float(np.max(scales[rows]))]
+    largest_scale = float(np.max(scales[rigid_rows]))
+    columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < largest_scale]
     if not columns:
         return {}
-    instants = [
-        (times[k], State(*(x[k] for x in states)))
-        for k in np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1]
+    instants = np.linspace(0, _SAMPLES - 1, _GRADIENT_SAMPLES + 2).astype(int)[1:-1].tolist()
+    changes = [
+        _changes(equations, observable, times[k], State(*(x[k] for x in states)), scales, rows)
+        for k in instants
     ]
-    changes = [_changes(equations, observable, *x, scales, rows) for x in instants]
     # Free changes are zero, or not smaller than this share of all changes.
     smallest = _ROUNDING * np.min([np.max(np.abs(x), axis=1) for x in changes], axis=0)
     columns = [k for k in columns if half_ranges[k] > _RESTING_SHARE * smallest[k]]
@@ -137,8 +149,8 @@ def _column_ratios(
         return {}
     amplitudes = np.max(
         [
-            _largest_free_change(equations, *x, scales, change)
-            for x, change in zip(instants, changes, strict=True)
+            _largest_free_change(change, is_rigid, *find_constrained(k))
+            for k, change in zip(instants, changes, strict=True)
         ],
         axis=0,
     )
@@ -169,7 +181,10 @@ def _changes(
     scales: Array,
     rows: Array,
 ) -> Array:
-    """Return the derivatives of the columns by the coordinates, times their scales, (k, n)."""
+    """Return the derivatives of the columns by the coordinates, times their scales, (k, n).
+
+    Only derivatives by the coordinates `rows` are computed; the others are zero.
+    """
     count = len(rows)
     # Central differences over small angles: joints cancel the derivatives of other points.
     limits = [1.0 if equations.coordinates[k].unit == "rad" else np.inf for k in rows]
@@ -183,19 +198,40 @@ def _changes(
     return changes
 
 
+def _constrained_directions(
+    equations: EquationsOfMotion, time: Array, q: Array, scales: Array
+) -> tuple[Array, Array]:
+    """Return the coordinates in constraints, and an orthonormal basis of their gradients.
+
+    The coordinates (k,) are relative to their scales; the columns of the basis (k, rank) span the
+    changes that the constraints exclude.
+    """
+    if not equations.m:
+        return np.zeros(0, int), np.zeros((0, 0))
+    constraints = build_constraint_jacobian(equations)
+    (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
+    (jacobian,) = constraints.at(time[None], q[None])
+    # Its columns refer to the scales of positions.
+    gradients = (jacobian * (scales[columns] / equations.position_scales[columns])).T
+    basis, sizes, _ = np.linalg.svd(gradients, full_matrices=False)
+    rounding = np.finfo(float).eps * max(gradients.shape) * np.max(sizes, initial=0.0)
+    return columns, basis[:, sizes > rounding]
+
+
 def _largest_free_change(
-    equations: EquationsOfMotion, time: Array, state: State, scales: Array, changes: Array
+    changes: Array, is_rigid: Array, columns: Array, constrained: Array
 ) -> Array:
-    """Return the largest change of each column by a motion that the constraints allow, (k,)."""
-    if equations.m:
-        constraints = build_constraint_jacobian(equations)
-        (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
-        (jacobian,) = constraints.at(time[None], state.q[None])
-        # Its columns refer to the scales of positions.
-        factors = scales[columns] / equations.position_scales[columns]
-        scaled, held = jacobian * factors, changes[:, columns]
-        largest = np.max(np.abs(changes), axis=1, keepdims=True)
-        changes[:, columns] = held - (scaled.T @ np.linalg.lstsq(scaled.T, held.T)[0]).T
-        # Of motions that joints prescribe, rounding errors remain.
-        changes[np.abs(changes) < _ROUNDING * largest] = 0.0
-    return np.max(np.abs(changes), axis=1)
+    """Return the largest change of each column by a rigid motion that the constraints allow, (k,).
+
+    It is zero if the constraints allow no change of the column, also not by deformations.
+    `columns` and `constrained` are those of `_constrained_directions`.
+    """
+    count = len(changes)
+    changes = np.concatenate([changes, np.where(is_rigid, changes, 0.0)])
+    largest = np.max(np.abs(changes), axis=1, keepdims=True)
+    held = changes[:, columns]
+    changes[:, columns] = held - held @ constrained @ constrained.T
+    # Of motions that joints prescribe, rounding errors remain.
+    changes[np.abs(changes) < _ROUNDING * largest] = 0.0
+    largest_free = np.max(np.abs(changes), axis=1)
+    return np.where(largest_free[:count] > 0.0, largest_free[count:], 0.0)
