@@ -42,13 +42,15 @@ def held(t):
     "function",
     [
         held,
+        lambda t: np.floor(t / 1.7e-3) % 2,
+        lambda t: np.sin(1e4 * np.floor(t / 8e-4) ** 2),
         lambda t: t**2,
         lambda t: np.sign(np.sin(40.0 * t)),
         lambda t: np.zeros_like(t) + 1e-13 * np.sin(1e4 * t),
         lambda t: np.sin(20.0 * t) + 0.02 * np.sin(3e3 * t),
         lambda t: np.maximum(0.0, 1.0 - ((t - 0.5) / 2e-3) ** 2),
     ],
-    ids=["held", "smooth", "jumps", "rounding", "small", "pulse"],
+    ids=["held", "toggle", "held between rows", "smooth", "jumps", "rounding", "small", "pulse"],
 )
 def test_other_columns_are_exempt(function):
     assert not sentences(function)
@@ -99,3 +101,20 @@ def test_regression_errors_of_constraints_are_no_vibrations(rtol, count):
 
     columns = dict(zip(["held.y_dot [m/s]", "tip.y_dot [m/s]"], evaluate(t).T, strict=True))
     assert len(list(coarse_row_warnings(t, columns, evaluate, 1.0, rtol))) == count
+
+
+@pytest.mark.parametrize("amplitude", [0.08, 0.2])
+def test_regression_the_recommended_step_shows_fast_vibrations_of_a_slow_motion(amplitude):
+    """The period of the slow motion was named, with an `output_step` above the present one."""
+
+    def swing(t):
+        return np.sin(1.5 * t) + amplitude * np.sin(1e3 * t)
+
+    (found,) = sentences(swing)
+    step = float(found.split("output_step=")[1].removesuffix("."))
+    assert step < 1e-3
+    assert not sentences(swing, rows=round(1.0 / step) + 1)
+
+
+def test_vibrations_that_begin_late_are_reported():
+    assert sentences(lambda t: np.where(t > 0.8, np.sin(1e3 * (t - 0.8)), 0.0))

@@ -28,6 +28,8 @@ _MIN_HALF_RANGE = 1e-6
 _ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
 _ROWS_PER_PERIOD = 20
+_MAX_ROWS_OF_COARSE_PERIOD = 6.0  # see above; limits estimates for fast parts of slow motions
+_MIN_SHARE_OF_CHANGES = 0.5  # of these gaps; values that change in fewer ones are held
 _STEP_OF_RATE = 1e-3  # relative to a gap
 _MAX_NAMES = 3  # of further columns
 
@@ -72,21 +74,27 @@ def coarse_row_warnings(
     moves = _find_moving(headers, half_range, length, float(t[-1] - t[0]), min_half_range)
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
-    share_of_gaps = np.mean(excess > _MIN_EXCESS * half_range, axis=0)
-    (coarse,) = np.nonzero(moves & (share_of_gaps > _MIN_SHARE_OF_GAPS))
+    exceeds = excess > _MIN_EXCESS * half_range
+    (coarse,) = np.nonzero(moves & (np.mean(exceeds, axis=0) > _MIN_SHARE_OF_GAPS))
     if not len(coarse):
         return
-    step = _STEP_OF_RATE * float(np.min(t[gaps + 1] - t[gaps]))
-    after = evaluate(between + step)
-    rates = np.sqrt(np.mean((after - inside)[:, coarse] ** 2, axis=0)) / step
+    widths = t[gaps + 1] - t[gaps]
+    step = _STEP_OF_RATE * float(np.min(widths))
+    changes = evaluate(between + step) - inside
+    share_of_changes = np.sum(exceeds & (changes != 0.0), axis=0) / np.sum(exceeds, axis=0).clip(1)
+    coarse = coarse[share_of_changes[coarse] > _MIN_SHARE_OF_CHANGES]
+    if not len(coarse):
+        return
+    rates = np.sqrt(np.mean(changes[:, coarse] ** 2, axis=0)) / step
     periods = 2.0 * np.pi * np.std(np.vstack([left, inside])[:, coarse], axis=0) / rates
+    longest = _MAX_ROWS_OF_COARSE_PERIOD * float(np.median(widths))
     coarse = coarse[np.argsort(periods, kind="stable")]
     first, *others = (remove_unit(headers[k]) for k in coarse)
-    period = float(np.min(periods))
+    period = min(float(np.min(periods)), longest)
     also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     yield (
         f"{first}{also}: the output rows are too far apart for its vibration, with a period of "
-        f"about {period:.1g} s; use output_step={period / _ROWS_PER_PERIOD:.0e}."
+        f"at most about {period:.1g} s; use output_step={period / _ROWS_PER_PERIOD:.0e}."
     )
 
 
