@@ -1,5 +1,7 @@
 """Natural modes against closed-form solutions, and their invariances."""
 
+import warnings
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -323,6 +325,38 @@ def test_regression_states_that_are_no_equilibria_are_marked():
         result = analysis(mech)
         assert "not an equilibrium" in result.warnings[0]
         assert repr(result).endswith("; 1 warning, see .warnings>")
+
+
+@bd.model(t_end=1.0)
+def hanging_load(mass=1.0, weight=9.81):
+    """Mass on a spring that is drawn without the deflection by its weight."""
+    mech = bd.Mechanism(gravity=(0.0, -weight))
+    load = mech.add(bd.PointMass("load", mass, at=(0.0, 1.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), load.point, 100.0))
+    return mech
+
+
+@pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
+def test_regression_states_that_are_no_equilibria_issue_a_warning(analysis):
+    """Only the result contained it, so that scripts used wrong poles without any message."""
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("default")
+        for mass in (1.0, 2.0):
+            result = analysis(hanging_load(mass=mass, weight=9.81 * mass))
+        analysis(hanging_load(), about="equilibrium")
+        analysis(hanging_load(weight=0.0))
+    # The loop differs only in numbers.
+    (warning,) = issued
+    assert warning.category is bd.BeamdaeWarning
+    assert str(warning.message).startswith("load.y: ")
+    assert result.warnings[0].startswith("load.y: ")
+
+
+def test_rejected_states_have_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(bd.BeamdaeError, match="not an equilibrium"):
+            bd.mode_sensitivities(hanging_load, "mass")
 
 
 def test_modes_about_positions_by_name():

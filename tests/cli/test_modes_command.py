@@ -47,6 +47,12 @@ def test_modes_writes_a_table_and_pictures(modes, tmp_path):
         assert picture.size[0] > 500
 
 
+def test_warnings_are_printed_once(modes):
+    result = modes("--set", "weight=9.81", "--no-page", "--no-picture")
+    assert result.exit_code == 0
+    assert result.output.count("warning: ") == result.output.count("not an equilibrium") == 1
+
+
 @pytest.mark.slow(reason="draws a picture")
 def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     result = modes("--speed", "0", "--speed", "5.5", "-n", "2")
@@ -84,6 +90,7 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
             "--animate does not support several speeds",
         ),
         (["--animate", "9"], "--animate must be"),
+        (["--animate", "9", "--set", "weight=9.81"], "--animate must be"),
         (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
         (["-n", "0"], "n must be"),
     ],

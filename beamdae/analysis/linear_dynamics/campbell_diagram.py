@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
-from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -60,7 +60,7 @@ class _ModeSolver:
     def __call__(self, speed: float) -> Modes:
         if speed not in self.known:
             about = rotation(speed, self.center)
-            self.known[speed] = modes(self.equations, about, self.count, self.damping)
+            self.known[speed] = compute_modes(self.equations, about, self.count, self.damping)
         return self.known[speed]
 
 
@@ -396,7 +396,7 @@ def campbell(
         model = model()
 
     def solve(speed: float) -> Modes:
-        return modes(model, rotation(speed, center), count + _EXTRA_MODES, damping)
+        return compute_modes(model, rotation(speed, center), count + _EXTRA_MODES, damping)
 
     all_modes = [solve(speed) for speed in values]
     order = np.arange(min(count, *map(len, all_modes)))

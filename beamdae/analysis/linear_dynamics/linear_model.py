@@ -15,6 +15,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     linearize_about,
     solve_for_accelerations,
+    warn_of_state,
 )
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
@@ -220,6 +221,11 @@ def linearize(
     Interrupted
         If Ctrl-C ends the call.
 
+    Warns
+    -----
+    BeamdaeWarning
+        For each of `LinearModel.warnings`.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -244,7 +250,9 @@ def linearize(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    return _select_outputs(_StateReduction(lin, model_inputs).linear_model(observables), columns)
+    linear = _select_outputs(_StateReduction(lin, model_inputs).linear_model(observables), columns)
+    warn_of_state(lin)
+    return linear
 
 
 class ModelInput(NamedTuple):

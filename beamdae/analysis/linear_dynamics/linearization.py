@@ -35,6 +35,7 @@ from beamdae.errors import (
     plain_text,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
@@ -141,6 +142,13 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
         whole = whole.without_loads_of(inactive)
     warnings = (*lin.equations.build_warnings, *lin.warnings, *outside)
     return replace(lin, full_equations=whole, warnings=warnings)
+
+
+def warn_of_state(lin: Linearization) -> None:
+    """Issue the warnings of a linearization, except those issued when the model was built."""
+    for sentence in lin.warnings:
+        if sentence not in lin.equations.build_warnings:
+            warn_user(sentence)
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:

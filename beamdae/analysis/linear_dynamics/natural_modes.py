@@ -14,7 +14,12 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     classify_modes,
     solve_eigenproblem,
 )
-from beamdae.analysis.linear_dynamics.linearization import REFERENCE, Linearization, linearize_about
+from beamdae.analysis.linear_dynamics.linearization import (
+    REFERENCE,
+    Linearization,
+    linearize_about,
+    warn_of_state,
+)
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.interrupts import interruptible
@@ -210,7 +215,6 @@ class Modes(HasTable, HasPage):
         return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in ordered)
 
 
-@single_threaded
 @interruptible
 def modes(
     model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
@@ -231,7 +235,7 @@ def modes(
 
         - "reference": at rest in the reference configuration, with the reactions to the loads. If
           this is not an equilibrium, the stiffness is the second derivative of the potential, and
-          `Modes.warnings` names the coordinate that accelerates most.
+          a warning names the coordinate that accelerates most.
         - "equilibrium": at rest under the loads.
         - positions by name, such as {"crank.angle": 0.3}: at rest at these positions.
         - `rotation(speed)`: steady rotation of the whole mechanism.
@@ -259,6 +263,11 @@ def modes(
     Interrupted
         If Ctrl-C ends the call.
 
+    Warns
+    -----
+    BeamdaeWarning
+        For each of `Modes.warnings`, except that the state is unstable or that there are no modes.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -269,6 +278,16 @@ def modes(
     >>> round(float(bd.modes(mech).eigenvalues[0].imag), 12)
     2.0
     """
+    result = compute_modes(model, about, n, damping, t)
+    warn_of_state(result._linearization)
+    return result
+
+
+@single_threaded
+def compute_modes(
+    model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
+) -> Modes:
+    """Compute natural modes as `modes` does, without issuing the warnings of the result."""
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
     if isinstance(model, Model):

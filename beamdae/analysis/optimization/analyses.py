@@ -20,7 +20,7 @@ from beamdae.analysis.gradients.number_derivatives import (
 )
 from beamdae.analysis.gradients.objectives import EndValue, Objective
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.optimization.quantities import (
     AnalysisQuantity,
     CriticalLoad,
@@ -291,7 +291,7 @@ class ModeAnalysis(Analysis):
         number = max(x.number for x in quantities)
         mechanism, n = model.flat(), number
         while True:
-            self.result = modes(mechanism, self._about, n, damping=False)
+            self.result = compute_modes(mechanism, self._about, n, damping=False)
             vibrations = self._vibrations
             if len(vibrations) >= number or len(self.result) < n:
                 break

@@ -16,8 +16,9 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     active_equations,
     load_path_end,
+    warn_of_state,
 )
-from beamdae.analysis.linear_dynamics.natural_modes import Modes, modes
+from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
 from beamdae.analysis.sensitivities.eigen_derivatives import EigenpairDerivatives, Pencil
 from beamdae.analysis.sensitivities.model_differences import Difference, difference_model
 from beamdae.analysis.sensitivities.run_derivatives import derive_states
@@ -223,8 +224,8 @@ def mode_sensitivities(
     Warns
     -----
     BeamdaeWarning
-        If an eigenvalue is repeated, because its modes are then not differentiable, or a parameter
-        has no effect.
+        If an eigenvalue is repeated, because its modes are then not differentiable, if a parameter
+        has no effect, and as `modes`.
 
     Examples
     --------
@@ -247,7 +248,7 @@ def mode_sensitivities(
             f"{_NAME}: about must be a state at rest (such as 'reference' or 'equilibrium'), got "
             f"{short_repr(about)}; use differences of modes for rotating and moving states."
         )
-    result = modes(model(**values), about, n, damping, t)
+    result = compute_modes(model(**values), about, n, damping, t)
     lin = result._linearization
     if len(lin.equations.states):
         name = lin.equations.q_names[lin.equations.states[0]]
@@ -280,6 +281,7 @@ def mode_sensitivities(
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
             eigenvalues[name][k], shapes[name][k] = pair.derivative(change)
+    warn_of_state(lin)
     return ModeSensitivities(
         result,
         {name: float(values[name]) for name in names},

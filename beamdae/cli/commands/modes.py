@@ -96,7 +96,7 @@ def modes_command(
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
-    from beamdae.analysis.linear_dynamics.natural_modes import modes
+    from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
     from beamdae.parts.rotation import rotation
 
     mechanism = model()
@@ -105,7 +105,9 @@ def modes_command(
         orders = multiple or SPEED_MULTIPLES
         result = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
     else:
-        result = modes(mechanism, rotation(speeds[0]) if speeds else about, number, damping)
+        state = rotation(speeds[0]) if speeds else about
+        # Its warnings are printed with the result.
+        result = compute_modes(mechanism, state, number, damping)
         for k in animated_modes:
             require_count("modes", "--animate", k, most=len(result))
     _write_and_print(result, model.name, files, animated_modes)

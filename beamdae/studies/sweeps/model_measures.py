@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-from beamdae.analysis.linear_dynamics.natural_modes import modes
+from beamdae.analysis.linear_dynamics.natural_modes import compute_modes
 from beamdae.analysis.statics.linear_buckling import buckling
 from beamdae.errors import warn_user
 from beamdae.model_functions import Model
@@ -35,7 +35,7 @@ def _factor(model: Model, n: int, k: int) -> float | None:
 
 
 def _compute_frequencies(model: Model, n: int) -> list[float]:
-    result = modes(model, n=n)
+    result = compute_modes(model, n=n)
     _forward_warnings(result.warnings)
     return [float(x) for x in result.frequencies]
 

@@ -58,9 +58,9 @@ MODE_CALLS: dict[str, WorkingCall] = {
         lambda box, t: box.solution.at(t),
     ),
     "Modes.mac": WorkingCall(
-        lambda box: {"other": bd.modes(box.mech)},
+        lambda box: {"other": bd.modes(box.mech, about="equilibrium")},
         return_result,
-        lambda box, other: bd.modes(box.mech).mac(other),
+        lambda box, other: bd.modes(box.mech, about="equilibrium").mac(other),
     ),
     "campbell": WorkingCall(
         lambda box: {
@@ -87,10 +87,12 @@ MODE_CALLS: dict[str, WorkingCall] = {
         return_result,
         lambda box, frequencies: bd.linearize(_pushed_bar(box)).frequency_response(frequencies),
     ),
-    "draw_modes": WorkingCall(lambda box: {"modes": bd.modes(box.mech)}, return_result),
+    "draw_modes": WorkingCall(
+        lambda box: {"modes": bd.modes(box.mech, about="equilibrium")}, return_result
+    ),
     "animate_mode": WorkingCall(
         lambda box: {
-            "modes": bd.modes(box.mech),
+            "modes": bd.modes(box.mech, about="equilibrium"),
             "mode": 1,
             "path": Path("out/mode.gif"),
             "frames": 2,
