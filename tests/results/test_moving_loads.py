@@ -82,3 +82,16 @@ def test_sliding_points_are_moving_loads(start, count):
     mech.observe("clamp", beam.section_forces(0.0))
     solution = run(mech, 0.45)
     assert len(about_moving_loads(solution)) == count
+
+
+def test_regression_section_forces_that_sensors_measure_have_a_warning():
+    mech, beam = bridge()
+    for column in ("N", "Q", "M"):
+        mech.sensor(f"sensor {column}", beam.section_forces(1.0), column)
+    names = [x.partition(":")[0] for x in about_moving_loads(run(mech, 2.8))]
+    assert names == ["sensor Q", "sensor M"]
+    mech, beam = bridge(elements=25)
+    for column in ("Q", "M"):
+        mech.sensor(f"sensor {column}", beam.section_forces(1.0), column)
+    names = [x.partition(":")[0] for x in about_moving_loads(run(mech, 2.8))]
+    assert names == ["sensor Q"]

@@ -12,8 +12,10 @@ from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.parts.part import Part
+from beamdae.parts.signals import Sensor
 from beamdae.results.diagnostics.beam_ranges import sample_positions
 from beamdae.results.trajectory import Trajectory
+from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 
@@ -41,8 +43,9 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     if mechanism is None or not loads:
         return
     paths: dict[str, tuple[float, float]] = {}
-    for name, quantity in mechanism.observables.items():
-        section = Beam.section_of_strains(quantity)
+    for name, observed in mechanism.observables.items():
+        quantity, columns = _measured_quantity(observed)
+        section = None if columns == ("N",) else Beam.section_of_strains(quantity)
         for load in loads if section else ():
             beam, s = section  # type: ignore[misc]
             if load.beam is not beam:
@@ -55,7 +58,7 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             begin, end = float(bounds[element - 1]), float(bounds[element])
             length = end - begin
             is_passed = min(last, end) - max(first, begin) > _MIN_PASSED_SHARE * length
-            has_shear_force = len(quantity.columns) > 1
+            has_shear_force = "Q" in columns
             is_wrong = has_shear_force or length > _MAX_ELEMENT_LENGTH * beam.length
             if not (is_passed and is_wrong):
                 continue
@@ -66,6 +69,15 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
                 f"{_MOMENT_ERROR * length:.2g} m; use solution.section_forces({beam.name!r}), or "
                 "more elements for M."
             )
+
+
+def _measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
+    """Return a quantity and the names of its observed columns; sensors measure one of them."""
+    recipe = observed.recipe
+    sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None
+    if isinstance(sensor, Sensor):
+        return sensor.of, (sensor.of.columns[sensor.column].name,)
+    return observed, tuple(column.name for column in observed.columns)
 
 
 def _path(load: Part, equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[float, float]:
