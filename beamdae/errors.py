@@ -551,10 +551,25 @@ def optional_finite(part: str, name: str, value: Any) -> float | None:
     return None if value is None else require_finite(part, name, value)
 
 
-def require_progress(part: str, progress: Any) -> None:
-    """Raise BeamdaeError if `progress` is neither None nor a function; classes are rejected."""
-    if progress is not None and (not callable(progress) or isinstance(progress, type)):
+def require_progress(part: str, progress: Any, count: int = 1) -> None:
+    """Raise BeamdaeError unless `progress` is None or a function of `count` arguments.
+
+    Classes are rejected.
+    """
+    if progress is None:
+        return
+    if not callable(progress) or isinstance(progress, type):
         raise BeamdaeError(f"{part}: progress must be a function, got {short_repr(progress)}.")
+    try:
+        inspect.signature(progress).bind(*range(count))
+    except ValueError:
+        return  # Some built-in functions have no signature.
+    except TypeError:
+        plural = "s" if count > 1 else ""
+        raise BeamdaeError(
+            f"{part}: progress must be a function that accepts {count} argument{plural}, got "
+            f"{short_repr(progress)}."
+        ) from None
 
 
 def call_progress(progress: Callable[..., Any], *status: Any) -> Any:

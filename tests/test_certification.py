@@ -251,6 +251,7 @@ def test_runs_that_an_event_stops_are_compared_up_to_the_event():
         ({"t_end": None}, "no end time"),
         ({"start": 3.0}, "start must be"),
         ({"progress": 3.0}, "progress must be a function, got 3.0"),
+        ({"progress": lambda: None}, "progress must be a function that accepts 1 argument, got <"),
     ],
 )
 def test_invalid_settings_are_rejected(settings, message):

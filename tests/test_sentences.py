@@ -717,6 +717,10 @@ def test_formulas_and_numbers_are_accepted_as_laws(law):
         (lambda s: s.to_csv(3), "to_csv: path must be the path of a file, got 3."),
         (lambda s: s.to_csv("a\0b"), "to_csv: path must be the path of a file, got 'a\\x00b'."),
         (lambda s: bd.simulate(s.equations, t_end=1.0, progress=3), "simulate: progress must be"),
+        (
+            lambda s: bd.simulate(s.equations, t_end=1.0, progress=lambda: None),
+            "simulate: progress must be a function that accepts 1 argument",
+        ),
         (lambda s: bd.Ida(rtol=1e-300), "Ida: rtol must be at least 1e-75, got 1e-300."),
         (lambda s: bd.Radau(rtol=1e-20), "Radau: rtol must lie between 1e-14 and 0.1, got 1e-20."),
         (lambda s: bd.Ida(max_step=object()), "Ida: max_step must be a number, got <object object"),

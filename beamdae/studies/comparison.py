@@ -121,7 +121,7 @@ def compare(
     for name, value in (("t_end", t_end), ("output_step", output_step)):
         if value is not None:
             require_positive("compare", name, value)
-    require_progress("compare", progress)
+    require_progress("compare", progress, 2)
     if isinstance(reference, Case):
         reference = _solve_reference(reference, t_end, output_step, progress)
     rows, interrupted = [], False

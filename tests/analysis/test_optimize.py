@@ -436,7 +436,7 @@ def test_exceptions_of_progress_have_the_best_design_so_far(last):
         ({"bounds": {"height": ((0.001, 0.001), 0.05)}}, "one per entry .3."),
         ({"method": "COBYLA"}, "method must be one of"),
         ({"progress": 1}, "progress must be a function"),
-        ({"progress": lambda: None}, "progress must be a function"),
+        ({"progress": lambda: None}, "progress must be a function that accepts 3 arguments"),
         ({"objective": bd.EquilibriumValue("top.y")}, "top"),
         ({"objective": bd.EquilibriumValue("tip.y [mm]")}, r"did you mean 'tip.y \[m\]'"),
         ({"objective": bd.CriticalLoad(1.0)}, "0 critical points"),

@@ -101,6 +101,7 @@ def test_equal_seeds_give_equal_starts():
         ({"folder": 3}, "folder must be the path"),
         ({"jobs": 0}, "jobs must be a whole number"),
         ({"progress": 3}, "progress must be a function"),
+        ({"progress": lambda: None}, "progress must be a function that accepts 1 argument"),
         ({"seed": -1}, "seed must be a whole number"),
     ],
 )

@@ -212,6 +212,7 @@ def test_huge_grids_are_rejected():
         ({"t_end": "x"}, "t_end must be a number"),
         ({"output_step": -1}, "output_step must be positive"),
         ({"progress": 5}, "progress must be a function"),
+        ({"progress": lambda t: None}, "progress must be a function that accepts 2 arguments"),
     ],
 )
 def test_wrong_comparisons_are_rejected_before_the_first_run(settings, message):

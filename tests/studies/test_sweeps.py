@@ -149,6 +149,7 @@ def test_function_with_defaults_is_a_model():
         ({"jobs": 10**6}, "turning_sweep: jobs must be at most"),
         ({"folder": 3}, "turning_sweep: folder must be the path of a results folder, got 3."),
         ({"progress": 3}, "turning_sweep: progress must be a function, got 3."),
+        ({"progress": lambda: None}, "turning_sweep: progress must be a function that accepts 1 "),
         ({"model": 3}, "sweep: model must be a function that returns a mechanism"),
         ({"model": lambda speed=1.0: 0}, "sweep: <lambda> has no default end time; pass"),
         (

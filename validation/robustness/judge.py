@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 # In this order: refused with a message, failed with a reason, ran with warnings, ran with finite
-# columns, interrupted (by a model file that raises KeyboardInterrupt).
+# columns, interrupted (by a model file that raises KeyboardInterrupt, or by an exception of the
+# user's function `progress`).
 ACCEPTED_ENDS = ("refused", "failed", "warned", "ran", "interrupted")
 # In this order: other exception, death of the interpreter, time limit of the trial.
 REJECTED_ENDS = ("raised", "crashed", "hung")
@@ -37,6 +38,8 @@ _PYTHON_MESSAGES = re.compile(
 _EXCEPTION_TYPE = re.compile(r"\b[A-Z]\w*(Error|Exception)\b[^:]*: ")
 _QUOTED = re.compile(r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\"|\((?:[^()]|\([^()]*\))*\)")
 _NEXT_SENTENCE = re.compile(r"(?<![.\d])[.!?]\s+[A-Z]")
+# Functions raise exceptions of the user's function `progress` unchanged, as documented.
+_PROGRESS_CALL = "call_progress"
 _MAX_EXCEPTION_LENGTH = 500  # characters of an exception in a table
 _MAX_EXCERPT_LENGTH = 120  # characters of unexpected output in a complaint
 
@@ -144,6 +147,10 @@ def is_named(text: str, word: str) -> bool:
 def outcome_of_exception(error: BaseException) -> TrialOutcome:
     """Return the outcome of an unexpected exception, with the innermost function of beamdae."""
     frames = traceback.extract_tb(error.__traceback__)
+    if any(frame.name == _PROGRESS_CALL for frame in frames[:-1]) and (
+        "/beamdae/" not in frames[-1].filename
+    ):
+        return TrialOutcome("interrupted", "progress raised an exception")
     package_frames = [frame for frame in frames if "/beamdae/" in frame.filename]
     where = "code beside beamdae"
     if package_frames:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,12 +17,11 @@ from beamdae.analysis.optimization.result import (
 from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
-    BeamdaeError,
     kind_of_message,
     require_choice,
     require_count,
     require_positive,
-    short_repr,
+    require_progress,
     warn_user,
 )
 from beamdae.integrators import Integrator
@@ -153,10 +151,7 @@ def optimize(
     require_choice("optimize", "partial", partial, PARTIAL_RESULTS)
     max_evaluations = require_count("optimize", "max_evaluations", max_evaluations)
     tolerance = require_positive("optimize", "tolerance", tolerance)
-    if progress is not None and not _accepts_three_numbers(progress):
-        raise BeamdaeError(
-            f"optimize: progress must be a function of three numbers, got {short_repr(progress)}."
-        )
+    require_progress("optimize", progress, 3)
     settings = RunSettings(integrator, t_end, start)
     problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, settings)
     search = Search(problem, method, max_evaluations, tolerance, progress).run()
@@ -184,16 +179,3 @@ def optimize(
     for message in messages:
         warn_user(message)
     return result
-
-
-def _accepts_three_numbers(function: Any) -> bool:
-    if not callable(function):
-        return False
-    try:
-        inspect.signature(function).bind(1, 0.0, 0.0)
-    except TypeError:
-        return False
-    except ValueError:
-        # Some built-in functions have no signature.
-        return not isinstance(function, type)
-    return True
