@@ -60,7 +60,8 @@ class Amplitudes:
         deviation of an angle is limited to its value over one uniform revolution. The rate of a
         first-order state is pi/2 times the mean absolute value of its rate divided by its
         amplitude, the same for a harmonic motion, because the mean square would be that of a short
-        transient. Parts whose amplitudes are at most 1e-3 of the largest amplitude are ignored.
+        transient. Parts whose amplitudes are at most 1e-3 of the largest amplitude are ignored;
+        for bodies, the largest one is that of all bodies if one moves.
     """
 
     by_part: dict[str, float]
@@ -73,7 +74,8 @@ class Amplitudes:
         """Compute the amplitudes of a run; the amplitude of a coordinate is half its range.
 
         The amplitude of a part is at least 1e-3 of the largest amplitude, or 1e-5 for a part with a
-        single coordinate. If nothing moves, all amplitudes are 1.
+        single coordinate; for bodies, the largest one is that of all bodies if one moves. If
+        nothing moves, all amplitudes are 1.
         """
         angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
         sizes = _coordinate_sizes(equations, angles)
@@ -88,8 +90,19 @@ class Amplitudes:
         is_at_rest = largest <= _REST_AMPLITUDE
         if is_at_rest:
             amplitudes = dict.fromkeys(amplitudes, 1.0)
+        # Amplitudes of states, such as pressures, have other units than those of bodies.
+        largest_of_bodies = max(
+            (amplitudes[part.name] for part in equations.parts if not part.is_state), default=0.0
+        )
+        if not largest_of_bodies > _REST_AMPLITUDE:
+            largest_of_bodies = largest
+        references = {
+            part.name: largest if part.is_state else largest_of_bodies for part in equations.parts
+        }
         by_part = {
-            part.name: _round_to_two_digits(max(amplitudes[part.name], _min_share(part) * largest))
+            part.name: _round_to_two_digits(
+                max(amplitudes[part.name], _min_share(part) * references[part.name])
+            )
             for part in equations.parts
         }
         scales = sizes.copy()
@@ -117,7 +130,7 @@ class Amplitudes:
             float(np.sqrt(np.sum(mean_square_rate[part.rows]) / np.sum(variance[part.rows])))
             for part in equations.parts
             if not is_at_rest
-            and amplitudes[part.name] > _MIN_PART_SHARE * largest
+            and amplitudes[part.name] > _MIN_PART_SHARE * references[part.name]
             and np.any(variance[part.rows] > 0.0)
         ]
         return cls(by_part, scales, part_scales, _round_to_two_digits(max(rates, default=0.0)))

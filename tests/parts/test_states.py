@@ -254,3 +254,18 @@ def test_free_motions_of_models_with_states():
         modes = bd.modes(mech)
     values = np.sort(modes.eigenvalues.real)
     np.testing.assert_allclose(values, [-2.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 1e7])
+def test_regression_states_of_large_values_do_not_loosen_the_tolerance_of_bodies(amplitude):
+    """Beside a pressure of 1e7 Pa, a mass that moved 0.1 m had an amplitude of 3300 m."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.RigidBody("mass", 1.0, 1.0, velocity=(1.0, 0.0)))
+    mech.add(bd.Prismatic("rail", mech.ground.at(0.0, 0.0), mass.at(0.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.at(0.0, 0.0), stiffness=100.0))
+    mech.state("pressure", rate=lambda x, t: amplitude * np.cos(3.0 * t), unit="Pa")
+    mech.observe("mass", mass.at(0.0, 0.0))
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=3.0)
+    assert run.integrator["amplitudes"]["mass"] == pytest.approx(0.1, rel=0.02)
+    assert np.abs(run["mass.x"] - 0.1 * np.sin(10.0 * run.t)).max() < 1e-7
+    assert not run.warnings
