@@ -95,3 +95,16 @@ def test_sampled_control_is_that_of_the_sampled_linear_stage(plant):
 def test_saturated_coil():
     run = bd.simulate(voice_coil_stage(step=1e-3), bd.Radau(), t_end=0.01)
     assert np.max(run["coil.Fx"]) == 15.0
+
+
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("ki", [1.5e6, 1e5])
+def test_regression_modes_of_a_stiff_stage_with_states_are_accurate(ki):
+    # The slow poles were up to 1.6 % off, and that at -3.6 1/s was zero: a free motion.
+    stage = voice_coil_stage(ki=ki)
+    modes = bd.modes(stage)
+    poles = bd.linearize(stage, inputs=["target"], outputs=["position"]).poles
+    slow = np.sort_complex(poles[(np.abs(poles) < 1e3) & (poles.imag >= 0.0)])
+    values = modes.eigenvalues[np.abs(modes.eigenvalues) < 1e3]
+    assert_allclose(np.sort_complex(values), slow, rtol=5e-4)
+    assert "free motion" not in modes.kinds

@@ -39,8 +39,15 @@ _DAMPED_GROWTH_TOLERANCE = 1e-6
 _EQUAL_SIZE_TOLERANCE = 1e-6
 # Modes of models with states are computed with dense matrices.
 _MAX_STATE_COORDINATES = 2000
-# A singular matrix has zero eigenvalues; their errors are up to this multiple of sqrt(eps |A|).
-_ZERO_FACTOR = 10.0
+# The shift s of these problems is this multiple of the lowest natural frequency without states; its
+# square exceeds this fraction of the largest one. Results hardly depend on the shift.
+_STATE_SHIFT_RATIO = 0.7
+_FREE_SQUARE_RATIO = 1e-14
+# Without stiffness, it is this number [1/s]; round ones may be eigenvalues.
+_DEFAULT_SHIFT = np.pi
+# Errors of zero eigenvalues are up to a fifth of these multiples of sqrt(eps) w, with the highest
+# natural frequency w or the shift.
+_STIFF_ZERO_FACTOR, _ZERO_FACTOR = 0.03, 10.0
 
 
 class EigenSolution(NamedTuple):
@@ -120,24 +127,33 @@ def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, A
     inertia = mass[:count, :count]
     if count and not np.linalg.cond(inertia) < 1.0 / np.finfo(float).eps:
         raise massless_error(e, tangent)
-    factors = la.lu_factor(inertia)
     size = 2 * count + n_states
-    matrix = np.zeros((size, size))
-    velocities = slice(count + n_states, size)
+    matrix, weights = np.zeros((size, size)), np.eye(size)
+    positions, velocities = slice(0, count + n_states), slice(count + n_states, size)
+    weights[velocities, velocities] = inertia
     matrix[:count, velocities] = np.eye(count)
-    matrix[count : count + n_states, : count + n_states] = -stiffness[count:]
+    matrix[count : count + n_states, positions] = -stiffness[count:]
     matrix[count : count + n_states, velocities] = -damping[count:, :count]
-    matrix[velocities, : count + n_states] = -la.lu_solve(factors, stiffness[:count])
-    matrix[velocities, velocities] = -la.lu_solve(factors, damping[:count, :count])
-    values, vectors = la.eig(matrix)
-    magnitude = float(la.norm(matrix, 2))
-    singular = la.svdvals(matrix)
-    if singular[-1] <= size * np.finfo(float).eps * magnitude:
-        # The error of a double zero is the square root of rounding.
-        is_zero = np.abs(values) <= _ZERO_FACTOR * np.sqrt(np.finfo(float).eps * magnitude)
-        values = np.where(is_zero, 0.0, values)
+    matrix[velocities, positions] = -stiffness[:count]
+    matrix[velocities, velocities] = -damping[:count, :count]
+    squares = np.zeros(1)
+    if count:
+        factors = la.lu_factor(inertia)
+        squares = np.abs(la.eigvals(la.lu_solve(factors, stiffness[:count, :count])))
+    # Free motions are omitted.
+    lowest = np.min(squares[squares > _FREE_SQUARE_RATIO * squares.max()], initial=np.inf)
+    shift = _STATE_SHIFT_RATIO * np.sqrt(lowest) if np.isfinite(lowest) else _DEFAULT_SHIFT
+    # Errors of the eigenvalues of the inverse are relative to the slow ones. Those of M^-1 K are
+    # relative to the square of the highest frequency, and reached 1 % of the slow ones.
+    inverse = la.lu_solve(la.lu_factor(matrix - shift * weights), weights)
+    inverses, vectors = la.eig(inverse)
+    values, shapes = shift + 1.0 / inverses, columns @ vectors[positions]
+    # The error of a double zero is the square root of rounding.
+    sizes = _STIFF_ZERO_FACTOR * np.sqrt(squares.max()), _ZERO_FACTOR * shift
+    zero = np.sqrt(np.finfo(float).eps) * max(sizes)
+    values = np.where(np.abs(values) <= zero, 0.0, values)
     is_upper = values.imag >= 0.0
-    return values[is_upper], columns @ vectors[: count + n_states, is_upper]
+    return values[is_upper], shapes[:, is_upper]
 
 
 def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
