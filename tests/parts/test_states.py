@@ -265,7 +265,7 @@ def test_regression_states_of_large_values_do_not_loosen_the_tolerance_of_bodies
     mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.at(0.0, 0.0), stiffness=100.0))
     mech.state("pressure", rate=lambda x, t: amplitude * np.cos(3.0 * t), unit="Pa")
     mech.observe("mass", mass.at(0.0, 0.0))
-    run = bd.simulate(mech, bd.Radau(1e-5), t_end=3.0)
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=1.0)
     assert run.integrator["amplitudes"]["mass"] == pytest.approx(0.1, rel=0.02)
     assert np.abs(run["mass.x"] - 0.1 * np.sin(10.0 * run.t)).max() < 1e-7
     assert not run.warnings
