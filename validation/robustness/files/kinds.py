@@ -213,7 +213,16 @@ def _check_solution(loaded: Any, saved: Any, path: Path) -> None:
         _expect(difference <= _MAX_RELATIVE_DIFFERENCE * scale, f"two values of {name}")
     _expect(loaded.status == saved.status, "two statuses")
     _expect(loaded.summary()["last_time"] == saved.summary()["last_time"], "two last times")
-    for name in ("quality", "warnings", "events", "ledger", "drift", "validity", "start", "label"):
+    for name in (
+        "quality",
+        "warnings",
+        "events",
+        "energies",
+        "drift",
+        "validity",
+        "start",
+        "label",
+    ):
         getattr(loaded, name)
     _expect(isinstance(repr(loaded), str), "no text")
     loaded.at(0.5 * (loaded.trajectory.start + loaded.trajectory.end))

@@ -69,6 +69,7 @@ MODE_CALLS: dict[str, WorkingCall] = {
             "n": 2,
             "center": (0.0, 0.0),
             "damping": True,
+            "multiples": (1, 2),
         },
         lambda box, result: result.table(),
     ),
@@ -100,7 +101,11 @@ MODE_CALLS: dict[str, WorkingCall] = {
         return_result,
     ),
     "draw_campbell": WorkingCall(
-        lambda box: {"diagram": bd.campbell(_spinning_disk(box), [0.0, 1.0])}, return_result
+        lambda box: {
+            "diagram": bd.campbell(_spinning_disk(box), [0.0, 1.0]),
+            "multiples": (1, 2),
+        },
+        return_result,
     ),
 }
 
