@@ -14,13 +14,13 @@ GRAVITY = (0.0, -9.81)  # [m/s^2]
 PAPER = {"frame": "tangent", "strain": "nonlinear"}
 
 
-def add_bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=0.0) -> bd.RigidBody:
-    """Add a uniform rigid bar that rotates about `start` at `spin` [rad/s]."""
+def add_bar(mech: bd.Mechanism, name: str, start, end, mass_per_length, spin=None) -> bd.RigidBody:
+    """Add a uniform rigid bar that rotates about `start` at `spin` [rad/s]; None follows others."""
     along = np.subtract(end, start)
     length = float(np.hypot(*along))
     mass = mass_per_length * length
     center = tuple(np.add(start, 0.5 * along))
-    velocity = (-0.5 * spin * along[1], 0.5 * spin * along[0])
+    velocity = None if spin is None else (-0.5 * spin * along[1], 0.5 * spin * along[0])
     return mech.add(bd.RigidBody(name, mass, mass * length**2 / 12.0, center, velocity, spin))
 
 
@@ -139,8 +139,8 @@ def parallelogram(rocker=0.205, coupler=0.5, spin=0.6596528037474529, crank_angl
     knee = triangle_apex(pin, bearing, coupler, rocker)
     bars = (
         ("crank", shaft, pin, spin),
-        ("coupler", pin, knee, 0.0),
-        ("rocker", bearing, knee, 0.0),
+        ("coupler", pin, knee, None),
+        ("rocker", bearing, knee, None),
     )
     crank, link, follower = (add_bar(mech, n, a, b, 1.0, omega) for n, a, b, omega in bars)
     mech.add(bd.Revolute("shaft", mech.ground.at(*shaft), crank.at(*shaft)))
