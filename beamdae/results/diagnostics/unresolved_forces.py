@@ -95,7 +95,7 @@ def unresolved_force_warnings(
         yield (
             f"{name}: with steps of {step:.2g} s, the {integral} is wrong by "
             f"{_format_percent(share[entry])} %, mostly at t = {worst.t[entry]:.4g} s, because "
-            f"{cause} changes within steps; reduce the step, or use Radau or Ida."
+            f"{cause} changes within steps; reduce the step, or choose adaptive steps."
         )
 
 
