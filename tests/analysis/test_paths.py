@@ -62,6 +62,32 @@ def test_path_ends_at_the_limit_load_under_load_control():
     assert np.all(np.diff(path.factors[:, 0]) > 0.0)
 
 
+@pytest.mark.parametrize("factor", [10.0, 30.0, 300.0, 3000.0])
+def test_regression_load_steps_over_a_limit_point_are_reported(factor):
+    """They ended on the path after the snap-through, without a critical point or a warning."""
+    path = bd.equilibrium(truss(), to=factor * LIMIT)
+    has_jumped = path.status.success and path.columns["crown.y [m]"][-1] < 0.0
+    assert has_jumped or not path.status.success
+    sentences = [x for x in path.warnings if "passes over the limit point" in x]
+    assert len(sentences) == has_jumped
+    if has_jumped:
+        assert f"limit point at {LIMIT:.6g} and jumps" in sentences[0]
+
+
+@pytest.mark.parametrize("load", [1e2, 1e4])
+def test_stiffening_structures_have_no_jumps(load):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, 4, formulation="exact"))
+    mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Weld("right", mech.ground.at(1.0, 0.0), strip.end))
+    mech.add(bd.Force("push", strip.at(0.5), (0.0, -section.EI)))
+    path = bd.equilibrium(mech, to=load)
+    assert path.status.success
+    assert not path.warnings
+
+
 def test_run_from_the_limit_point_snaps_through():
     path = bd.equilibrium(truss(load=LIMIT), to={"crown.y": 0.05})
     begin = path.at(path.critical[0].row)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from beamdae.analysis.statics.continuation import (
     switch_branch,
 )
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_points import FLUTTER
+from beamdae.analysis.statics.critical_points import FLUTTER, LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations, Loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.newton_loop import MAX_CORRECTION_RATIO, MIN_STEP_RATIO
@@ -75,6 +76,10 @@ _SAME_LOAD_RATIO = 1e-6
 # Under forces without a potential, smaller damping ratios have a note: rounding changes flutter
 # loads by up to 3e-4 at 1e-11, and 7e-4 at 1e-10 if the beam is thin (measured).
 _MIN_DAMPING_RATIO = 1e-9
+# A load step is checked if it moves the structure, per load, this many times as far as the next
+# one; the last step, as the one before.
+_JUMP_RATE_RATIO = 2.0
+_MAX_CHECK_POINTS = 100
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
 
@@ -259,6 +264,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             notes += rounding_notes + _damping_notes(path) + _range_notes(path)
         iterations += corrector.iterations
         control = settings.control if is_last else LOAD
+        if system.has_scaled_loads and control == LOAD and not (is_last and settings.column):
+            notes += _jump_notes(corrector, path)
         status = _end_status(path, system, control, bool(rounding_notes))
         if not status.success:
             break
@@ -315,6 +322,34 @@ def _range_notes(path: StagePath) -> list[str]:
         for low, high in ranges
         if high - low > _SAME_LOAD_RATIO * abs(high)
     ]
+
+
+def _jump_notes(corrector: Corrector, path: StagePath) -> list[str]:
+    """Return a remark per step of load control that passes over a limit point.
+
+    A step that is larger than the limit load may end on the path beyond it, such as that of an arch
+    that has snapped through; both ends are stable. Steps next to which the structure is stiffer are
+    followed again by arc length. Paths of a single step are not checked.
+    """
+    measure, n = corrector.displacement_measure.farthest, corrector.system.equations.n
+    steps = [(a, b) for a, b in pairwise(path.points) if a.mu != b.mu]
+    rates = [measure((b.x - a.x)[:n]) / abs(b.mu - a.mu) for a, b in steps]
+    notes = []
+    neighbors = rates[1:] + rates[-2:-1]
+    for (begin, end), rate, neighbor in zip(steps, rates, neighbors, strict=False):
+        if not rate > _JUMP_RATE_RATIO * neighbor > 0.0:
+            continue
+        again = StagePath([begin])
+        settings = PathSettings("", (end.mu,), ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
+        _follow_stage(Corrector(corrector.system), again, settings, LoadControl())
+        limits = [again.points[x.row].mu for x in again.critical if x.kind == LIMIT]
+        if limits:
+            notes.append(
+                f"equilibrium: the step of the load factor from {begin.mu:.6g} to {end.mu:.6g} "
+                f"passes over the limit point at {limits[0]:.6g} and jumps to other equilibria; "
+                'use control="arc length", or a smaller step.'
+            )
+    return notes
 
 
 def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
