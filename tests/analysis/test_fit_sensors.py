@@ -118,6 +118,7 @@ def test_long_csv_in_any_order_equals_the_wide_table(tmp_path, sensed):
     assert fit.is_sigma_known
 
 
+@pytest.mark.slow(reason="several fits")
 def test_units_of_long_sigma_set_the_weights(sensed):
     rows = [("mass.x", 0.5, 1.1, 0.1), ("mass.x_dot", 0.7, 0.2, 10.0)]
     table = pd.DataFrame(rows, columns=["observable", "t [s]", "value", "sigma"])

@@ -362,7 +362,10 @@ def test_accelerations_satisfy_the_equations_of_motion(method):
 
 @pytest.mark.parametrize(
     "method",
-    [bd.Radau(1e-10), bd.GeneralizedAlpha(1e-3, newton_tolerance=1e-10)],
+    [
+        pytest.param(bd.Radau(1e-10), marks=pytest.mark.slow(reason="compiles derivatives")),
+        bd.GeneralizedAlpha(1e-3, newton_tolerance=1e-10),
+    ],
     ids=lambda x: x.method,
 )
 def test_sensitivities_of_accelerations_are_those_of_differences(method):
@@ -399,6 +402,7 @@ def test_regression_accelerations_of_moving_states_are_refused():
     assert bd.linearize(swing(hangs=True), about=path, outputs=["sensor"]).C.shape == (3, 2)
 
 
+@pytest.mark.slow(reason="compiles derivatives")
 def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
     """They were refused after the analysis, although the period is given."""
 

@@ -236,6 +236,7 @@ def test_regression_all_oscillations_of_a_long_run_are_counted():
     assert count_oscillations(sampled) == pytest.approx(390.0, rel=0.02)
 
 
+@pytest.mark.slow(reason="one second")
 @pytest.mark.parametrize("force", [0.01, 0.1])
 def test_regression_the_error_of_a_stretched_bar_is_that_of_its_vibration(force):
     # A bar whose sections turned by 5e-6 rad was said to bend, with an error of deflections of
