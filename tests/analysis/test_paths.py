@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.analysis.statics import path_tracing
 
 STIFFNESS, RISE = 1000.0, 0.2
 
@@ -72,6 +73,24 @@ def test_regression_load_steps_over_a_limit_point_are_reported(factor):
     assert len(sentences) == has_jumped
     if has_jumped:
         assert f"limit point at {LIMIT:.6g} and jumps" in sentences[0]
+
+
+def test_regression_an_interrupt_while_steps_are_checked_keeps_the_path(monkeypatch):
+    """The path was lost: only its continuation was protected."""
+    follow, calls = path_tracing._follow_stage, []
+
+    def follow_once(*arguments):
+        calls.append(arguments)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        follow(*arguments)
+
+    whole = bd.equilibrium(truss(), to=3000.0 * LIMIT)
+    monkeypatch.setattr(path_tracing, "_follow_stage", follow_once)
+    path = bd.equilibrium(truss(), to=3000.0 * LIMIT, partial="return")
+    assert len(calls) == 2
+    assert path.status.kind == "interrupted"
+    assert_allclose(path.q, whole.q)
 
 
 @pytest.mark.parametrize("load", [1e2, 1e4])

@@ -238,12 +238,15 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             system = hold_neutral_motions(system, begin.x)
             corrector = Corrector(system)
             begin = replace(begin, system=system, load_direction=None)
-        path = StagePath([begin])
+        path, jump_notes = StagePath([begin]), []
+        control = settings.control if is_last else LOAD
         try:
             if system.has_scaled_loads and is_last:
                 _follow_stage(corrector, path, settings, last_control)
             elif system.has_scaled_loads:
                 _follow_stage(corrector, path, settings.for_earlier_stage(), LoadControl())
+            if system.has_scaled_loads and control == LOAD and not (is_last and settings.column):
+                jump_notes = _jump_notes(corrector, path)
         except KeyboardInterrupt:
             acknowledge()
             path.status = Status("interrupted", "interrupted")
@@ -261,11 +264,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         rounding_notes = _rounding_notes(path) if system.has_scaled_loads else []
         if system.has_scaled_loads:
-            notes += rounding_notes + _damping_notes(path) + _range_notes(path)
+            notes += rounding_notes + _damping_notes(path) + _range_notes(path) + jump_notes
         iterations += corrector.iterations
-        control = settings.control if is_last else LOAD
-        if system.has_scaled_loads and control == LOAD and not (is_last and settings.column):
-            notes += _jump_notes(corrector, path)
         status = _end_status(path, system, control, bool(rounding_notes))
         if not status.success:
             break
@@ -347,7 +347,7 @@ def _jump_notes(corrector: Corrector, path: StagePath) -> list[str]:
             notes.append(
                 f"equilibrium: the step of the load factor from {begin.mu:.6g} to {end.mu:.6g} "
                 f"passes over the limit point at {limits[0]:.6g} and jumps to other equilibria; "
-                'use control="arc length", or a smaller step.'
+                "use control='arc length', or a smaller step."
             )
     return notes
 
