@@ -303,6 +303,16 @@ def test_other_formulas_and_numbers_are_rejected(tmp_path, other):
             bd.simulate(other, bd.Radau(), 1.0, start=start)
 
 
+def pushed_by_samples(law):
+    """Return a mass pushed by the force that `law` returns every .1 s."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("push", mass.point, (force, 0.0)))
+    mech.add(bd.Controller("count", 0.1, [], [force], law, state=[0.0]))
+    return mech
+
+
 @pytest.mark.parametrize("resumes", [True, False], ids=["resumed", "restarted"])
 @pytest.mark.parametrize("number", [0, 2])
 def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes, monkeypatch):
@@ -312,18 +322,10 @@ def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes
         sample.state[0] += 1.0
         return sample.state[0]
 
-    def counter():
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-        force = mech.input("force", unit="N")
-        mech.add(bd.Force("push", mass.point, (force, 0.0)))
-        mech.add(bd.Controller("count", 0.1, [], [force], count, state=[0.0]))
-        return mech
-
     monkeypatch.setattr(drive._RunInProgress, "_let_method_sample", lambda _: False)
     if not resumes:
         monkeypatch.setattr(RadauStepper, "resume", lambda *_: None)
-    whole = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05)
+    whole = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05)
     take_steps = drive._take_steps
 
     def interrupt(method, history, most, end):
@@ -333,9 +335,9 @@ def test_regression_samples_before_an_interrupt_are_not_repeated(number, resumes
 
     monkeypatch.setattr(drive, "_take_steps", interrupt)
     with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
-        first = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05, partial="return")
+        first = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05, partial="return")
     monkeypatch.setattr(drive, "_take_steps", take_steps)
-    later = bd.simulate(counter(), bd.Radau(1e-7), 0.45, 0.05, start=first)
+    later = bd.simulate(pushed_by_samples(count), bd.Radau(1e-7), 0.45, 0.05, start=first)
     assert first.trajectory.end == pytest.approx(0.1 * number)
     assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
 
@@ -351,19 +353,11 @@ def test_interrupted_laws_leave_samples_that_are_continued(method, time):
         sample.state[0] += 1.0
         return sample.state[0]
 
-    def counter():
-        mech = bd.Mechanism()
-        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
-        force = mech.input("force", unit="N")
-        mech.add(bd.Force("push", mass.point, (force, 0.0)))
-        mech.add(bd.Controller("count", 0.1, [], [force], count, state=[0.0]))
-        return mech
-
-    whole = bd.simulate(counter(), method, 0.45, 0.05)
+    whole = bd.simulate(pushed_by_samples(count), method, 0.45, 0.05)
     interrupts.append(time)
     with pytest.warns(bd.BeamdaeWarning, match="interrupted"):
-        first = bd.simulate(counter(), method, 0.45, 0.05, partial="return")
+        first = bd.simulate(pushed_by_samples(count), method, 0.45, 0.05, partial="return")
     interrupts.clear()
-    later = bd.simulate(counter(), method, 0.45, 0.05, start=first)
+    later = bd.simulate(pushed_by_samples(count), method, 0.45, 0.05, start=first)
     assert first.trajectory.end < time + 0.1
     assert_allclose(later.q[-1], whole.q[-1], rtol=1e-7, atol=1e-12)
