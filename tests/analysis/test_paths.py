@@ -75,6 +75,16 @@ def test_regression_load_steps_over_a_limit_point_are_reported(factor):
         assert f"limit point at {LIMIT:.6g} and jumps" in sentences[0]
 
 
+@pytest.mark.parametrize("factor", [0.9, 2.0, 10.0, 100.0, 1e5])
+def test_regression_a_single_step_over_a_limit_point_is_reported(factor):
+    """Paths of a single step were not checked."""
+    path = bd.equilibrium(truss(), to=factor * LIMIT, step=factor * LIMIT)
+    has_jumped = path.status.success and path.columns["crown.y [m]"][-1] < 0.0
+    assert sum("passes over the limit point" in x for x in path.warnings) == has_jumped
+    if has_jumped:
+        assert f"limit point at {LIMIT:.6g} and jumps" in path.warnings[0]
+
+
 def test_regression_an_interrupt_while_steps_are_checked_keeps_the_path(monkeypatch):
     """The path was lost: only its continuation was protected."""
     follow, calls = path_tracing._follow_stage, []
@@ -102,9 +112,10 @@ def test_stiffening_structures_have_no_jumps(load):
     mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), strip.start))
     mech.add(bd.Weld("right", mech.ground.at(1.0, 0.0), strip.end))
     mech.add(bd.Force("push", strip.at(0.5), (0.0, -section.EI)))
-    path = bd.equilibrium(mech, to=load)
-    assert path.status.success
-    assert not path.warnings
+    for step in (0.1 * load, load):
+        path = bd.equilibrium(mech, to=load, step=step)
+        assert path.status.success
+        assert not path.warnings
 
 
 def test_run_from_the_limit_point_snaps_through():
