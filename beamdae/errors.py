@@ -194,6 +194,14 @@ def warn_user(message: str) -> None:
         _shown_kinds[kind] = filters, list(filters), key
 
 
+def warn_of_result(messages: Iterable[str], build_warnings: Iterable[str]) -> None:
+    """Issue the warnings of a result, except those that were issued when its model was built."""
+    issued = set(build_warnings)
+    for message in messages:
+        if message not in issued:
+            warn_user(message)
+
+
 # Messages of `warn_once` issued in this process.
 _issued_messages: set[str] = set()
 

@@ -25,7 +25,7 @@ from beamdae.errors import (
     require_positive,
     require_progress,
     short_repr,
-    warn_user,
+    warn_of_result,
 )
 from beamdae.integrators import Auto, Integrator
 from beamdae.integrators.integrator import Progress, require_integrator
@@ -238,10 +238,7 @@ def simulate(
     solution, sentences = _collect_warnings(name, describe(solution))
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
-    for sentence in sentences:
-        # The others were issued when the model was built.
-        if sentence not in solution.equations.build_warnings:
-            warn_user(sentence)
+    warn_of_result(sentences, solution.equations.build_warnings)
     return solution
 
 

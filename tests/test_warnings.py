@@ -100,3 +100,58 @@ def test_regression_searches_show_warnings_of_the_model_function_once(search):
         search()
     messages = [str(x.message) for x in records]
     assert sum(x.startswith("stop: the spline reaches") for x in messages) == 1, messages
+
+
+def _strip():
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.0, 1.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech, beam
+
+
+def _bend_column():
+    mech, beam = _strip()
+    mech.add(bd.Force("press", beam.end, (0.05, -1.0)))
+    return bd.buckling(mech, n=1)
+
+
+def _rotate_rubber():
+    mech = bd.Mechanism()
+    rubber = bd.Section.rectangle(bd.Material(1e6, 0.45, 1000.0), width=0.02, height=0.02)
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.6, 0.0)), rubber, elements=4))
+    mech.add(bd.Weld("hub", mech.ground.at(0.1, 0.0), blade.start))
+    return bd.campbell(mech, [0.0, 30.0, 40.0], n=2)
+
+
+def _swing():
+    mech, beam = _strip()
+    sway = bd.sine(6.0, frequency=0.5)
+    mech.add(bd.RayleighDamping("damping", beam, mass=50.0))
+    mech.add(bd.Force("sway", beam.end, (sway, 0.0)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("analyze", "text"),
+    [
+        (_bend_column, "displacements before buckling are not negligible"),
+        (_rotate_rubber, "at 30 rad/s, "),
+        pytest.param(
+            lambda: bd.periodic(_swing(), 2.0, bd.Radau(1e-3), settle=0),
+            "bends",
+            marks=pytest.mark.slow(reason="half a second and more"),
+        ),
+    ],
+    ids=["buckling", "campbell", "periodic"],
+)
+def test_regression_analyses_issue_the_warnings_of_their_results(analyze, text):
+    """`buckling`, `campbell` and `periodic` listed them in their results in silence."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("always")
+        result = analyze()
+    messages = [str(x.message) for x in records if x.category is bd.BeamdaeWarning]
+    assert any(text in x for x in messages)
+    assert set(messages) <= set(result.warnings)
+    assert len(messages) == len(set(messages))

@@ -107,11 +107,18 @@ class FrequencyResponse(HasTable, HasPage):
 
         Of warnings that differ only in numbers, the first one.
         """
+        return self._list_warnings(includes_model=True)
+
+    def _list_warnings(self, includes_model: bool) -> tuple[str, ...]:
+        """Return `warnings`, with or without those that were issued when models were built."""
         first: dict[str, str] = {}
         if not self.status.success:
             first[""] = f"frequency_response: {self.status.sentence}."
         for point in self.points:
-            for sentence in point.solution.warnings:
+            solution = point.solution
+            for sentence in solution.warnings:
+                if not includes_model and sentence in solution.equations.build_warnings:
+                    continue
                 text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"
                 first.setdefault(kind_of_message(sentence), text)
         return tuple(first.values())

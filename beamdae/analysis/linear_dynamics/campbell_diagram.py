@@ -14,7 +14,14 @@ from scipy.optimize import linear_sum_assignment
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
-from beamdae.errors import BeamdaeError, require_count, require_finite, require_sequence
+from beamdae.errors import (
+    BeamdaeError,
+    kind_of_message,
+    require_count,
+    require_finite,
+    require_sequence,
+    warn_user,
+)
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
 from beamdae.parts.rotation import rotation
@@ -151,25 +158,40 @@ class Campbell(HasTable, HasPage):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the modes at each speed, and modes that were not followed."""
+        return tuple(text for _, text in self._describe_states()) + self._describe_lost_modes()
+
+    def _describe_states(self) -> list[tuple[str, str]]:
+        """Return each warning of the modes, without and with the speed at which it holds."""
         # Warnings of the model do not depend on the speed.
         sets = [set(at_speed.warnings) for at_speed in self.modes]
         common = set.intersection(*sets) if len(sets) > 1 else set()
         first = [x for at_speed in self.modes[:1] for x in at_speed.warnings if x in common]
-        return (
-            *first,
-            *(
-                f"at {speed:g} rad/s, {sentence}"
-                for speed, at_speed in zip(self.speeds, self.modes, strict=True)
-                for sentence in at_speed.warnings
-                if sentence not in common
-            ),
-            *(
-                f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
-                "where its shape changes, and its resonances there are not listed; add speeds"
-                for before, after in pairwise(self._stops)
-                for k in np.flatnonzero(after.lost).tolist()
-            ),
+        return [(sentence, sentence) for sentence in first] + [
+            (sentence, f"at {speed:g} rad/s, {sentence}")
+            for speed, at_speed in zip(self.speeds, self.modes, strict=True)
+            for sentence in at_speed.warnings
+            if sentence not in common
+        ]
+
+    def _describe_lost_modes(self) -> tuple[str, ...]:
+        return tuple(
+            f"mode {k + 1} was not followed from {before.speed:g} to {after.speed:g} rad/s, "
+            "where its shape changes, and its resonances there are not listed; add speeds"
+            for before, after in pairwise(self._stops)
+            for k in np.flatnonzero(after.lost).tolist()
         )
+
+    def _issue_warnings(self) -> None:
+        """Issue the warnings that `modes` issues, at the first speed of each, and of lost modes."""
+        of_states = [x for at_speed in self.modes for x in at_speed._linearization.warnings]
+        issued = set(map(kind_of_message, self.modes[0]._linearization.equations.build_warnings))
+        for sentence, text in self._describe_states():
+            kind = kind_of_message(sentence)
+            if sentence in of_states and kind not in issued:
+                issued.add(kind)
+                warn_user(text)
+        for text in self._describe_lost_modes():
+            warn_user(text)
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
         """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""
@@ -370,6 +392,12 @@ def campbell(
     Interrupted
         If Ctrl-C ends the call.
 
+    Warns
+    -----
+    BeamdaeWarning
+        At the first speed, for each warning that `modes` issues, and for modes that were not
+        followed.
+
     Examples
     --------
     A mass on an isotropic bearing: in the rotating frame, the whirl frequency of 10 rad/s splits
@@ -406,9 +434,11 @@ def campbell(
         stops += _follow(solve, stops[-1], speed, after)
         rows.append(after.eigenvalues[stops[-1].order])
     place = rotation(0.0, center).center
-    return Campbell(
+    diagram = Campbell(
         np.array(values), np.array(rows), tuple(all_modes), place, damping, numbers, tuple(stops)
     )
+    diagram._issue_warnings()
+    return diagram
 
 
 def _require_multiples(caller: str, multiples: Any) -> tuple[int, ...]:

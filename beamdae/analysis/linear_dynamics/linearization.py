@@ -35,7 +35,7 @@ from beamdae.errors import (
     plain_text,
     short_repr,
     suggest,
-    warn_user,
+    warn_of_result,
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
@@ -146,9 +146,7 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
 
 def warn_of_state(lin: Linearization) -> None:
     """Issue the warnings of a linearization, except those issued when the model was built."""
-    for sentence in lin.warnings:
-        if sentence not in lin.equations.build_warnings:
-            warn_user(sentence)
+    warn_of_result(lin.warnings, lin.equations.build_warnings)
 
 
 def _linearize(name: str, model: Any, about: Any, t: float) -> Linearization:

@@ -146,7 +146,8 @@ def frequency_response(
     Warns
     -----
     BeamdaeWarning
-        If no first motion is found, or the curve ends inside the range.
+        If no first motion is found, or the curve ends inside the range; and for each of
+        `FrequencyResponse.warnings`.
     """
     if not isinstance(model, Model):
         raise BeamdaeError(f"{_NAME}: model must be a model function, got {short_repr(model)}.")
@@ -186,8 +187,8 @@ def frequency_response(
     response = FrequencyResponse(parameter, tuple(points), status, "" if unit == "-" else unit)
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
-    if not status.success:
-        warn_user(f"{_NAME}: {status.sentence}.")
+    for message in response._list_warnings(includes_model=False):
+        warn_user(message)
     return response
 
 

@@ -26,6 +26,7 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_positive,
+    warn_of_result,
     warn_user,
 )
 from beamdae.integrators import Integrator, Radau
@@ -121,7 +122,7 @@ def periodic(
     Warns
     -----
     BeamdaeWarning
-        If no periodic motion was found.
+        If no periodic motion was found, and for each warning of the run over the period.
 
     Examples
     --------
@@ -175,6 +176,7 @@ def periodic(
         )
     if not motion.status.success:
         warn_user(f"periodic: {motion.status.sentence}.")
+    warn_of_result(motion.warnings, equations.build_warnings)
     return motion
 
 

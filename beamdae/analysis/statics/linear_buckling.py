@@ -19,7 +19,7 @@ from beamdae.analysis.statics.path_tracing import (
     free_coordinate,
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
-from beamdae.errors import BeamdaeError, require_count, require_finite
+from beamdae.errors import BeamdaeError, require_count, require_finite, warn_of_result
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
@@ -180,6 +180,11 @@ def buckling(
     Interrupted
         If Ctrl-C ends the call.
 
+    Warns
+    -----
+    BeamdaeWarning
+        For each of `Buckling.warnings`, except that there are fewer factors than requested.
+
     Examples
     --------
     >>> import beamdae as bd
@@ -232,7 +237,8 @@ def buckling(
             f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
             "buckling does not show; use equilibrium."
         )
-    elif len(factors) < count:
+    warn_of_result(warnings, e.build_warnings)
+    if has_potential and len(factors) < count:
         text = f"{_NAME}: the structure has {len(factors)} of {count} buckling loads"
         if np.isfinite(reversed_factor):
             text += f"; under reversed loads, it buckles at the factor {-reversed_factor:g}"

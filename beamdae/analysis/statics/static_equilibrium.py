@@ -15,7 +15,7 @@ from beamdae.analysis.statics.path_tracing import (
     trace_path,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import require_choice, require_finite, warn_user
+from beamdae.errors import require_choice, require_finite, warn_of_result, warn_user
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -164,12 +164,9 @@ def equilibrium(
         )
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
-    # The others were issued when the model was built.
-    messages = [x for x in result.warnings if x not in equations.build_warnings]
     if not result.status.success:
-        messages.insert(0, f"{information.get('name', _NAME)}: {result.status.sentence}.")
-    for message in messages:
-        warn_user(message)
+        warn_user(f"{information.get('name', _NAME)}: {result.status.sentence}.")
+    warn_of_result(result.warnings, equations.build_warnings)
     return result
 
 
