@@ -248,6 +248,12 @@ class Observable:
         """CSV headers of the columns, such as 'tip.x [m]'."""
         return format_headers(self.name, self.columns)
 
+    @cached_property
+    def active_columns(self) -> tuple[Array, sp.csr_array]:
+        """Indices of the coordinates with nonzero columns in `operator`, and these columns."""
+        indices = np.unique(self.operator.indices)
+        return indices, self.operator[:, indices]
+
 
 def format_headers(name: str, columns: Sequence[Variable]) -> list[str]:
     """Return the CSV headers of the columns of an observable."""

@@ -17,13 +17,13 @@ from beamdae.analysis.sensitivities.alpha_replay import (
     copy_state,
     factorize_ahead,
     group_equal_steps,
+    join_states,
     make_step_solver,
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.step_equations import (
-    StepBuffers,
-    StepPrediction,
+    StepMatrix,
     formulate_step,
     plan_step_sums,
 )
@@ -64,14 +64,16 @@ class AdjointWorkspace:
         zeros) and its result; used if `moves_operators` is 1.
     alpha_m, alpha_f, gamma, beta
         Parameters of the method; see `family.AlphaParameters`.
-    prediction, x
-        Buffers of `evaluate_matrix_at_state`.
+    coefficients
+        Factors (c_v, c_a, c_f) of `StepEquations`.
     h, branch
         Step, and a time inside the interval [s].
-    times, states, row
+    times, states, first_column, row
         See `ReplayWorkspace`.
-    seeds
-        Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, 2n + m).
+    seeds, seeded, seed
+        Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, k), for
+        the k entries `seeded` that the objective depends on, and work array for all entries of one
+        step, (2n + m,).
     q, v, ddq, a
         Derivatives of the objective with respect to the motion at the end of the current step, as
         far as it acts through later steps, (n,) each. `a` is the algorithmic acceleration.
@@ -89,7 +91,7 @@ class AdjointWorkspace:
         See `ReplayWorkspace`.
     """
 
-    form: StepBuffers
+    form: StepMatrix
     linear: Any
     nonzeros: Array
     transposed: Sum
@@ -103,14 +105,16 @@ class AdjointWorkspace:
     alpha_f: float
     gamma: float
     beta: float
-    prediction: StepPrediction
-    x: Array
+    coefficients: Array
     h: float
     branch: float
     times: Array
-    states: State
+    states: Array
+    first_column: int
     row: Array
     seeds: Array
+    seeded: Array
+    seed: Array
     q: Array
     v: Array
     ddq: Array
@@ -136,17 +140,19 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
     p and to the motion before the step.
     """
     n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
-    c = run.prediction.coefficients
+    c = run.coefficients
     motion = 4 * n + 2 * m
-    inputs, outputs, change = run.inputs, run.outputs, run.change
+    inputs, outputs, change, seed = run.inputs, run.outputs, run.change, run.seed
     q, v, ddq, a, a_predicted = run.q, run.v, run.ddq, run.a, run.a_predicted
     factor = 1.0 / (1.0 - run.alpha_m)
     while run.step > run.first:
         code = factorize_ahead(run, run.step, -1, run.step - run.first)
         if code != DONE:
             return code
-        t, row, seed = run.times[run.step], run.row, run.seeds[run.step - 1]
-        copy_state(run.states, run.step, row)
+        t, at = run.times[run.step], run.seeded
+        copy_state(run, run.step, inputs[: 3 * n + m])
+        for j in range(at.size):
+            seed[at[j]] = run.seeds[run.step - 1, j]
         combine(q, (1.0, 1.0), (q, seed[:n]))
         combine(v, (1.0, 1.0), (v, seed[n : 2 * n]))
         combine(change[:n], (-1.0, -c[0], -c[1], -1.0 / c[2]), (q, v, ddq, a))
@@ -156,7 +162,6 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
         for i in run.form.velocity_rows:
             change[i] /= c[0]
         set_time(run.transposed, t, run.branch)
-        combine(inputs[: 3 * n + m], (1.0,), (row,))
         combine(inputs[motion:], (1.0,), (change,))
         evaluate_sum(run.transposed, inputs, outputs)
         combine(q, (1.0, 1.0), (q, outputs[:n]))
@@ -164,7 +169,7 @@ def sweep_backwards(run: AdjointWorkspace) -> int:
         combine(run.numbers, (1.0, 1.0), (run.numbers, outputs[motion:]))
         if run.moves_operators == 1:
             set_time(run.operator_change, t, run.branch)
-            combine(run.operator_inputs[: 3 * n + m], (1.0,), (row,))
+            combine(run.operator_inputs[: 3 * n + m], (1.0,), (inputs[: 3 * n + m],))
             evaluate_sum(run.operator_change, run.operator_inputs, run.operator_residual)
             for k in range(n + m):
                 run.along_operators += change[k] * run.operator_residual[k]
@@ -230,21 +235,21 @@ def transpose_alpha_steps(
     _, transposed_matrix, pattern = _plan_adjoint(steps_of.structure)
     moved_plan = start.moved_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
     matrix = FactorizedMatrix.from_pattern(pattern)
+    seeded = np.flatnonzero(seeds.any(axis=0))
+    rows, first_column = join_states(states)
 
     def make_workspace(native: bool) -> AdjointWorkspace:
-        buffers = form.buffers(native)
-        buffers.matrix = transposed_matrix.sum(native, steps_of.p)
         q, v, ddq, a, a_predicted = np.zeros((5, n))
-        at = np.zeros((4, n))
         linear, max_batch = make_step_solver(native, matrix)
+        transposed = plan.sum(native, equations.p)
         return AdjointWorkspace(
-            form=buffers,
+            form=form.matrix_buffers(native, transposed_matrix),
             linear=linear,
             nonzeros=matrix.nonzeros,
-            transposed=plan.sum(native, equations.p),
+            transposed=transposed,
             inputs=np.zeros(5 * n + 3 * m),
             outputs=np.zeros(4 * n + 2 * m + len(equations.p)),
-            operator_change=(moved_plan or plan).sum(native, equations.p),
+            operator_change=moved_plan.sum(native, equations.p) if moved_plan else transposed,
             operator_inputs=np.zeros(2 * (4 * n + 2 * m) + len(equations.p)),
             operator_residual=np.zeros(n + m),
             moves_operators=int(moved_plan is not None),
@@ -252,14 +257,16 @@ def transpose_alpha_steps(
             alpha_f=member.alpha_f,
             gamma=member.gamma,
             beta=member.beta,
-            prediction=StepPrediction(at[0], at[1], at[2], at[3], np.zeros(3)),
-            x=np.zeros(n + m),
+            coefficients=np.zeros(3),
             h=0.0,
             branch=float(interval.branch),
             times=np.ascontiguousarray(times),
-            states=State(*map(np.ascontiguousarray, states)),
+            states=rows,
+            first_column=first_column,
             row=np.zeros(3 * n + m),
-            seeds=np.ascontiguousarray(seeds),
+            seeds=np.ascontiguousarray(seeds[:, seeded]),
+            seeded=seeded,
+            seed=np.zeros(2 * n + m),
             q=q,
             v=v,
             ddq=ddq,
@@ -286,7 +293,7 @@ def transpose_alpha_steps(
             at = State(*(x[last] for x in states))
             _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)
         c_f = h * h * member.beta
-        run.prediction.coefficients[:] = (
+        run.coefficients[:] = (
             member.gamma / (h * member.beta),
             (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
             c_f,

@@ -98,7 +98,8 @@ def differentiate_objective(
     `equations` are those of the run, perhaps with further forces that vanish there.
     """
     size = 2 * equations.n + equations.m
-    states = [np.zeros((len(x.nodes), size)) for x in solution.trajectory.intervals]
+    # By columns: most objectives depend on few of them, and only these need memory.
+    states = [np.zeros((len(x.nodes), size), order="F") for x in solution.trajectory.intervals]
     result = ColumnSeeds(0.0, states, np.zeros(len(equations.p)), [])
     grid = SampleGrid.of(solution.trajectory)
     terms_at: dict[bytes, tuple[Array, list[tuple[float, ColumnObjective]]]] = {}
@@ -112,7 +113,9 @@ def differentiate_objective(
         branches = np.concatenate([np.full(len(x.times), x.interval.branch) for x in samples])
         rows = np.stack([times, branches], axis=1)
         is_direct = len(samples) == 1 and samples[0].nodes is not None
-        by_state = states[0][samples[0].nodes] if is_direct else np.zeros((len(times), size))
+        by_state = np.zeros((0 if is_direct else len(times), size), order="F")
+        if is_direct:
+            by_state = states[0][samples[0].nodes]
         numbers = solution.trajectory.observed_numbers(equations, times)
         for factor, term in terms:
             add_term(result, by_state, equations, factor, term, rows, at, grid.weights, numbers)
@@ -269,8 +272,7 @@ def _add_gradient(
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
     seeds.numbers[o.data] += by_p.sum(axis=0)
     seeds.operators.append(OperatorSeeds(select, by_q, by_v, at))
-    acting = np.unique(o.operator.indices)
-    operator = o.operator[:, acting]
+    acting, operator = o.active_columns
     by_state[:, acting] += by_q @ operator
     by_state[:, n + acting] += by_v @ operator
     by_state[:, 2 * n :][:, o.rows] += by_lam
@@ -280,9 +282,8 @@ def _column_arguments(
     o: Observable, numbers: Array, rows: Array, at: State
 ) -> tuple[Array, Array, Array, Array, Array]:
     # Operators have few columns; products with all coordinates would copy these.
-    acting = np.unique(o.operator.indices)
-    operator = o.operator[:, acting].T
-    q, v = (np.asarray(x[:, acting] @ operator) for x in (at.q, at.v))
+    acting, operator = o.active_columns
+    q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
     return rows, q, v, numbers, at.lam[:, o.rows]
 
 

@@ -116,19 +116,22 @@ class StartAdjoint:
         )
         levels = self.moved_plan(lambda e: plan_state_sums(e.structure).levels, size)
         plans = ((self._motion, motion), (self._saddle, saddle), (self._levels, levels))
-        return {id(total): plan.sum(False, p) for total, plan in plans if plan is not None}
+        return {id(total): plan.borrow(self, p) for total, plan in plans if plan is not None}
 
     @cached_property
     def _motion(self) -> Sum:
-        return _plan_transposed_sums(self.equations.structure)[0].sum(False, self.equations.p)
+        return self._borrow(_plan_transposed_sums(self.equations.structure)[0])
 
     @cached_property
     def _saddle(self) -> Sum:
-        return _plan_transposed_sums(self.equations.structure)[1].sum(False, self.equations.p)
+        return self._borrow(_plan_transposed_sums(self.equations.structure)[1])
 
     @cached_property
     def _levels(self) -> Sum:
-        return _plan_transposed_sums(self.equations.structure)[2].sum(False, self.equations.p)
+        return self._borrow(_plan_transposed_sums(self.equations.structure)[2])
+
+    def _borrow(self, plan: SumPlan) -> Sum:
+        return plan.borrow(self, self.equations.p)
 
     def initial_motion(
         self,

@@ -22,8 +22,8 @@ from beamdae.analysis.sensitivities.start_derivatives import (
 )
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
-    StepBuffers,
     StepEquations,
+    StepMatrix,
     StepPrediction,
     evaluate_matrix_at_state,
     formulate_step,
@@ -86,15 +86,15 @@ class ReplayWorkspace:
         the directions that have them, see `FurtherForces`.
     alpha_m, alpha_f, gamma, beta
         Parameters of the method; see `family.AlphaParameters`.
-    prediction, x
-        Buffers of `evaluate_matrix_at_state`.
+    coefficients
+        Factors (c_v, c_a, c_f) of `StepEquations`.
     h, branch
         Step, and a time inside the interval [s].
     last
         Number of steps after which the length of the step changes, or the interval ends.
-    times, states, row
-        Times (steps + 1,) [s] and states at the start and after the steps, and work array for one
-        state (q, v, a, lam), (3n + m,).
+    times, states, first_column, row
+        Times (steps + 1,) [s] and states at the start and after the steps, see `join_states`, and
+        work array for one state (q, v, a, lam), (3n + m,).
     shifts, time_rates
         Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
         respect to time at the steps, (steps, n + m).
@@ -115,7 +115,7 @@ class ReplayWorkspace:
         index of the next one of these.
     """
 
-    form: StepBuffers
+    form: StepMatrix
     linear: Any
     nonzeros: Array
     directional: Sum
@@ -130,13 +130,13 @@ class ReplayWorkspace:
     alpha_f: float
     gamma: float
     beta: float
-    prediction: StepPrediction
-    x: Array
+    coefficients: Array
     h: float
     last: int
     branch: float
     times: Array
-    states: State
+    states: Array
+    first_column: int
     row: Array
     shifts: Array
     time_rates: Array
@@ -163,7 +163,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
     sides of linear systems with the exact iteration matrix at the end of the step.
     """
     n, m, h, beta, gamma = run.form.n, run.form.m, run.h, run.beta, run.gamma
-    c = run.prediction.coefficients
+    c = run.coefficients
     motion = 4 * n + 2 * m
     inputs, change = run.inputs, run.change
     # The predicted derivatives.
@@ -174,10 +174,9 @@ def replay_steps(run: ReplayWorkspace) -> int:
         code = factorize_ahead(run, run.step + 1, 1, run.last - run.step)
         if code != DONE:
             return code
-        t, row = run.times[run.step + 1], run.row
-        copy_state(run.states, run.step + 1, row)
+        t = run.times[run.step + 1]
+        copy_state(run, run.step + 1, inputs[: 3 * n + m])
         set_time(run.directional, t, run.branch)
-        combine(inputs[: 3 * n + m], (1.0,), (row,))
         for k in range(count):
             q, v, ddq, a, lam = run.q[k], run.v[k], run.ddq[k], run.a[k], run.lam[k]
             combine(run.a_predicted, (factor * run.alpha_f, -factor * run.alpha_m), (ddq, a))
@@ -210,21 +209,35 @@ def replay_steps(run: ReplayWorkspace) -> int:
 
 def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
     """Add the derivatives of further forces along direction `k` to `change`."""
-    inputs, row = run.further_inputs, run.row
-    combine(inputs[: row.size], (1.0,), (row,))
+    inputs, size = run.further_inputs, run.row.size
+    combine(inputs[:size], (1.0,), (run.inputs[:size],))
     combine(inputs[inputs.size - run.further_numbers.shape[1] :], (1.0,), (run.further_numbers[k],))
     set_time(run.further, t, run.branch)
     evaluate_sum(run.further, inputs, run.residual)
     combine(run.change, (1.0, 1.0), (run.change, run.residual))
 
 
-def copy_state(states: State, k: int, row: Array) -> None:
-    """Write state `k` to `row`. A copy of all states in one array would take long to allocate."""
-    n = states.q.shape[1]
-    combine(row[:n], (1.0,), (states.q[k],))
-    combine(row[n : 2 * n], (1.0,), (states.v[k],))
-    combine(row[2 * n : 3 * n], (1.0,), (states.a[k],))
-    combine(row[3 * n :], (1.0,), (states.lam[k],))
+def join_states(states: State) -> tuple[Array, int]:
+    """Return states (q, v, a, lam) as rows of a contiguous array, and the column where they begin.
+
+    The states of a run are parts of such rows: copying all of them takes as long as hundreds of
+    steps.
+    """
+    parts = [x for x in states if x.shape[1]]
+    base = parts[0].base
+    if base is not None and base.ndim == 2 and base.flags.c_contiguous:
+        starts = [(x.ctypes.data - base.ctypes.data) // base.itemsize for x in parts]
+        ends = starts[0] + np.cumsum([x.shape[1] for x in parts])
+        is_joined = all(x.base is base and x.strides == base.strides for x in parts)
+        if is_joined and starts[1:] == ends[:-1].tolist():
+            row, column = divmod(starts[0], base.shape[1])
+            return base[row : row + len(parts[0])], column
+    return np.hstack(states), 0
+
+
+def copy_state(run: Any, k: int, row: Array) -> None:
+    """Write state `k` to `row`; for `run`, see `factorize_ahead`."""
+    combine(row, (1.0,), (run.states[k][run.first_column : run.first_column + row.size],))
 
 
 def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
@@ -247,9 +260,9 @@ def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
         count = min(run.next_batch, remaining)
         for lane in range(count):
             k = step + direction * lane
-            copy_state(run.states, k, run.row)
+            copy_state(run, k, run.row)
             evaluate_matrix_at_state(
-                run.form, run.times[k], run.branch, run.prediction, run.x, run.row, run.nonzeros
+                run.form, run.times[k], run.branch, run.coefficients, run.row, run.nonzeros
             )
             if count > 1:
                 stage_matrix(run.linear.batch, lane, run.nonzeros)
@@ -370,15 +383,15 @@ def differentiate_alpha_steps(
         further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     matrix = FactorizedMatrix.from_pattern(form.pattern)
 
+    rows, first_column = join_states(states)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
     results[:count] = [np.concatenate(x) for x in starts]
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        q, v, a, before = np.zeros((4, n))
         linear, max_batch = make_step_solver(native, matrix)
         directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
-            form=form.buffers(native),
+            form=form.matrix_buffers(native),
             linear=linear,
             nonzeros=matrix.nonzeros,
             directional=directional,
@@ -393,13 +406,13 @@ def differentiate_alpha_steps(
             alpha_f=member.alpha_f,
             gamma=member.gamma,
             beta=member.beta,
-            prediction=StepPrediction(q, v, a, before, np.zeros(3)),
-            x=np.zeros(n + m),
+            coefficients=np.zeros(3),
             h=0.0,
             last=0,
             branch=float(interval.branch),
             times=np.ascontiguousarray(times),
-            states=State(*map(np.ascontiguousarray, states)),
+            states=rows,
+            first_column=first_column,
             row=np.zeros(3 * n + m),
             shifts=np.array(shifts),
             time_rates=np.zeros((steps, n + m)),
@@ -426,13 +439,13 @@ def differentiate_alpha_steps(
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
             _change_step(run, member, derivatives, all_numbers, time, at, h)
         c_f = h * h * member.beta
-        run.prediction.coefficients[:] = (
+        run.coefficients[:] = (
             member.gamma / (h * member.beta),
             (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
             c_f,
         )
         if any(shifts):
-            _set_time_rates(run, form, first, last, h)
+            _set_time_rates(run, form, states, first, last, h)
         run.h, run.last, run.tested = h, last, 0
         if loop() != DONE:
             raise BeamdaeError(
@@ -447,12 +460,12 @@ def _plan_residual(structure: Structure) -> SumPlan:
 
 
 def _set_time_rates(
-    run: ReplayWorkspace, form: StepEquations, first: int, last: int, h: float
+    run: ReplayWorkspace, form: StepEquations, states: State, first: int, last: int, h: float
 ) -> None:
     """Set the derivatives of the residual with respect to time in steps of length `h` [s]."""
-    n, coefficients = form.equations.n, run.prediction.coefficients
+    n, coefficients = form.equations.n, run.coefficients
     for k in range(first, last):
-        q, v, a, lam = (x[k + 1] for x in run.states)
+        q, v, a, lam = (x[k + 1] for x in states)
         at = StepPrediction(q, v, a, q, coefficients)
         x = np.concatenate([np.zeros(n), coefficients[2] * lam])
         time = np.array([run.times[k + 1], run.branch])

@@ -108,6 +108,15 @@ class StepEquations:
         sums = (total.sum(native, self.equations.p) for total in self.sums)
         return StepBuffers(n, m, int(self.stabilized), motion, self._velocity_rows, *sums)
 
+    def matrix_buffers(self, native: bool, plan: SumPlan | None = None) -> StepMatrix:
+        """Return new buffers for the iteration matrix at known states, in the index-3 form.
+
+        `plan` is another plan of the matrix, such as that of its transpose.
+        """
+        n, m = self.equations.n, self.equations.m
+        matrix = (plan or self.sums[2]).sum(native, self.equations.p)
+        return StepMatrix(n, m, np.zeros(4 * n + 2 * m), self._velocity_rows, matrix)
+
     @property
     def _velocity_rows(self) -> Array:
         """Rows in which g_dot / c_v replaces g."""
@@ -138,6 +147,17 @@ class StepBuffers:
     velocity_rows: Array
     residual: Sum
     anchor: Sum
+    matrix: Sum
+
+
+@dataclass(slots=True)
+class StepMatrix:
+    """Buffers of the iteration matrix of the index-3 form; see `StepBuffers`."""
+
+    n: int
+    m: int
+    motion: Array
+    velocity_rows: Array
     matrix: Sum
 
 
@@ -215,25 +235,18 @@ def evaluate_step_matrix(
 
 
 def evaluate_matrix_at_state(
-    form: StepBuffers,
-    t: float,
-    branch: float,
-    at: StepPrediction,
-    x: Array,
-    row: Array,
-    result: Array,
+    form: StepMatrix, t: float, branch: float, coefficients: Array, row: Array, result: Array
 ) -> None:
     """Write the non-zeros of the iteration matrix at the state (q, v, a, lam) in `row`.
 
-    `at` and `x` are overwritten.
+    `coefficients` are the factors (c_v, c_a, c_f) of `StepEquations`.
     """
-    n = form.n
-    combine(at.q, (1.0,), (row[:n],))
-    combine(at.v, (1.0,), (row[n : 2 * n],))
-    combine(at.a, (1.0,), (row[2 * n : 3 * n],))
-    fill(x[:n], 0.0)
-    combine(x[n:], (at.coefficients[2],), (row[3 * n :],))
-    evaluate_step_matrix(form, t, branch, at, x, result)
+    n, c = form.n, coefficients
+    set_time(form.matrix, t, branch)
+    set_matrix_factors(form.matrix, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
+    combine(form.motion[: 3 * n], (1.0,), (row[: 3 * n],))
+    combine(form.motion[3 * n : row.size], (c[2],), (row[3 * n :],))
+    evaluate_sum(form.matrix, form.motion, result)
 
 
 @cache_on_owner
