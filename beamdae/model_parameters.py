@@ -103,6 +103,8 @@ _MAX_SPELLINGS = 4  # in a hint
 _PROSE = re.compile(r"``?(\w+)``? \[([^\[\]]+)\]")
 # A line "radius : float" of a numpydoc section, or "radius [m]: radius of the arc".
 _ENTRY = re.compile(r"\s*(\w+(?:, \w+)*)\s*(?:\[[^\[\]]+\]\s*)?:(?:\s|$)")
+# A line "radius" of a numpydoc section; the description is indented further.
+_BARE_ENTRY = re.compile(r"(\s*)(\w+(?:, \w+)*)\s*")
 _IN_BRACKETS = re.compile(r"\[([^\[\]]+)\]")
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[A-Z`])")
 
@@ -303,9 +305,10 @@ def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, 
         description = " ".join(" ".join(lines[1:]).split()) or colon
         entries.update(dict.fromkeys(current, (unit, description)))
 
-    for line in [*docstring.splitlines(), ""]:
+    all_lines = [*docstring.splitlines(), ""]
+    for line, below in zip(all_lines, [*all_lines[1:], ""], strict=True):
         match = _ENTRY.match(line)
-        entry = tuple(match[1].split(", ")) if match else ()
+        entry = tuple(match[1].split(", ")) if match else _find_bare_entry(line, below)
         if entry and set(entry) <= set(names):
             close()
             current, lines = entry, [line]
@@ -315,6 +318,12 @@ def _read_entries(docstring: str, names: Iterable[str]) -> dict[str, tuple[str, 
         elif current:
             lines.append(line)
     return entries
+
+
+def _find_bare_entry(line: str, below: str) -> tuple[str, ...]:
+    match = _BARE_ENTRY.fullmatch(line)
+    is_entry = match and below.startswith(f"{match[1]} ") and below.strip()
+    return tuple(match[2].split(", ")) if match and is_entry else ()
 
 
 @lru_cache(maxsize=256)

@@ -7,7 +7,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
-from beamdae.model_parameters import describe_parameters, parse_unit, parse_value
+from beamdae.model_parameters import describe_parameters, parse_unit, parse_value, read_docstring
 
 
 @bd.model(t_end=1.0)
@@ -46,6 +46,23 @@ def test_parameters_have_units_and_descriptions():
     assert (info["copies"].unit, info["copies"].default) == ("-", 1)
     assert "length=0.85 m, mass=2 kg, tilt=0.1 rad, copies=1, " in repr(swing)
     assert "<td>length</td><td>0.85</td><td>m</td>" in swing._repr_html_()
+
+
+def test_regression_entries_without_a_type_have_units():
+    text = """Leaf.
+
+    Parameters
+    ----------
+    heights
+        Thicknesses along the leaf [m].
+    width, length
+        Width and length [m].
+    """
+    documented = read_docstring(text, ("heights", "width", "length"))
+    units = {name: unit for name, (unit, _) in documented.items()}
+    assert units == {"heights": "m", "width": "m", "length": "m"}
+    # A line of prose that is a name only is no entry.
+    assert read_docstring("The\nwidth\nis 3 [m].", ("width",)) == {}
 
 
 def test_defaults_with_units_are_plain_numbers_in_the_model():

@@ -113,9 +113,15 @@ def _list_parameters(solution: Solution) -> list[list[str]]:
     model = solution.metadata()["model"]
     units = model.get("units", {})
     return [
-        [str(name), f"{terminal.format_number(x, _PARAMETER_DIGITS)} {units.get(name, '')}".strip()]
+        [str(name), f"{_format_parameter(x)} {units.get(name, '')}".strip()]
         for name, x in model.get("parameters", {}).items()
     ]
+
+
+def _format_parameter(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return f"({', '.join(map(_format_parameter, value))})"
+    return terminal.format_number(value, _PARAMETER_DIGITS)
 
 
 def _list_provenance(solution: Solution) -> list[list[str]]:

@@ -21,6 +21,8 @@ from pages import (
     visible_ranges,
 )
 
+from beamdae.report.pictures.tick_labels import engineering_order, scale_unit
+
 PLOT = "[data-chart={}] .plot"
 
 
@@ -29,6 +31,33 @@ def select_only(tab, *numbers):
     tab.click("#clear")
     for number in numbers:
         find_row(tab, number).locator("td.label").click()
+
+
+def test_axes_show_the_multiples_of_units_of_pictures(show):
+    tab = show(study_page())
+    units = ("Pa", "m", "m/s^2", "rad/s", "N m", "kg", "-", "", "Hz", "deg")
+    orders = (-12, -9, -6, -3, 0, 3, 6, 9, 12)
+    expected = [scale_unit(unit, order) for unit in units for order in orders]
+    pairs = [[unit, order] for unit in units for order in orders]
+    assert tab.evaluate("pairs => pairs.map(([u, o]) => scaleUnit(u, o))", pairs) == expected
+    sizes = [0.0, 3e-7, 9.9e-3, 1e-2, 1.0, 9999.0, 1e4, 2e8]
+    orders = tab.evaluate("sizes => sizes.map((x) => engineeringOrder([-x, x / 2]))", sizes)
+    assert orders == [engineering_order(x) for x in sizes]
+
+
+def test_values_are_read_in_the_unit_of_the_axis(show):
+    page = study_page()
+    for case in page["cases"]:
+        case["curves"] = None
+    t = np.linspace(0.0, 2.0, 101)
+    page["cases"][1]["curves"] = {"t": t, "observed": {"stress [Pa]": 1e8 * t}}
+    tab = show(page)
+    select_only(tab, 2)
+    assert "stress [MPa]" in tab.locator("[data-chart=observed] .title").all_text_contents()
+    tab.mouse.move(*screen_position(tab, "observed", 1.0, 1e8))
+    number, unit = tab.inner_text("#tooltip").split()[-2:]
+    assert float(number) == pytest.approx(100.0, abs=2.0)
+    assert unit == "MPa"
 
 
 def test_values_are_read_at_the_pointer_and_by_keys(show):
@@ -168,7 +197,7 @@ def test_the_difference_to_the_reference_is_shown_if_known(show):
     select_only(tab, 5)
     panel = tab.locator("[data-panel=observed]")
     panel.get_by_label("difference to the reference").check()
-    assert panel.locator(".title").nth(1).text_content() == "difference of tip.x [m]"
+    assert panel.locator(".title").nth(1).text_content() == "difference of tip.x [mm]"
     # The difference is -2e-3 t, plus margins.
     low, high = visible_ranges(tab, "observed")[1]
     assert_allclose([low, high], [-4.2e-3, 0.2e-3], rtol=1e-4)

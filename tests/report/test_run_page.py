@@ -19,6 +19,19 @@ def run():
     return bd.simulate(mech, bd.Radau(rtol=1e-6), t_end=0.5)
 
 
+def test_regression_lists_among_the_parameters_are_shown():
+    @bd.model(t_end=0.1)
+    def bodies(masses=(1.0, 2.5), gravity=9.81):
+        mech = bd.Mechanism(gravity=(0.0, -gravity))
+        for k, mass in enumerate(masses):
+            mech.add(bd.PointMass(f"mass {k}", mass, at=(k, 0.0)))
+        return mech
+
+    page = build_run_page(bd.simulate(bodies, bd.Radau()), "bodies")
+    (table,) = (table for table in page["tables"] if table["title"] == "Parameters")
+    assert table["rows"] == [["masses", "(1, 2.5)"], ["gravity", "9.81"]]
+
+
 def test_the_page_contains_facts_tables_and_curves(run):
     columns = run.all_columns()
     errors = {"half the range": np.arange(6.0), "error": [1e-6] * 6}

@@ -13,7 +13,7 @@ from spin_up import spin_up
 from support import ARC, SOFT_MATERIAL
 
 import beamdae as bd
-from beamdae.report.scene.frame_export import export_run_frames
+from beamdae.report.scene.frame_export import export_frames, export_run_frames
 from beamdae.report.scene.mechanism_scene import MAX_BEAM_SECTIONS, build_scene
 from beamdae.report.scene.poses import CoordinatePoses, reference_poses
 from beamdae.report.scene.run_scene import build_run_scene, frame_times
@@ -273,3 +273,72 @@ def test_arrows_of_force_laws_point_in_the_direction_of_the_force():
     direction = arrow[:, 1] - arrow[:, 0]
     assert_allclose(direction[:, 1] / direction[:, 0], 0.5, rtol=1e-9)
     assert np.all(direction[:, 0] < 0.0)
+
+
+def leaf(heights, width=0.3):
+    """Return a clamped leaf of varying thickness and a strut of constant thickness."""
+    mech = bd.Mechanism()
+
+    def section(s):
+        return bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=heights[0] + s * heights[1])
+
+    line = bd.Line((0.0, 0.0), (0.0, width))
+    beam = mech.add(bd.Beam("leaf", line, section, elements=2))
+    strut = bd.Section.rectangle(SOFT_MATERIAL, width=0.02, height=0.005)
+    mech.add(bd.Beam("strut", bd.Line((0.1, 0.0), (0.1, 0.3)), strut, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+
+
+def drawn_curves(mechanism):
+    scene = build_scene(mechanism, reference_poses, np.zeros(1))
+    return scene, {x.part: x for x in scene.glyphs if x.kind == "beam"}
+
+
+def test_beams_are_drawn_with_the_heights_of_varying_sections():
+    scene, curves = drawn_curves(leaf((0.01, 0.02)))
+    assert scene.height_scale == 1.0
+    assert_allclose(curves["leaf"].heights[[0, -1]], [0.01, 0.016])
+    assert_allclose(curves["strut"].heights, 0.005)
+    (outline,) = curves["leaf"].outline(1.0)
+    k = MAX_BEAM_SECTIONS
+    assert outline.shape == (2 * k + 1, 2)
+    assert_allclose(outline[0], outline[-1])
+    assert_allclose(np.hypot(*(outline[:k] - outline[k:-1][::-1]).T), curves["leaf"].heights)
+    assert_allclose(outline[[0, k - 1]], [(-0.005, 0.0), (-0.008, 0.3)], atol=1e-12)
+    frames = export_frames(scene, np.zeros(1))
+    assert frames["heights"] == 1.0
+    assert [x.get("heights", [0.0])[0] for x in frames["bodies"]] == [0.01, 0.005]
+
+
+def test_thin_sections_are_enlarged_alike_in_all_states():
+    mechanism = leaf((0.001, 0.001))
+    scene, _ = drawn_curves(mechanism)
+    assert scene.height_scale == 1.0  # The strut is the thickest beam.
+    mechanism = leaf((0.001, 0.001), width=3.0)
+    scales = []
+    for angle in (0.0, 1.0):
+        poses = reference_poses
+
+        def stretched(attachments, factor=1.0 + angle, poses=poses):
+            return poses(attachments) * (factor, factor, 1.0)
+
+        scene = build_scene(mechanism, stretched, np.zeros(1))
+        scales.append(scene.height_scale)
+    # 2.5 % of 3 m is 15 times the largest height.
+    assert scales == [10.0, 10.0]
+    figure = mechanism.draw().figure
+    assert figure.axes[0].get_title(loc="right") == "section heights \N{MULTIPLICATION SIGN} 10"
+
+
+def test_beams_of_constant_sections_and_unknown_heights_are_lines():
+    scene, curves = drawn_curves(pendulum())
+    assert not scene.has_heights
+    assert "heights" not in export_frames(scene, np.zeros(1))
+    section = bd.Section(SOFT_MATERIAL, area=1e-4, second_moment=1e-10)
+    mechanism = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    mechanism.add(bd.Beam("beam", line, lambda s: section, elements=1))
+    scene, curves = drawn_curves(mechanism)
+    assert curves["beam"].heights is None
+    assert not scene.has_heights

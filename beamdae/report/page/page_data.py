@@ -131,7 +131,7 @@ def encode_frames(frames: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "symbols": list(frames.get("symbols", ())),
         "colors": [_pack_color(color) for color in frames.get("colors", ())],
         "extent": frames.get("extent"),
-        **({"scale": frames["scale"]} if "scale" in frames else {}),
+        **{key: frames[key] for key in ("scale", "heights") if key in frames},
     }
 
 
@@ -149,7 +149,7 @@ def _pack_body(body: Mapping[str, Any]) -> dict[str, Any]:
     description = {"name": body["name"], "kind": body["kind"], "points": len(body["x"][0])}
     points = {axis: _pack_values(np.ravel(body[axis]).tolist()) for axis in ("x", "y")}
     # A trail has a single list of points; the script shows the points up to the current frame.
-    frames = {"frames": body["frames"]} if "frames" in body else {}
+    frames = {key: body[key] for key in ("frames", "heights") if key in body}
     return description | points | frames
 
 

@@ -10,7 +10,7 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures.figures import disable_math_text
 from beamdae.report.pictures.label_placement import place_labels
-from beamdae.report.pictures.scene_artists import SceneArtists
+from beamdae.report.pictures.scene_artists import SceneArtists, describe_heights
 from beamdae.report.scene.mechanism_scene import build_scene
 from beamdae.report.scene.poses import reference_poses
 from beamdae.report.scene.scene import Scene
@@ -43,7 +43,9 @@ def draw(mechanism: Mechanism) -> Plot:
 
     The drawing shows the reference configuration, even if a different start is requested. Rigid
     bodies are drawn by their shape or, without a shape, by lines between their attachment points,
-    or between a single attachment point and the center of mass; beams are drawn along their axis.
+    or between a single attachment point and the center of mass; beams are drawn along their axis,
+    with the heights of their sections if any of these varies (times a factor above the drawing if
+    they are too thin to be visible).
     Arrows of forces show the direction, not the magnitude, at t = 0 or, if the force is zero then,
     at a later time.
 
@@ -95,6 +97,8 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     low, high = scene.extent()
     figure, axis = _create_axis(high - low, size)
     SceneArtists(axis, scene)
+    if caption := describe_heights(scene):
+        axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
     labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * float(np.max(high - low)))
     if np.any(mechanism.gravity):
         labels.append(_draw_gravity(mechanism.gravity, low, high, scene.size, axis))
@@ -160,7 +164,7 @@ def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
 def _sample_lines(scene: Scene) -> Array:
     """Return closely spaced points (k, 2) on the lines that labels must not cover."""
     samples = []
-    for glyph, line in scene.lines():
+    for glyph, line in scene.outlines():
         if glyph.kind not in _COVERABLE_KINDS:
             points = line[0][np.isfinite(line[0]).all(axis=1)]
             at = np.linspace(0.0, len(points) - 1.0, max(len(points), _POINTS_PER_LINE))

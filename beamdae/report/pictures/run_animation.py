@@ -18,6 +18,7 @@ from beamdae.report.pictures.scene_artists import (
     create_bare_axis,
     create_colormap,
     create_norm,
+    describe_heights,
     find_style,
     padded_extent,
 )
@@ -117,16 +118,17 @@ def animate(
         width, height = (high - low).tolist()
         return build_motion_player(data, (width, height), "", speed, color is not None)
     colors = None if color is None else compute_beam_colors("animate", solution, color, times)
-    captions = _format_captions(times, speed, factor)
+    captions = _format_captions(times, speed, factor, describe_heights(scene))
     return _create_animation(scene, colors, captions, rate).save("animate", path)
 
 
-def _format_captions(times: Array, speed: float, scale: float) -> list[str]:
+def _format_captions(times: Array, speed: float, scale: float, heights: str) -> list[str]:
     """Return captions with the times of the frames, with enough digits to distinguish them."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
     suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
     suffix += "" if scale == 1.0 else f"   displacements \u00d7 {scale:.4g}"
+    suffix += f"   {heights}" if heights else ""
     return [f"t = {time:.{digits}f} s{suffix}" for time in times]
 
 

@@ -30,6 +30,7 @@ _CHAIN_LINE = (0, (6, 2, 1, 2))
 _DOTTED_LINE = (0, (1, 1.5))
 _PALE_COLOR = "0.8"
 _PALE_ORDER = 0.5
+_OUTLINE_WIDTH = 0.7  # of beams with drawn heights [pt]
 _COLORED_WIDTH = 1.4  # line width of colored beams, relative to uncolored beams
 
 
@@ -119,7 +120,7 @@ class SceneArtists:
         self, axis: Axes, scene: Scene, colors: BeamColors | None = None, is_pale: bool = False
     ) -> None:
         self._axis, self._is_pale, self._colors = axis, is_pale, colors
-        self._artists = [(self._create(g, line), line, g) for g, line in scene.lines()]
+        self._artists = [(self._create(g, line), line, g) for g, line in scene.outlines()]
         self.show(0)
 
     def _create(self, glyph: Glyph, line: Array) -> Artist:
@@ -127,6 +128,19 @@ class SceneArtists:
         color, order = style.color, float(style.order)
         if self._is_pale:
             color, order = _PALE_COLOR, _PALE_ORDER
+        if _has_heights(glyph):
+            from matplotlib.collections import PolyCollection
+
+            # Thin sections remain visible as lines.
+            fill: dict[str, Any] = {"linewidths": _OUTLINE_WIDTH, "zorder": order}
+            if self._is_colored(glyph):
+                assert self._colors is not None
+                fill["cmap"] = create_colormap(self._colors)
+                fill["norm"] = create_norm(self._colors)
+                fill["edgecolors"] = "face"
+            else:
+                fill["facecolors"] = fill["edgecolors"] = color
+            return self._axis.add_collection(PolyCollection([], **fill), autolim=False)
         if self._is_colored(glyph):
             from matplotlib.collections import LineCollection
 
@@ -158,7 +172,13 @@ class SceneArtists:
         """Update all artists to a frame and return them."""
         for artist, line, glyph in self._artists:
             points = line[frame]
-            if self._is_colored(glyph):
+            if _has_heights(glyph):
+                is_colored = self._is_colored(glyph)
+                artist.set(verts=_split_outline(points) if is_colored else [points])
+                if is_colored:
+                    assert self._colors is not None
+                    artist.set(array=self._colors.segment_values(glyph.part, frame))
+            elif self._is_colored(glyph):
                 assert self._colors is not None
                 # Each segment extends below the next segment to hide the seams.
                 next_points = np.concatenate([points[2:], points[-1:]])
@@ -170,6 +190,23 @@ class SceneArtists:
             else:
                 artist.set(data=points.T)
         return [artist for artist, _, _ in self._artists]
+
+
+def _has_heights(glyph: Glyph) -> bool:
+    return isinstance(glyph, MovingCurve) and glyph.heights is not None
+
+
+def _split_outline(outline: Array) -> Array:
+    """Return the quadrilaterals (k - 1, 4, 2) between neighboring sections of an outline."""
+    count = len(outline) // 2
+    upper, lower = outline[:count], outline[count:-1][::-1]
+    return np.stack([upper[:-1], upper[1:], lower[1:], lower[:-1]], axis=1)
+
+
+def describe_heights(scene: Scene) -> str:
+    """Return a caption with the factor of the drawn section heights, or "" if there is none."""
+    scale = scene.height_scale
+    return "" if scale == 1.0 else f"section heights \u00d7 {scale:.4g}"
 
 
 def create_bare_axis(corners: tuple[Array, Array], strip: float = 0.0) -> tuple[Figure, Axes]:

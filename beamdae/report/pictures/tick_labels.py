@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
+import numpy as np
 from matplotlib.axis import Axis
-from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
+from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
 _MINUS, _TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 _SUPERSCRIPTS = str.maketrans(f"-{_MINUS}0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Numbers outside 1e-3 to 1e4 have a common power of ten beside the axis.
-_POWER_LIMITS = (-3, 4)
+# Axes show values of 1e4 and more, and below 1e-2, in multiples of 1000 of their unit. Pages follow
+# the same rule, see page/script/numbers.js.
+_SMALL, _LARGE = -3, 4  # exponents of ten
+_PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
+_PREFIXED_UNIT = re.compile(r"(Pa|N|J|W|Hz|V|A)(?=$|[ /*·])")
+_REDUCED_UNIT = re.compile(r"(m|rad|s)(?=$|[ /*·])")  # no usual prefix enlarges these
+_UNIT = re.compile(r"\[([^\[\]]*)\]$")
 
 
 def format_ticks(axis: Axis) -> None:
@@ -32,16 +39,69 @@ def _to_plain_text(formula: str) -> str:
     return re.sub(r"[${}]", "", text).replace("-", _MINUS)
 
 
-class _PlainFormatter(ScalarFormatter):
+def engineering_order(largest: float) -> int:
+    """Return the power of ten, a multiple of 3, by which axes up to `largest` divide values."""
+    if not 0.0 < largest < math.inf:
+        return 0
+    exponent = math.floor(math.log10(largest) + 1e-9)
+    return 3 * (exponent // 3) if exponent >= _LARGE or exponent <= _SMALL else 0
+
+
+def scale_unit(unit: str, order: int) -> str:
+    """Return the unit of values that are divided by ten to the power `order`."""
+    is_reduced = order < 0 and _REDUCED_UNIT.match(unit)
+    if order in _PREFIXES and (is_reduced or _PREFIXED_UNIT.match(unit)):
+        return _PREFIXES[order] + unit
+    power = f"10{str(order).translate(_SUPERSCRIPTS)}" if order else ""
+    return f"{power} {'' if order and unit == '-' else unit}".strip()
+
+
+class _PlainFormatter(Formatter):
+    """Formatter of values divided by a power of ten, which is in the unit of the axis label."""
+
     def __init__(self) -> None:
-        super().__init__(useMathText=True)
-        self.set_powerlimits(_POWER_LIMITS)
+        self._order = 0
+        # The label with the unit of the values, and the last one with the unit of the ticks.
+        self._label, self._scaled_label = "", ""
+        # Formats the divided values, with a common offset if they are close together.
+        self._numbers = ScalarFormatter(useMathText=True)
+        self._numbers.set_scientific(False)
+        self._numbers.create_dummy_axis()
+
+    def set_locs(self, locs: Any) -> None:
+        super().set_locs(locs)
+        axis: Any = self.axis
+        limits = np.array(axis.get_view_interval())
+        visible = [abs(x) for x in locs if limits.min() <= x <= limits.max()]
+        self._order = engineering_order(max(visible, default=0.0))
+        factor = 10.0**self._order
+        numbers_axis: Any = self._numbers.axis
+        numbers_axis.set_view_interval(*(limits / factor))
+        self._numbers.set_locs([float(x) / factor for x in locs])
+        self._scale_label()
 
     def __call__(self, x: float, pos: Any = None) -> str:
-        return _to_plain_text(super().__call__(x, pos))
+        return _to_plain_text(self._numbers(x / 10.0**self._order, pos))
+
+    def _scale_label(self) -> None:
+        axis = self.axis
+        if not isinstance(axis, Axis):
+            return
+        if (label := axis.get_label_text()) != self._scaled_label:
+            self._label = label
+        if _UNIT.search(self._label):
+            scaled = _UNIT.sub(lambda x: f"[{scale_unit(x[1], self._order)}]", self._label)
+        else:
+            scaled = f"{self._label} [{scale_unit('', self._order)}]" if self._label else ""
+        self._scaled_label = scaled if self._order else self._label
+        if self._scaled_label != label:
+            axis.label.set_text(self._scaled_label)
 
     def get_offset(self) -> str:
-        return _to_plain_text(super().get_offset())
+        offset = _to_plain_text(self._numbers.get_offset())
+        if self._order and not self._label:
+            return f"{offset} {_TIMES}{scale_unit('', self._order)}".strip()
+        return offset
 
 
 class _PlainLogFormatter(LogFormatterSciNotation):

@@ -23,6 +23,7 @@ Array = np.ndarray
 
 _POSITION_DIGITS = 5  # of positions, relative to the extent of the scene
 _FRACTION_DIGITS = 5  # of angles and fractions
+_HEIGHT_DIGITS = 4  # of section heights
 _COLOR_DIGITS = 3  # of color values, relative to the limit of their scale
 
 
@@ -55,7 +56,8 @@ def export_frames(
     dict
         - "t": times [s].
         - "bodies": curves with "name", "kind" and coordinates "x", "y" [m] as one list of points
-          per frame. A trail has a single list and the number of "frames".
+          per frame. A trail has a single list and the number of "frames". Beams that are drawn
+          with their "heights" have one height per point [m].
         - "poses": "x", "y" [m] and "turn" [rad] over the frames, or one value if it is constant.
         - "symbols", see `Symbol`: "name", "kind", "at" and "to" (indices of poses), "along", and
           "points" with None at interruptions of the line. If the part is inactive at times,
@@ -64,6 +66,7 @@ def export_frames(
           "values" by beam name, as one list along the beam per frame.
         - "extent": lower left and upper right corner of the scene [m].
         - "scale": factor by which displacements are enlarged, if it is not 1.
+        - "heights": factor that makes the heights of beams visible, if they are drawn.
     """
     low, high = scene.extent()
     digits = _POSITION_DIGITS - math.floor(math.log10(float(np.max(high - low)) or 1.0))
@@ -77,6 +80,7 @@ def export_frames(
         "colors": [_export_colors(x) for x in colors],
         "extent": [low.tolist(), high.tolist()],
         **({"scale": scale} if scale != 1.0 else {}),
+        **({"heights": scene.height_scale} if scene.has_heights else {}),
     }
 
 
@@ -85,6 +89,8 @@ def _export_curve(curve: MovingCurve, digits: int) -> dict[str, Any]:
     positions = curve.positions[-1:] if is_trail else curve.positions
     x, y = np.moveaxis(np.round(positions, digits), -1, 0)
     data = {"name": curve.part, "kind": curve.kind, "x": _to_list(x), "y": _to_list(y)}
+    if curve.heights is not None:
+        data["heights"] = [float(f"{x:.{_HEIGHT_DIGITS}g}") for x in curve.heights]
     return data | ({"frames": len(curve.positions)} if is_trail else {})
 
 

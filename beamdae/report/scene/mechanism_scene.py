@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
+from beamdae.beams.sections import VaryingSection
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Drawing, Part
 from beamdae.report.scene.poses import Poses
-from beamdae.report.scene.scene import Scene, bounding_box
+from beamdae.report.scene.scene import Scene, bounding_box, round_down_scale
 from beamdae.report.scene.scene_builder import Measure, SceneBuilder
 from beamdae.report.scene.shapes import circle
 from beamdae.report.scene.symbols import draw_symbol
@@ -23,6 +25,8 @@ MAX_BEAM_SECTIONS = 49  # per beam, enough for a smooth curve in a figure
 _MIN_BEAM_SECTIONS = 9  # per beam
 _MAX_SECTIONS = 600  # total of all beams, unless the minimum per beam requires more
 _SYMBOL_SIZE = 0.022  # relative to the extent of the scene
+# Section heights are enlarged until the largest one has this size, relative to the mechanism.
+_VISIBLE_HEIGHT = 0.025
 # Radii of a particle and of a body with a single point, relative to the symbol size. A particle is
 # larger than the pin of a joint at the same point.
 _PARTICLE_RADIUS = 0.42
@@ -66,15 +70,17 @@ def build_scene(
         raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
     low, high = bounding_box(np.concatenate(points))
     builder.size = _SYMBOL_SIZE * (float(np.max(high - low)) or 1.0)
+    heights = _collect_heights(mechanism, bodies)
     for (body, drawing), line in zip(bodies, lines, strict=True):
         builder.part = body
-        _draw_body(drawing, line, builder)
+        _draw_body(drawing, line, builder, heights.get(body))
     body_names = {body for body, _ in bodies}
     for part in mechanism.parts.values():
         if part.name not in body_names and not is_hidden(part):
             builder.part = part.name
             draw_symbol(part, builder)
-    return builder.build()
+    scene = builder.build()
+    return replace(scene, height_scale=_choose_height_scale(heights, bodies)) if heights else scene
 
 
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
@@ -102,7 +108,42 @@ def count_beam_sections(mechanism: Mechanism) -> int:
     return int(np.clip(_MAX_SECTIONS // max(beams, 1), _MIN_BEAM_SECTIONS, MAX_BEAM_SECTIONS))
 
 
-def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
+def _collect_heights(
+    mechanism: Mechanism, bodies: Sequence[tuple[str, Drawing]]
+) -> dict[str, Array]:
+    """Return the section heights [m] of all beams by name, if the section of any beam varies.
+
+    Beams without a height are omitted, as are all beams if no section varies: the line of a beam
+    then has a constant width.
+    """
+    places = {
+        body: [x.s or 0.0 for x in drawing.places]
+        for body, drawing in bodies
+        if isinstance(mechanism.parts.get(body), Beam)
+    }
+    beams = [part for part in mechanism.parts.values() if isinstance(part, Beam)]
+    if not any(isinstance(beam.section, VaryingSection) for beam in beams):
+        return {}
+    heights = {
+        beam.name: [beam.section.at(s).height for s in places[beam.name]]
+        for beam in beams
+        if beam.name in places
+    }
+    return {beam: np.array(x) for beam, x in heights.items() if None not in x}
+
+
+def _choose_height_scale(
+    heights: Mapping[str, Array], bodies: Sequence[tuple[str, Drawing]]
+) -> float:
+    """Return the factor of section heights, which is the same in all states of a mechanism."""
+    points = np.array([x.point for _, drawing in bodies for x in drawing.places])
+    largest = max(float(np.max(x)) for x in heights.values())
+    return round_down_scale(max(_VISIBLE_HEIGHT * float(np.max(np.ptp(points, 0))) / largest, 1.0))
+
+
+def _draw_body(
+    drawing: Drawing, line: Array, builder: SceneBuilder, heights: Array | None = None
+) -> None:
     attachments = drawing.places
     if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
         _draw_rigid_body(attachments, builder)
@@ -111,7 +152,7 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
         builder.add_rigid("point", row, circle(_PARTICLE_RADIUS * builder.size))
         builder.add_name(row)
     else:
-        builder.add_curve(drawing.kind, line)
+        builder.add_curve(drawing.kind, line, heights)
         builder.add_name(builder.add_attachment(attachments[len(attachments) // 2]))
 
 

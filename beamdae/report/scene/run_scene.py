@@ -26,7 +26,7 @@ from beamdae.report.scene.mechanism_scene import (
     count_beam_sections,
 )
 from beamdae.report.scene.poses import CoordinatePoses, EnlargedPoses, Poses, enlarge
-from beamdae.report.scene.scene import MovingCurve, Scene
+from beamdae.report.scene.scene import MovingCurve, Scene, round_down_scale
 from beamdae.report.scene.scene_builder import Measure
 from beamdae.results.solution import Solution
 from beamdae.symbolic.statements import Quantity
@@ -126,8 +126,7 @@ def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
     rotation = float(np.nanmax(np.abs(rotations) / limits, initial=0.0))  # relative to its limit
     if scale * rotation > 1.0:
         scale = max(1.0 / rotation, 1.0)
-    power = 10.0 ** np.floor(np.log10(scale))
-    return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
+    return round_down_scale(scale)
 
 
 def choose_run_scale(solution: Solution, times: Array, scene: Scene) -> float:

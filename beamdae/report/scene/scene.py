@@ -25,11 +25,24 @@ class MovingCurve:
         Key of the style, see `pictures.scene_artists`.
     positions
         Positions (frames, k, 2) of the k points [m].
+    heights
+        Heights (k,) of a beam across the line [m], drawn to scale; None for a line.
     """
 
     part: str
     kind: str
     positions: Array
+    heights: Array | None = None
+
+    def outline(self, scale: float) -> Array:
+        """Return the closed outline (frames, 2 k + 1, 2) [m] of the heights times `scale`."""
+        assert self.heights is not None
+        tangent = np.gradient(self.positions, axis=1)
+        length = np.maximum(np.hypot(*np.moveaxis(tangent, -1, 0)), np.finfo(float).tiny)
+        normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / length[..., None]
+        arm = 0.5 * scale * self.heights[:, None] * normal
+        upper, lower = self.positions + arm, self.positions - arm
+        return np.concatenate([upper, lower[:, ::-1], upper[:, :1]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +92,8 @@ class Scene:
         Symbol size [m].
     absent
         Masks (frames,) that are True in frames in which a part is inactive, by part name.
+    height_scale
+        Factor of the section heights of beams, which makes them visible.
     """
 
     poses: Array
@@ -86,6 +101,7 @@ class Scene:
     names: tuple[tuple[int, str], ...]
     size: float
     absent: Mapping[str, Array] = field(default_factory=dict)
+    height_scale: float = 1.0
 
     def line(self, glyph: Glyph) -> Array:
         """Return the points (frames, k, 2) [m] of a glyph; nan in frames without the glyph."""
@@ -110,12 +126,31 @@ class Scene:
         """Iterate over all glyphs and their points, see `line`."""
         return zip(self.glyphs, map(self.line, self.glyphs), strict=False)
 
+    @property
+    def has_heights(self) -> bool:
+        """True if beams are drawn with the heights of their sections."""
+        return any(isinstance(x, MovingCurve) and x.heights is not None for x in self.glyphs)
+
+    def outlines(self) -> Iterator[tuple[Glyph, Array]]:
+        """Iterate over all glyphs and their visible lines: outlines of beams with heights."""
+        for glyph, line in self.lines():
+            if isinstance(glyph, MovingCurve) and glyph.heights is not None:
+                yield glyph, glyph.outline(self.height_scale)
+            else:
+                yield glyph, line
+
     def extent(self) -> tuple[Array, Array]:
         """Return the lower left and upper right corner [m] of the scene, with a minimum size."""
-        points = [line.reshape(-1, 2) for _, line in self.lines()]
+        points = [line.reshape(-1, 2) for _, line in self.outlines()]
         low, high = bounding_box(np.concatenate(points or [self.poses[..., :2].reshape(-1, 2)]))
         margin = 0.5 * max(_MIN_EXTENT * self.size - float(np.max(high - low)), 0.0)
         return low - margin, high + margin
+
+
+def round_down_scale(scale: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that does not exceed `scale`."""
+    power = 10.0 ** np.floor(np.log10(scale))
+    return float(power * max(x for x in (1.0, 2.0, 5.0) if x * power <= scale * (1.0 + 1e-9)))
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:

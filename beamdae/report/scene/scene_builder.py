@@ -81,9 +81,9 @@ class SceneBuilder:
         c, s = np.cos(self._poses[a][:, 2]), np.sin(self._poses[a][:, 2])
         return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
-    def add_curve(self, kind: str, positions: Array) -> None:
-        """Add a line through points (frames, k, 2) [m]."""
-        self._glyphs.append(MovingCurve(self.part, kind, positions))
+    def add_curve(self, kind: str, positions: Array, heights: Array | None = None) -> None:
+        """Add a line through points (frames, k, 2) [m], see `MovingCurve`."""
+        self._glyphs.append(MovingCurve(self.part, kind, positions, heights))
 
     def add_rigid(self, kind: str, at: int, points: Array) -> None:
         """Add a line through points (k, 2) [m] that are fixed in the axes of a pose."""

@@ -7,7 +7,8 @@ const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have even
 const MAX_POWER_TICKS = 8;
 
 // Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
-function createScale([low, high], [start, end], isLog, givenTicks, stepBase) {
+// Evenly spaced ticks show values divided by ten to the power `order`; other ticks have the order 0.
+function createScale([low, high], [start, end], isLog, givenTicks, stepBase, order = 0) {
   const forward = isLog ? Math.log10 : (value) => value;
   const [first, last] = [forward(low), forward(high)];
   const toPosition = (value) => start + ((end - start) * (forward(value) - first)) / (last - first);
@@ -17,12 +18,12 @@ function createScale([low, high], [start, end], isLog, givenTicks, stepBase) {
   };
   const intervals = clamp(Math.abs(end - start) / TICK_SPACING, MIN_TICK_INTERVALS, MAX_TICK_INTERVALS);
   const hasPowers = isLog && Math.log10(high / low) > MIN_POWER_TICK_DECADES;
-  const ticks = givenTicks
-    ? spaceTicks(givenTicks, intervals)
-    : hasPowers
-      ? createPowerTicks(low, high)
-      : createLinearTicks(low, high, intervals, stepBase);
-  return { toPosition, toValue, start, end, ticks };
+  const scale = { toPosition, toValue, start, end, order: 0 };
+  if (givenTicks) return { ...scale, ticks: spaceTicks(givenTicks, intervals) };
+  if (hasPowers) return { ...scale, ticks: createPowerTicks(low, high) };
+  const factor = 10 ** order;
+  const ticks = createLinearTicks(low / factor, high / factor, intervals, stepBase);
+  return { ...scale, order, ticks: ticks.map(({ value, text }) => ({ value: value * factor, text })) };
 }
 
 // Evenly spaced selection of named ticks that leaves room for their texts.
@@ -105,7 +106,7 @@ function createAxes(box, x, y, titles) {
     ...vertical,
     ...horizontal,
     createPlotArea(box, { class: "axis" }),
-    svg("text", { class: "title", x: middle, y: box.height - 5, "text-anchor": "middle" }, titles.x),
-    svg("text", { class: "title", x: 2, y: 14 }, titles.y),
+    svg("text", { class: "title", x: middle, y: box.height - 5, "text-anchor": "middle" }, scaleTitle(titles.x, x.order)),
+    svg("text", { class: "title", x: 2, y: 14 }, scaleTitle(titles.y, y.order)),
   ];
 }

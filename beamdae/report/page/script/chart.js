@@ -68,10 +68,14 @@ function drawChart(chart, width = chart.element.clientWidth) {
   const box = { width: Math.max(chart.width || 640, MIN_CHART_WIDTH), top: 24 };
   Object.assign(box, { right: box.width - 14, height: spec.height(box.width) });
   box.bottom = box.height - 34;
-  const y = createScale(visibleRange(chart, "y"), [box.bottom, box.top], spec.y.log, spec.y.ticks, spec.y.stepBase);
+  const create = (axis, positions) => {
+    const { range, log, ticks, stepBase } = spec[axis];
+    return createScale(visibleRange(chart, axis), positions, log, ticks, stepBase, engineeringOrder(range));
+  };
+  const y = create("y", [box.bottom, box.top]);
   const labelLength = Math.max(...y.ticks.map(({ text }) => text.length), 0);
   box.left = Math.max(14 + DIGIT_WIDTH * labelLength, MIN_LEFT_MARGIN);
-  const x = createScale(visibleRange(chart, "x"), [box.left, box.right], spec.x.log, spec.x.ticks);
+  const x = create("x", [box.left, box.right]);
   Object.assign(chart, { box, x, y });
   const clipId = `clip-${spec.id}`;
   for (const layer of [plot, overlay, timeLayer]) layer.setAttribute("viewBox", `0 0 ${box.width} ${box.height}`);

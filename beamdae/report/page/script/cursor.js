@@ -64,7 +64,7 @@ function drawCursor({ spec, overlay, box, x, y }, time, tooltipPosition) {
       {},
       html("td", {}, createLineIcon(line.style)),
       html("td", {}, line.label),
-      html("td", {}, formatValue(value)),
+      html("td", {}, value === null ? formatValue(value) : formatReading(value, spec.y.title, y.order)),
     ),
   );
   showTooltip(
@@ -73,6 +73,12 @@ function drawCursor({ spec, overlay, box, x, y }, time, tooltipPosition) {
     html("strong", {}, formatTime(time)),
     html("table", {}, ...rows),
   );
+}
+
+// Value in the unit of the axis.
+function formatReading(value, title, order) {
+  const unit = /\[([^\]]*)\]$/.exec(title)?.[1] ?? "";
+  return `${formatValue(value / 10 ** order)} ${order ? scaleUnit(unit, order) : ""}`.trim();
 }
 
 function createDot({ line, value, t }, x, y, box) {

@@ -27,13 +27,14 @@ function createStage(frames, color) {
   const glyphs = [...frames.bodies, ...frames.symbols];
   const layered = glyphs.map((glyph) => [layerOf(glyph.kind), glyph]).sort(([a], [b]) => a - b);
   const { place, box, zoom } = fitStage(frames, glyphs);
-  const moving = layered.map(([, glyph]) => createMovingGlyph(glyph, frames, place, color));
+  const heightScale = commonHeightScale(frames);
+  const moving = layered.map(([, glyph]) => createMovingGlyph(glyph, frames, place, color, heightScale));
   const initial = glyphs
     .filter(({ kind }) => BODY_KINDS.includes(kind))
     .map((glyph) =>
       svg("path", {
-        class: `body ${glyph.kind} initial`,
-        d: formatPath(glyphPoints(glyph, 0, frames), place),
+        class: `body ${glyph.kind}${glyph.heights ? " solid" : ""} initial`,
+        d: formatPath(visiblePoints(glyph, 0, frames, heightScale), place),
       }),
     );
   motion.draw = (frame) => moving.forEach(({ show }) => show(frame));
@@ -43,7 +44,7 @@ function createStage(frames, color) {
     svg("rect", { class: "stage", ...box, rx: 6 }),
     ...initial,
     ...moving.map(({ element }) => element),
-    ...createScaleBar(zoom, box, frames.scale),
+    ...createScaleBar(zoom, box, frames.scale, heightScale),
   );
 }
 
@@ -99,6 +100,32 @@ function curvePoints({ kind, x, y, points, frames }, frame) {
   });
 }
 
+// Points of the visible line: the outline of a beam that is drawn with the heights of its sections.
+function visiblePoints(glyph, frame, frames, heightScale) {
+  const points = glyphPoints(glyph, frame, frames);
+  if (!glyph.heights) return points;
+  const sides = removeMissing(offsetPoints(points, glyph.heights, heightScale));
+  return [...sides.map(([upper]) => upper), ...sides.map(([, lower]) => lower).reverse(), ...(sides[0]?.slice(0, 1) ?? [])];
+}
+
+// Pairs of points on the upper and the lower surface of a beam; null where its axis has no point.
+function offsetPoints(points, heights, heightScale) {
+  return points.map((point, k) => {
+    if (!point) return null;
+    const [before, after] = [points[k - 1] ?? point, points[k + 1] ?? point];
+    const [dx, dy] = [after[0] - before[0], after[1] - before[1]];
+    const arm = (heightScale * heights[k]) / 2 / (Math.hypot(dx, dy) || 1);
+    return [1, -1].map((side) => [point[0] - side * arm * dy, point[1] + side * arm * dx]);
+  });
+}
+
+// Factor of section heights, the same for all mechanisms of a page, which can be compared then; 1 without heights.
+function commonHeightScale(frames) {
+  const entries = typeof page === "undefined" ? [] : [...page.groups, ...page.cases];
+  const scales = [frames, ...entries.map((entry) => entry.frames)].map((other) => other?.heights);
+  return Math.min(...removeMissing(scales), Infinity) === Infinity ? 1 : Math.min(...removeMissing(scales));
+}
+
 // A pose that does not move is stored as a single value.
 function poseAt(pose, frame) {
   return [pose.x, pose.y, pose.turn].map((values) => values[values.length > 1 ? frame : 0]);
@@ -113,29 +140,38 @@ function formatPath(points, place) {
   return removeMissing(points).length === 1 ? path + path.replace("M", "L") : path;
 }
 
-function createMovingGlyph(glyph, frames, place, color) {
+function createMovingGlyph(glyph, frames, place, color, heightScale) {
   const values = color && glyph.x && color.values.find(({ name }) => name === glyph.name)?.values;
-  if (values) return createColoredBeam(glyph, place, color, values);
-  const element = svg("path", { class: `body ${glyph.kind}` }, svg("title", {}, glyph.name));
-  const show = (frame) => element.setAttribute("d", formatPath(glyphPoints(glyph, frame, frames), place));
+  if (values) return createColoredBeam(glyph, place, color, values, heightScale);
+  const kind = glyph.heights ? `${glyph.kind} solid` : glyph.kind;
+  const element = svg("path", { class: `body ${kind}` }, svg("title", {}, glyph.name));
+  const show = (frame) =>
+    element.setAttribute("d", formatPath(visiblePoints(glyph, frame, frames, heightScale), place));
   return { element, show };
 }
 
 // One path per level of the color scale, which contains the beam segments at this level.
-function createColoredBeam(glyph, place, { scale, limits }, values) {
+function createColoredBeam(glyph, place, { scale, limits }, values, heightScale) {
   const levels = Array.from({ length: COLOR_LEVELS }, (_, k) => {
     const stroke = interpolateColor(scale, (k + 0.5) / COLOR_LEVELS);
-    return svg("path", { class: `body ${glyph.kind}`, style: `stroke: ${stroke}` });
+    return glyph.heights
+      ? svg("path", { class: `body ${glyph.kind} solid`, style: `stroke: ${stroke}; fill: ${stroke}` })
+      : svg("path", { class: `body ${glyph.kind}`, style: `stroke: ${stroke}` });
   });
   const [low, high] = limits;
   const show = (frame) => {
     const points = curvePoints(glyph, frame);
+    const sides = glyph.heights && offsetPoints(points, glyph.heights, heightScale);
     const paths = levels.map(() => "");
     for (let k = 1; k < points.length; k += 1) {
       const index = frame * points.length + k;
       const share = ((values[index - 1] + values[index]) / 2 - low) / (high - low);
       const level = clamp(Math.floor(share * COLOR_LEVELS), 0, COLOR_LEVELS - 1);
-      if (points[k - 1] && points[k]) paths[level] += `M${place(points[k - 1])}L${place(points[k])}`;
+      if (!points[k - 1] || !points[k]) continue;
+      const corners = sides
+        ? [...sides[k - 1], ...[...sides[k]].reverse(), sides[k - 1][0]]
+        : [points[k - 1], points[k]];
+      paths[level] += formatPath(corners, place);
     }
     levels.forEach((path, k) => path.setAttribute("d", paths[k]));
   };
@@ -148,13 +184,15 @@ function interpolateColor(scale, share) {
   return `color-mix(in srgb, ${scale[k + 1]} ${(100 * (position - k)).toFixed(1)}%, ${scale[k]})`;
 }
 
-function createScaleBar(zoom, box, scale) {
+function createScaleBar(zoom, box, scale, heightScale) {
   const length = roundDownToNice(box.width / 4 / zoom);
   const [x, y] = [12, box.height - 10];
+  const factors = [scale && `displacements × ${scale}`, heightScale > 1 && `section heights × ${heightScale}`];
+  const caption = factors.filter(Boolean).join(", ");
   return [
     svg("path", { class: "cursor", d: `M${x} ${y - 4}V${y}H${x + length * zoom}V${y - 4}`, fill: "none" }),
     svg("text", { x: x + 4, y: y - 6 }, `${formatValue(length)} m`),
-    ...(scale ? [svg("text", { x: box.width - 12, y: y - 6, "text-anchor": "end" }, `displacements × ${scale}`)] : []),
+    ...(caption ? [svg("text", { x: box.width - 12, y: y - 6, "text-anchor": "end" }, caption)] : []),
   ];
 }
 

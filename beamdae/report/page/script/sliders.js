@@ -108,7 +108,7 @@ function haveSameShape(frames, other) {
   const describe = ({ t, bodies, symbols, poses }) =>
     JSON.stringify([
       t.length,
-      bodies.map(({ name, kind, points }) => [name, kind, points]),
+      bodies.map(({ name, kind, points, heights }) => [name, kind, points, Boolean(heights)]),
       symbols.map(({ name, kind, at, to, points }) => [name, kind, at, to, points.map((point) => point === null)]),
       poses.length,
     ]);
@@ -138,7 +138,10 @@ function mixFrames(corners) {
   return {
     ...first,
     t: mix(({ t }) => t),
-    bodies: first.bodies.map((body, k) => ({ ...body, ...mixAxes("bodies", k, ["x", "y"]) })),
+    bodies: first.bodies.map((body, k) => ({
+      ...body,
+      ...mixAxes("bodies", k, body.heights ? ["x", "y", "heights"] : ["x", "y"]),
+    })),
     poses: first.poses.map((pose, k) => ({ ...pose, ...mixAxes("poses", k, ["x", "y", "turn"]) })),
     symbols: first.symbols.map((symbol, k) => ({
       ...symbol,
