@@ -16,6 +16,9 @@
 #define MIN_RATE 1e-4
 #define MIN_FIRST_RATE 1e-2
 #define MAX_ITERATIONS 12
+/* Corrections of reactions; see beamdae.integrators.alpha.step_loop. */
+#define STAGNATION_RATE 0.5
+#define REACTION_ROUNDING 1e-6
 /* Starting values; see beamdae.integrators.alpha.family. */
 #define JERK_INTERVAL 1e-2
 #define STIFF_TIME 0.5
@@ -37,7 +40,9 @@ struct Method {
     double *a, *ddq_n, *lam_n, *start, *jump;
     /* Work arrays. */
     double *a_predicted, *first_iterate, *change, *at_q, *at_v, *at_a, *x, *jerk;
-    double c_v, c_a, c_f, correction_limit;
+    double c_v, c_a, c_f, correction_limit, reaction_factor;
+    /* Sizes of the last correction: of positions, and of positions and reactions. */
+    double q_size, size;
     /* The non-zeros of `step_factors` are part of the state. */
     Factors step_factors, derivative_factors;
 };
@@ -136,14 +141,20 @@ static void set_step(Instance *s, double h) {
 static double correct(Instance *s) {
     Method *w = s->method;
     const Model *model = s->model;
-    double square = 0.0;
+    double square = 0.0, reactions = 0.0;
     solve(&w->step_factors, w->change);
     for (Index i = 0; i < model->n + model->m; i++) w->x[i] -= w->change[i];
     for (Index i = 0; i < model->n; i++) {
         const double weighted = w->change[i] * model->weights[i];
         square += weighted * weighted;
     }
-    return sqrt(square);
+    w->q_size = w->size = sqrt(square);
+    if (w->reaction_factor > 0.0) {
+        for (Index i = model->n; i < model->n + model->m; i++)
+            reactions += w->change[i] * w->change[i];
+        w->size = sqrt(square + w->reaction_factor * w->reaction_factor * reactions);
+    }
+    return w->size;
 }
 
 static int iterate_newton(Instance *s, double t, int may_renew) {
@@ -157,6 +168,11 @@ static int iterate_newton(Instance *s, double t, int may_renew) {
         if (k > 0) w->now->rate = previous > 0.0 ? fmax(size / previous, MIN_RATE) : 0.0;
         const double rate = k > 0 ? w->now->rate : fmax(w->now->rate, MIN_FIRST_RATE);
         if (rate < 1.0 && size * rate <= w->correction_limit * (1.0 - rate)) return DONE;
+        if (w->q_size < size && w->q_size <= w->correction_limit && rate > STAGNATION_RATE) {
+            const double tolerance = s->model->newton_tolerance;
+            const int is_rounding = size * tolerance <= REACTION_ROUNDING * w->correction_limit;
+            return is_rounding || (may_renew && k > 0) ? DONE : NOT_CONVERGED;
+        }
         if (may_renew && rate > SLOW_RATE) {
             const int code = factorize_step_matrix(s, t);
             if (code != DONE) return code;
@@ -213,11 +229,15 @@ static void pack_state(const Instance *s, double *y) {
 static void set_correction_limit(Instance *s) {
     Method *w = s->method;
     const Model *model = s->model;
-    double largest = 0.0;
+    double largest = 0.0, reaction = 0.0;
     for (Index i = 0; i < model->n; i++)
         largest = fmax(largest, fabs(s->ddq[i] * model->weights[i]));
+    for (Index i = 0; i < model->m && model->forces_depend_on_reactions; i++)
+        reaction = fmax(reaction, fabs(s->lam[i]));
     w->correction_limit =
         fmax(model->newton_tolerance * w->c_f * largest, model->min_correction_limit);
+    reaction *= model->newton_tolerance * w->c_f;
+    w->reaction_factor = reaction > 0.0 ? w->correction_limit / reaction : 0.0;
 }
 
 /* Let the equations of a step of length zero begin at y = (q, v, q'', lam). */

@@ -62,6 +62,10 @@ _SAFETY = 0.8
 # Coordinates whose vectors fit into the fastest processor cache together: several operations on
 # them read each number from memory once.
 _CHUNK = 512
+# Corrections of reactions that decrease by less than this factor are rounding errors ...
+_STAGNATION_RATE = 0.5
+# ... if they are smaller than this, relative to the largest reaction, or if factors are new.
+_REACTION_ROUNDING = 1e-6
 # Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-9
 
@@ -245,8 +249,7 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     combine(x[n:end], factors, (current.lam, run.lam_n))
     combine(run.lam_n, (1.0,), (current.lam,))
     fill(x[end:], 0.0)
-    correction_limit = run.newton_tolerance * c[2] * max_norm(current.ddq, run.weights)
-    run.correction_limit = max(correction_limit, run.min_correction_limit)
+    _set_correction_limit(run)
     code = _solve_step(run, t)
     if code != DONE:
         return code
@@ -262,6 +265,15 @@ def _advance_step(run: AlphaWorkspace, t: float) -> int:
     run.t = t
     run.step_ratio = 1.0
     return DONE
+
+
+def _set_correction_limit(run: AlphaWorkspace) -> None:
+    """Set the limit of corrections, and the factor that compares those of reactions with it."""
+    current, c_f = run.current, run.prediction.coefficients[2]
+    limit = run.newton_tolerance * c_f * max_norm(current.ddq, run.weights)
+    run.correction_limit = max(limit, run.min_correction_limit)
+    reaction = run.newton_tolerance * c_f * max_norm(current.lam, run.reaction_weights)
+    run.reaction_factor = run.correction_limit / reaction if reaction > 0.0 else 0.0
 
 
 def apply_input_jump(run: AlphaWorkspace) -> int:
@@ -288,6 +300,7 @@ def apply_input_jump(run: AlphaWorkspace) -> int:
         for k in run.states:
             current.v[k] -= change[k] / c[2]
     combine(at.v, (1.0,), (current.v,))
+    _set_correction_limit(run)
     code = _solve_step(run, run.t)
     if code != DONE:
         return code
@@ -373,16 +386,25 @@ def _factorize_step_matrix(run: AlphaWorkspace, t: float) -> int:
 
 
 def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
-    x, change = run.x, run.change
+    """Iterate until the corrections of positions, and of reactions with friction, are small.
+
+    Without a test of the reactions, those of driven mechanisms, whose positions the constraints
+    determine, would not converge with the friction that depends on them. Their rounding errors may
+    exceed the limit, so that corrections that no longer decrease end the iteration.
+    """
+    x, change, n = run.x, run.change, run.current.q.size
     x_change = change[: x.size]
-    q_change = change[: run.current.q.size]
+    q_change, lam_change = change[:n], change[n : n + run.current.lam.size]
     previous = math.inf
     for k in range(MAX_ITERATIONS):
         evaluate_step_residual(run.form, t, run.branch, run.prediction, x, change)
         run.residuals += 1
         solve(run.linear, change)
         combine(x, (1.0, -1.0), (x, x_change))
-        size = euclidean_norm(q_change, run.weights)
+        q_size = size = euclidean_norm(q_change, run.weights)
+        if run.reaction_factor > 0.0:
+            reaction = run.reaction_factor * euclidean_norm(lam_change, run.reaction_weights)
+            size = math.sqrt(q_size * q_size + reaction * reaction)
         if k == 0 and not math.isfinite(size):
             return NOT_FINITE
         if not size <= MAX_CORRECTION_GROWTH * previous:
@@ -392,6 +414,9 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
         rate = run.rate if k > 0 else max(run.rate, MIN_FIRST_RATE)
         if rate < 1.0 and size * rate <= run.correction_limit * (1.0 - rate):
             return DONE
+        if q_size < size and q_size <= run.correction_limit and rate > _STAGNATION_RATE:
+            is_rounding = size * run.newton_tolerance <= _REACTION_ROUNDING * run.correction_limit
+            return DONE if is_rounding or (may_renew and k > 0) else NOT_CONVERGED
         if may_renew and rate > SLOW_RATE:
             code = _factorize_step_matrix(run, t)
             if code != DONE:

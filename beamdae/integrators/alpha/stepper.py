@@ -86,6 +86,7 @@ class AlphaStepper:
         matrix, weights = FactorizedMatrix.from_pattern(form.pattern), 1.0 / scales
         size = float(np.max(form.equations.position_scales * weights))
         n, m, member = form.equations.n, form.equations.m, start.member
+        has_friction = any(term.rows is not None for term in form.equations.forces)
 
         def make_motion() -> Motion:
             q, v, ddq, a = np.zeros((4, n))
@@ -115,6 +116,7 @@ class AlphaStepper:
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
+                reaction_weights=np.full(m, float(has_friction)),
                 # Each step may be followed by the state after a sample.
                 rows=allocate_rows(1 + 3 * n + m, 2 * self.steps_per_check),
                 newton_tolerance=newton_tolerance,

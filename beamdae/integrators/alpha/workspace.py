@@ -61,6 +61,9 @@ class AlphaWorkspace:
         on `correction_limit`.
     correction_limit, rate
         Newton tolerance of scaled positions in the current step, and last rate of convergence.
+    reaction_weights, reaction_factor
+        1 for each multiplier if forces depend on reactions, otherwise 0, and factor that compares
+        corrections of reactions with `correction_limit`, 0 if they are not tested.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
     has_jumped
@@ -103,6 +106,7 @@ class AlphaWorkspace:
     change: Array
     nonzeros: Array
     weights: Array
+    reaction_weights: Array
     rows: Array
     newton_tolerance: float
     min_correction_limit: float
@@ -115,6 +119,7 @@ class AlphaWorkspace:
     step_ratio: float = 0.0
     most: int = 0
     correction_limit: float = 0.0
+    reaction_factor: float = 0.0
     rate: float = math.inf
     t: float = 0.0
     branch: float = 0.0
