@@ -76,6 +76,22 @@ def test_dense_and_sparse_matrices_agree(monkeypatch):
     assert_allclose(sparse.factors, dense.factors, rtol=1e-7)
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_regression_signs_of_symmetric_shapes_do_not_depend_on_rounding(formulation):
+    # Both ends rotate equally far; the one that rounding made larger chose the sign.
+    section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("column", line, section, elements=8, formulation=formulation))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("roller", mech.ground.at(0.0, 0.0), beam.end))
+    mech.add(bd.Force("press", beam.end, (-section.EI, 0.0)))
+    result = bd.buckling(mech, n=3)
+    for shape in result.shapes / bd.equations_of_motion(mech).position_scales:
+        first = np.flatnonzero(np.abs(shape) >= (1.0 - 1e-6) * np.max(np.abs(shape)))[0]
+        assert shape[first] == pytest.approx(1.0, abs=1e-6)
+
+
 def test_linear_buckling_agrees_with_the_path():
     mech = portal()
     result = bd.buckling(mech, n=1)

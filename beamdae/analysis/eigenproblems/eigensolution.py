@@ -35,7 +35,7 @@ _GROWTH_TOLERANCE = 1e-9
 # this ratio are rounding errors. If the second number is 0.1, Beck's column flutters at 5 % more.
 _MIN_DAMPING_RATIO = 1e-12
 _DAMPED_GROWTH_TOLERANCE = 1e-6
-# Coordinates of a shape whose sizes differ by less than this fraction are equally large.
+# Sizes that differ by less than this fraction are equal but for rounding.
 _EQUAL_SIZE_TOLERANCE = 1e-6
 # Modes of models with states are computed with dense matrices.
 _MAX_STATE_COORDINATES = 2000
@@ -185,11 +185,19 @@ def _normalize(
     # symmetric shapes and of joints are equal up to rounding.
     if shapes.size:
         relative = shapes.real / lin.equations.position_scales[:, None]
-        sizes = np.abs(relative)
-        is_largest = sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes, axis=0)
-        largest = relative[np.argmax(is_largest, axis=0), np.arange(shapes.shape[1])]
+        largest = relative[locate_largest(relative), np.arange(shapes.shape[1])]
         shapes = shapes * np.where(largest < 0.0, -1.0, 1.0)
     return EigenSolution(values, shapes)
+
+
+def locate_largest(columns: Array) -> Array:
+    """Return the row of the largest absolute value of each column, (k,) for (n, k).
+
+    It is the first of those that are equal up to rounding.
+    """
+    sizes = np.abs(columns)
+    is_largest = sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes, axis=0)
+    return np.argmax(is_largest, axis=0)
 
 
 def damping_ratios(lin: LinearizedEquations, modes: EigenSolution) -> Array:

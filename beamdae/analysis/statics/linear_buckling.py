@@ -10,6 +10,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
@@ -61,7 +62,7 @@ class Buckling(HasTable, HasPage):
         Positive factors of the scaled loads at which the structure buckles [-], (k,), ascending.
     shapes
         Mode shapes, (k, n), scaled so that the largest absolute coordinate, relative to its natural
-        size, is 1.
+        size, is 1; the first one, if several are equally large.
     moves
         Name of the coordinate that moves most in each mode.
     loads
@@ -228,7 +229,7 @@ def buckling(
         buckled = begin.x + float(factors[0]) * path.response.x
         warnings += buckling_warnings(e, buckled[: e.n])
     shapes = vectors[: e.n] / e.position_scales[:, None]
-    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
+    largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
     asymmetry = abs(path.rate - path.rate.T).max()
     has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 
@@ -21,7 +22,6 @@ Array = np.ndarray
 _TANGENT_ROUNDING = 1e-12
 # The same for changes of the scaled forces.
 _FORCE_ROUNDING = 1e-13
-_EQUAL_SIZE_TOLERANCE = 1e-6
 # Displacements, in natural sizes, at which tangent and forces must be the same.
 _DISPLACEMENTS = (0.13, -0.07)
 
@@ -62,8 +62,7 @@ def hold_neutral_motions(system: LoadedEquations, x: Array) -> LoadedEquations:
     indices = []
     for _ in range(motions.shape[1]):
         sizes = la.norm(motions, axis=1)
-        # The first of several coordinates that move equally far, whatever the rounding.
-        index = int(np.argmax(sizes >= (1.0 - _EQUAL_SIZE_TOLERANCE) * np.max(sizes)))
+        index = int(locate_largest(sizes))
         row = motions[index] / sizes[index]
         motions = motions - np.outer(motions @ row, row)
         indices.append(index)
