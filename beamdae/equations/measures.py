@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
@@ -43,14 +45,31 @@ class ObservedRows:
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
-        # Transposed once: SciPy would copy all columns in each product.
-        columns = [np.ascontiguousarray(x.T) for x in (q, v)]
+        used, operator = self._operator
+        # Copied once: SciPy would copy all columns of all coordinates in each product.
+        local = [np.asarray(operator @ np.ascontiguousarray(x.T[used])) for x in (q, v)]
+        first = 0
         for o in e.observables:
-            local = (np.asarray(o.operator @ x).T for x in columns)
+            here = slice(first, first + o.operator.shape[0])
             accelerations = [np.asarray(o.operator @ a.T).T] if o.has_accelerations else []
-            arguments = (times, *local, e.p[o.data], lam[:, o.rows], *accelerations)
-            blocks.append(o.function(*arguments))
+            arguments = (*(x[here].T for x in local), e.p[o.data], lam[:, o.rows], *accelerations)
+            blocks.append(o.function(times, *arguments))
+            first = here.stop
         return np.hstack(blocks)
+
+    @cached_property
+    def _operator(self) -> tuple[Array, sp.csr_array]:
+        """Indices of the coordinates in use, and the operators of all observables on them."""
+        operators = [o.operator for o in self.equations.observables]
+        if not operators:
+            return np.zeros(0, np.intp), sp.csr_array((0, 0))
+        used, indices = np.unique(
+            np.concatenate([x.indices for x in operators]), return_inverse=True
+        )
+        lengths = np.concatenate([np.diff(x.indptr) for x in operators])
+        ends = np.concatenate([[0], np.cumsum(lengths)])
+        data = np.concatenate([x.data for x in operators])
+        return used, sp.csr_array((data, indices, ends), shape=(len(lengths), len(used)))
 
 
 @dataclass(frozen=True)

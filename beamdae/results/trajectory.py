@@ -173,8 +173,8 @@ class Interval:
         reaction = motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
         if self._degree(_DEGREE_OF_REACTIONS) != self._degree(_DEGREE_OF_MOTION):
             reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
-        positions = motion @ q if self.nodes_per_step == 1 else self.positions_at(t)
-        return State(positions, motion @ v, reaction @ a, reaction @ lam)
+        positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
+        return State(positions, _combine(motion, v), _combine(reaction, a), _combine(reaction, lam))
 
     def positions_at(self, t: Array) -> Array:
         """Return the coordinates q of `at` (j, n)."""
@@ -384,6 +384,22 @@ def _multiply_lagrange_factors(t: Array, x: Array) -> Array:
             if j != k:
                 weight *= factor / (x[k] - x[j])
     return weights
+
+
+def _combine(weights: sp.csr_array, rows: Array) -> Array:
+    """Return weights @ rows; all rows of the weights have the same number of entries.
+
+    Few combinations of many rows read only the rows that they need, with the same bits.
+    """
+    count, width = weights.shape[0], int(weights.indptr[1]) if weights.shape[0] else 0
+    if weights.nnz > len(rows):
+        # SciPy copies all rows unless they are contiguous.
+        return np.asarray(weights @ rows)
+    result = np.zeros((count, rows.shape[1]))
+    factors, nodes = weights.data.reshape(count, width), weights.indices.reshape(count, width)
+    for k in range(width):
+        result += factors[:, k, None] * rows[nodes[:, k]]
+    return result
 
 
 def _preceding_node(nodes: Array, t: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, TypeVar
@@ -10,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.powers import expand_powers
+from beamdae.symbolic.row_kernels import RowKernels, evaluate_copies, evaluate_rows
 from beamdae.symbolic.row_programs import RowProgram, can_vectorize
 from beamdae.symbolic.table_lookups import has_lookups, jacobian, weighted_derivative
 
@@ -17,6 +19,7 @@ Array = np.ndarray
 _Mapped = TypeVar("_Mapped")
 
 _MAX_MAPPED_ROWS = 128
+_MAPPED_ROWS_MULTIPLE = 16  # of blocks of more rows in total, so that few sizes are mapped
 # From this number of rows on, NumPy operations on columns are faster than the virtual machine.
 _MIN_PROGRAM_ROWS = 200
 # Number of rows of a program, whose columns then stay in the processor cache.
@@ -27,6 +30,14 @@ _MAX_COPY_POINTS = 4096
 _MAX_COPY_ROWS = 512
 # Number of mapped functions that are cached per function: runs differ in their last, shorter block.
 MAX_MAPPED_FUNCTIONS = 16
+
+
+def _balance_blocks(rows: int) -> int:
+    """Return the number of rows of blocks of similar size, so that few rows overlap."""
+    if rows <= _MAX_MAPPED_ROWS:
+        return rows
+    least = math.ceil(rows / math.ceil(rows / _MAX_MAPPED_ROWS))
+    return _MAPPED_ROWS_MULTIPLE * math.ceil(least / _MAPPED_ROWS_MULTIPLE)
 
 
 def keep_latest(functions: dict[Any, _Mapped], key: Any, mapped: _Mapped) -> None:
@@ -130,6 +141,7 @@ class RowFunction:
         self._programs: dict[Any, _EvaluatorPool] = {}
         self._derivatives: dict[int, RowFunction] = {}
         self._weighted_gradient: RowFunction | None = None
+        self._kernels = RowKernels(function)
 
     def __call__(self, *arguments: Array) -> Array:
         """Return one row of output entries for each row of the arguments, shape (rows, size).
@@ -142,8 +154,11 @@ class RowFunction:
         result = np.empty((rows, self._function.nnz_out(0)))
         if not rows:
             return result
+        if (kernel := self._kernels.find(tuple(shared), rows)) is not None:
+            evaluate_rows(kernel, arguments, result)
+            return result
         is_program = rows >= _MIN_PROGRAM_ROWS and self._can_vectorize
-        count = min(rows, _MAX_PROGRAM_ROWS if is_program else _MAX_MAPPED_ROWS)
+        count = min(rows, _MAX_PROGRAM_ROWS) if is_program else _balance_blocks(rows)
         shapes = ((count,),) * len(arguments)
         pool = self._program(shapes) if is_program else self._map(count, shared)
         evaluator = pool.acquire()
@@ -171,6 +186,10 @@ class RowFunction:
             Output entries (n, c, k), with the bits of a call with one row per copy and row.
         """
         copies, size, rows = columns.shape
+        if (kernel := self._kernels.find((1,), rows * copies)) is not None:
+            result = np.empty((self._function.nnz_out(0), copies, rows))
+            evaluate_copies(kernel, columns, data, result)
+            return result
         if rows < _MIN_PROGRAM_ROWS or not self._can_vectorize:
             values = self(columns.transpose(2, 0, 1).reshape(-1, size), np.tile(data.T, (rows, 1)))
             return values.reshape(rows, copies, -1).transpose(2, 1, 0)

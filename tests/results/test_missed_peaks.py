@@ -159,6 +159,23 @@ def test_regression_a_certificate_requires_rows_at_the_peak():
     assert_allclose(certificate.good_until, 0.4516, atol=1e-3)
 
 
+@pytest.mark.parametrize("rows", [60, 450, 600])
+@pytest.mark.parametrize("integrator", [bd.GeneralizedAlpha(1e-3), bd.Radau(1e-4)])
+def test_extremes_do_not_depend_on_the_steps_that_are_rows(integrator, rows, monkeypatch):
+    """Columns at steps that are output rows are not evaluated again."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        run = bd.simulate(ball(1e6), integrator, output_step=0.6 / rows)
+    extremes = run.step_extremes
+    assert len(extremes) > 0
+    nothing_known = missed_peaks._KnownSteps(np.zeros(0, int), np.zeros((0, 1)))
+    monkeypatch.setattr(missed_peaks, "_select_known_steps", lambda *_: nothing_known)
+    expected = missed_peaks.measure_step_extremes(
+        run.equations, run.trajectory, run.t, lambda: run.columns
+    )
+    assert extremes == expected
+
+
 def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatch):
     # The columns of all steps were stored: 388 MB for 1e5 steps of 160 columns.
     headers = [f"force {k} [N]" for k in range(80)]
@@ -183,6 +200,8 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatc
             nodes_per_step=1,
             state=(np.zeros((b - a, 1)),),
             configuration=None,
+            t=times[a:b],
+            find_steps=lambda t: None,
         )
         for a, b in pairwise(limits)
     ]
@@ -190,7 +209,7 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatc
     try:
         extremes = missed_peaks.measure_step_extremes(
             equations,
-            SimpleNamespace(intervals=intervals),
+            SimpleNamespace(intervals=intervals, interval_index=lambda t: np.zeros(len(t), int)),
             np.array([0.0, 1.9]),
             lambda: dict.fromkeys(headers, np.zeros(2)),
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
 from beamdae.results.columns import Header, mark_resting_columns, remove_unit
-from beamdae.results.trajectory import Trajectory
+from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
@@ -25,6 +26,7 @@ _ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mecha
 _ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 2048
+_MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
 
 
@@ -92,14 +94,16 @@ def measure_step_extremes(
     rows_of_table = np.column_stack([row_times, *observed().values()])
     squares = _SquareIntegral(rows_of_table)
     extremes: tuple[Array, Array] | None = None
-    for interval in trajectory.intervals:
+    intervals_of_rows = trajectory.interval_index(row_times)
+    for number, interval in enumerate(trajectory.intervals):
         evaluate = ObservedRows(equations.with_loads_of(interval.configuration))
+        known = _select_known_steps(interval, rows_of_table[intervals_of_rows == number])
         rows = interval.times[:: interval.nodes_per_step]
         first = int(np.searchsorted(rows[:, 0], begin, side="left"))
         last = int(np.searchsorted(rows[:, 0], end, side="right"))
         for k in range(first, last, _MAX_ROWS_AT_ONCE):
             block = slice(k, min(k + _MAX_ROWS_AT_ONCE, last))
-            columns = evaluate(rows[block], *(x[block] for x in interval.state))
+            columns = _evaluate_steps(evaluate, rows[block], interval, block, known)
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
@@ -121,6 +125,43 @@ def measure_step_extremes(
         )
         if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
     }
+
+
+class _KnownSteps(NamedTuple):
+    """Steps of an interval that are output rows: their ascending indices, and columns (k, n)."""
+
+    steps: Array
+    columns: Array
+
+
+def _select_known_steps(interval: Interval, rows: Array) -> _KnownSteps:
+    """Return the steps among the output rows (t, columns) of an interval."""
+    steps = interval.find_steps(rows[:, 0])
+    # A selection copies the states of the other steps, which pays off if they are few.
+    if steps is None or len(steps) < _MIN_KNOWN_SHARE * len(interval.t):
+        return _KnownSteps(np.zeros(0, int), rows[:0, 1:])
+    return _KnownSteps(steps, rows[:, 1:])
+
+
+def _evaluate_steps(
+    evaluate: Callable[..., Array],
+    times: Array,
+    interval: Interval,
+    block: slice,
+    known: _KnownSteps,
+) -> Array:
+    """Return the columns at a block of steps, without evaluating the known ones again."""
+    here = slice(*np.searchsorted(known.steps, [block.start, block.stop]))
+    is_new = np.ones(len(times), bool)
+    is_new[known.steps[here] - block.start] = False
+    state = [x[block] for x in interval.state]
+    if is_new.all():
+        return evaluate(times, *state)
+    columns = np.empty((len(times), known.columns.shape[1]))
+    columns[~is_new] = known.columns[here]
+    if is_new.any():
+        columns[is_new] = evaluate(times[is_new], *(x[is_new] for x in state))
+    return columns
 
 
 class _SquareIntegral:

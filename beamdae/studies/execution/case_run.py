@@ -38,6 +38,7 @@ from beamdae.studies.store.file_reads import (
 )
 from beamdae.studies.store.trajectory_csv import format_numbers
 from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
+from beamdae.symbolic.row_kernels import compile_row_functions
 
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
@@ -51,7 +52,7 @@ def run_task(serialized: bytes) -> Outcome:
     folder = working_folder()
     is_deleted = not folder.samefile(os.curdir)
     try:
-        with record_file_reads() as reads:
+        with record_file_reads() as reads, compile_row_functions():
             home = folder
             try:
                 task = cloudpickle.loads(serialized)

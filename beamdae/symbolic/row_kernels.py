@@ -1,0 +1,137 @@
+"""Machine code of row functions, for processes that evaluate the same functions in many runs.
+
+Loading or compiling machine code takes longer than the rows of a single run take in NumPy or in
+CasADi's virtual machine. Only the cases of studies therefore use it, see `compile_row_functions`,
+and a function is compiled once it has taken about as long as the compiler takes. Results have the
+same bits in any case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel, pad_copies
+from beamdae.symbolic.table_lookups import has_lookups
+
+Array = np.ndarray
+
+# Fewer rows take as long in the virtual machine.
+_MIN_ROWS = 32
+# Rows evaluated together, so that inputs and outputs stay in the processor cache.
+_MAX_ROWS = 1024
+# Operations (rows times instructions) after which machine code is loaded from the cache, which
+# takes 2 to 4 ms, and compiled, which takes 20 ms and 0.05 ms an instruction.
+_OPERATIONS_BEFORE_LOADING = 3e6
+_OPERATIONS_BEFORE_COMPILING = 5e7
+
+
+_is_requested: ContextVar[bool] = ContextVar("machine code of row functions", default=False)
+
+
+@contextmanager
+def compile_row_functions() -> Iterator[None]:
+    """Use machine code for row functions that are evaluated often, within this context."""
+    token = _is_requested.set(True)
+    try:
+        yield
+    finally:
+        _is_requested.reset(token)
+
+
+@dataclass
+class _Entry:
+    """Machine code for one choice of shared arguments, and the operations without it so far."""
+
+    operations: float = 0.0
+    kernel: LaneKernel | None = None
+    is_searched: bool = False
+    is_final: bool = False
+
+
+class RowKernels:
+    """Machine code of a function, for each choice of arguments that all rows share."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function
+        self._entries: dict[tuple[int, ...], _Entry] = {}
+
+    def __reduce__(self) -> tuple[type, tuple[ca.Function]]:
+        return RowKernels, (self._function,)
+
+    def find(self, shared: tuple[int, ...], rows: int) -> LaneKernel | None:
+        """Return machine code for `rows` rows that share these arguments; None to use none."""
+        if not _is_requested.get() or rows < _MIN_ROWS:
+            return None
+        entry = self._entries.setdefault(shared, _Entry())
+        if entry.is_final:
+            return entry.kernel
+        entry.operations += rows * self._instructions
+        if entry.operations > _OPERATIONS_BEFORE_COMPILING:
+            entry.kernel, entry.is_final = self._build(shared, compiles=True), True
+        elif entry.operations > _OPERATIONS_BEFORE_LOADING and not entry.is_searched:
+            entry.kernel, entry.is_searched = self._build(shared, compiles=False), True
+            entry.is_final = entry.kernel is not None
+        return entry.kernel
+
+    @cached_property
+    def _instructions(self) -> int:
+        return int(self._function.n_instructions())
+
+    def _build(self, shared: tuple[int, ...], compiles: bool) -> LaneKernel | None:
+        function = self._function
+        if not function.is_a("SXFunction") or has_lookups(function):
+            return None
+        arguments = function.sx_in()
+        output = ca.densify(ca.vec(function(*arguments)))
+        columns = [ca.vec(x) for x in arguments]
+        inputs = [
+            ca.vertcat(
+                ca.SX(0, 1), *(x for i, x in enumerate(columns) if (i in shared) is is_shared)
+            )
+            for is_shared in (True, False)
+        ]
+        return build_lane_kernel(ca.Function(function.name(), inputs, [output]), compiles)
+
+
+def evaluate_rows(kernel: LaneKernel, arguments: Sequence[Array], result: Array) -> None:
+    """Evaluate machine code for all rows; arguments are (rows, k), or (k,) if rows share them.
+
+    `result` (rows, size) receives the values.
+    """
+    shared = np.concatenate([np.zeros(0), *(a for a in arguments if np.ndim(a) == 1)])
+    columns = [a.T for a in arguments if np.ndim(a) == 2]
+    _evaluate_columns(kernel, shared, columns, result.T)
+
+
+def evaluate_copies(kernel: LaneKernel, columns: Array, data: Array, result: Array) -> None:
+    """Evaluate machine code of (q, data) for copies with `columns` (c, size, k), `data` (n, c).
+
+    `result` (outputs, c, k) receives the values.
+    """
+    for copy, column in enumerate(columns):
+        _evaluate_columns(kernel, data[:, copy], [column], result[:, copy])
+
+
+def _evaluate_columns(
+    kernel: LaneKernel, shared: Array, columns: Sequence[Array], result: Array
+) -> None:
+    """Evaluate machine code for inputs (k, rows) each; `result` (outputs, rows)."""
+    rows = result.shape[1]
+    for first in range(0, rows, _MAX_ROWS):
+        block = slice(first, min(first + _MAX_ROWS, rows))
+        count = block.stop - first
+        local = np.empty((kernel.n_local, pad_copies(count)))
+        position = 0
+        for column in columns:
+            local[position : position + len(column), :count] = column[:, block]
+            position += len(column)
+        # Lanes without a row repeat the last one.
+        local[:, count:] = local[:, count - 1 : count]
+        result[:, block] = kernel(shared, local)[:, :count]
