@@ -28,6 +28,15 @@ _REST_TO_VALUES_RATIO = 1e-12  # relative to the largest value of the column: ro
 _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 rad: rounding errors
 
 
+# Units of rotations: the unit of the same quantity of translations, and the power of a length [m]
+# with which values are multiplied to compare them.
+UNITS_OF_TRANSLATIONS = {
+    "rad": ("m", 1),
+    "rad/s": ("m/s", 1),
+    "rad/s^2": ("m/s^2", 1),
+    "N m": ("N", -1),
+}
+
 _BY = ")/d("  # between column and parameter in the header of a derivative
 
 

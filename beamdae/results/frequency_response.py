@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import Header, select_column
+from beamdae.results.columns import UNITS_OF_TRANSLATIONS, Header, select_column
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range, largest_modulus, mean
@@ -29,8 +29,6 @@ _MIN_VARIATION = 1e-4
 _NOISE_RATIO = 1e-9
 # Peaks exceed the highest point by at most this factor; otherwise, the points do not resolve them.
 _MAX_PEAK_RATIO = 1.25
-# Units of rotations, and those of translations, whose values differ by a factor of a length [m].
-_UNITS_OF_TRANSLATIONS = {"rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "N m": "N"}
 
 
 @read_only_data
@@ -268,7 +266,7 @@ class FrequencyResponse(HasTable, HasPage):
         varying = []
         for name, size in sizes.items():
             unit = Header.of(name).unit
-            other = _UNITS_OF_TRANSLATIONS.get(unit, unit)
+            other = UNITS_OF_TRANSLATIONS.get(unit, (unit, 0))[0]
             noise = _NOISE_RATIO * max(largest[unit], largest.get(other, 0.0))
             if size.max() > noise and np.ptp(size) > _MIN_VARIATION * size.max():
                 varying.append(name)

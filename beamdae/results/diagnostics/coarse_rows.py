@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from beamdae.errors import list_first
-from beamdae.results.columns import Header, remove_unit
+from beamdae.results.columns import UNITS_OF_TRANSLATIONS, Header, remove_unit
 
 Array = np.ndarray
 
@@ -20,8 +20,6 @@ _POSITIONS = 0.2 + 0.6 * (0.618 * np.arange(_SAMPLES) % 1.0)
 # more than this share of their amplitude, those with 6 rows in half of the cases, with 10 in none.
 _MIN_EXCESS = 0.05
 _MIN_SHARE_OF_GAPS = 0.1
-# Units of translation for those of rotation, which differ by this power of the length.
-_KINDS = {"rad": ("m", 1), "rad/s": ("m/s", 1), "rad/s^2": ("m/s^2", 1), "N m": ("N", -1)}
 # Smaller half ranges, relative to the largest of this kind, are errors of directions in which
 # nothing moves; ...
 _MIN_HALF_RANGE = 1e-6
@@ -103,7 +101,8 @@ def _find_moving(
 ) -> Array:
     """Return the mask of the columns that are not at rest but for errors."""
     units = [Header.of(header).unit for header in headers]
-    kinds, powers = zip(*(_KINDS.get(unit, (unit, 0)) for unit in units), strict=True)
+    translations = (UNITS_OF_TRANSLATIONS.get(unit, (unit, 0)) for unit in units)
+    kinds, powers = zip(*translations, strict=True)
     sizes = half_range * np.power(length, powers)
     speed = length / duration
     smallest = {"m": length, "m/s": speed, "m/s^2": speed / duration, "-": 1.0}
