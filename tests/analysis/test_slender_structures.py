@@ -81,6 +81,18 @@ def test_flutter_load_of_thin_column(options, height, damping):
     assert point.factor == pytest.approx(expected, rel=3e-6 + 5e-15 / height**2)
 
 
+@pytest.mark.slow(reason="half a second each")
+@FORMULATIONS
+def test_regression_imaginary_parts_of_damped_modes_are_not_dropped(options):
+    """The load was 5.2e-6 too low with exact beams."""
+    steel = bd.Material.of("steel")
+    mech = flutter_column(1e-4, 10.0 * np.sqrt(12.0 * steel.rho / steel.E), **options)
+    path = bd.equilibrium(mech, loads=["press"], to=11.0, step=11.0)
+    (point,) = path.critical
+    # Characteristic equation of the column with axial and shear flexibility.
+    assert point.factor == pytest.approx(10.93912158, rel=1.6e-6)
+
+
 @pytest.mark.slow(reason="half a second")
 def test_regression_rounding_does_not_hide_that_half_of_a_load_follows():
     # The stiffness is singular up to rounding, and touches zero at pi^2 without a sign change.
