@@ -82,11 +82,14 @@ class BalancePlan:
         Numbers of coordinates and constraints.
     total
         Plan of the sum built by `assemble_balance`; the input is (q, v, a, lam).
+    states
+        Indices of the coordinates of first-order states, whose rows of F are no forces.
     """
 
     n: int
     m: int
     total: SumPlan
+    states: tuple[int, ...]
 
     def rows(self, p: Array) -> BalanceRows:
         """Return an evaluator of rows (energies, powers, norms) for one run with the numbers p."""
@@ -96,6 +99,8 @@ class BalancePlan:
         """Return the buffers of `evaluate_balance` for a model with the numbers p."""
         size = 3 * self.n + self.m
         rows = int(np.clip(_MAX_NUMBERS_AT_ONCE // max(size, 1), 1, _MAX_ROWS_AT_ONCE))
+        is_force = np.ones(self.n)
+        is_force[list(self.states)] = 0.0
         return BalanceBuffers(
             self.total.sum(native, p),
             self.n,
@@ -104,7 +109,8 @@ class BalancePlan:
             states=np.zeros((rows, size)),
             results=np.zeros((rows, N_BALANCE_VALUES)),
             value=np.zeros(N_BALANCE_SCALARS + size + self.m),
-            ones=np.ones(max(self.n, self.m)),
+            is_force=is_force,
+            ones=np.ones(self.m),
         )
 
 
@@ -122,8 +128,11 @@ class BalanceBuffers:
         (t, branch) and (q, v, a, lam) of the rows.
     results
         Energies, powers and norms of the rows.
-    value, ones
-        Values of the sum at one row, and the weights (all 1) of the norms.
+    value
+        Values of the sum at one row.
+    is_force, ones
+        Weights of the norms: 1 for rows of F that are forces, 0 for those of first-order states;
+        and 1 for constraints.
     n_rows
         Number of rows in use.
     """
@@ -135,6 +144,7 @@ class BalanceBuffers:
     states: Array
     results: Array
     value: Array
+    is_force: Array
     ones: Array
     n_rows: int = 0
 
@@ -142,7 +152,6 @@ class BalanceBuffers:
 def evaluate_balance(run: BalanceBuffers) -> int:
     """Evaluate energies, powers and norms (see `plan_balance`) of the rows in use; return DONE."""
     n, m, value = run.n, run.m, run.value
-    on_q, on_g = run.ones[:n], run.ones[:m]
     forces = N_BALANCE_SCALARS
     gaps = forces + _N_FORCE_NORMS * n
     for i in range(run.n_rows):
@@ -151,10 +160,10 @@ def evaluate_balance(run: BalanceBuffers) -> int:
         row = run.results[i]
         combine(row[:forces], (1.0,), (value[:forces],))
         for k in range(_N_FORCE_NORMS):
-            row[forces + k] = max_norm(value[forces + k * n : forces + (k + 1) * n], on_q)
+            row[forces + k] = max_norm(value[forces + k * n : forces + (k + 1) * n], run.is_force)
         for k in range(_N_GAP_NORMS):
             row[forces + _N_FORCE_NORMS + k] = max_norm(
-                value[gaps + k * m : gaps + (k + 1) * m], on_g
+                value[gaps + k * m : gaps + (k + 1) * m], run.ones
             )
     return DONE
 
@@ -194,10 +203,11 @@ def plan_balance(e: Structure) -> BalancePlan:
     """Return the plan that evaluates three energies [J], three powers [W] and five norms.
 
     `ENERGIES` names the energies; `WORKS` names the time integrals of the powers. The norms are the
-    largest absolute entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot.
+    largest absolute entries of F + G^T lam, G^T lam, F at a = 0, g and g_dot, without the rows of
+    first-order states.
     """
     layout = InputLayout(q=0, v=e.n, a=2 * e.n, lam=3 * e.n)
-    return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector())
+    return BalancePlan(e.n, e.m, assemble_balance(e, layout).vector(), e.states)
 
 
 def balance_rows(equations: EquationsOfMotion) -> BalanceRows:

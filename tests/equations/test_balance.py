@@ -66,3 +66,21 @@ def test_energies_and_drift_at_steps_are_those_that_the_run_evaluated(method):
     expected = evaluate(points, *states)[:, -2:]
     drift = np.stack([*replace(solution, t=times).drift_columns.values()], axis=1)
     assert_allclose(drift, expected, rtol=1e-12, atol=1e-18)
+
+
+def test_regression_rates_of_states_are_no_forces():
+    """Rates of states counted as forces: they caused false warnings, or hid residuals of bodies."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.Force("push", ball.point, (3.0, 0.0)))
+    mech.state("pressure", lambda pressure, t: 1e6 - pressure, unit="Pa")
+    equations = as_equations("simulate", mech)
+    at_rest = [np.zeros((1, size)) for size in (3, 3, 3, 0)]
+    residual, _, static, *_ = measures.balance_rows(equations)(np.zeros((1, 2)), *at_rest)[0, 6:]
+    assert (residual, static) == (3.0, 3.0)
+
+    oscillator = bd.Mechanism()
+    x, y = (oscillator.state(name, start=2.0) for name in "xy")
+    x.follows(y)
+    y.follows(10.0 * (1.0 - x * x) * y - x)
+    assert bd.simulate(oscillator, bd.Radau(), t_end=5.0).warnings == ()
