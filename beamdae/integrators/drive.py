@@ -587,7 +587,8 @@ class _RunInProgress:
         assert self._detector is not None
         assert self._configuration is not None
         event, t = self._detector.last_event, self._history.end
-        if stall := self.methods.stall_reason(event, t, self._plan.duration):
+        stall = self.methods.stall_reason(event, t, self._plan.duration)
+        if stall and not self._detector.repeats_impacts:
             return Status("limited", f"stopped at t = {t:.6g} s: {stall}")
         try:
             result = apply_event(

@@ -30,6 +30,7 @@ from beamdae.results.diagnostics.beam_ranges import (
 )
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
     StepExtremes,
@@ -236,6 +237,7 @@ class RunData:
             ),
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
+            *impact_warnings(self.equations, self.trajectory, self.event_records),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from conformance import integrators
@@ -194,3 +196,81 @@ def test_invalid_impacts_are_rejected():
             bd.impact(*arguments)
     with pytest.raises(bd.BeamdaeError, match="is not part of this mechanism; add"):
         bouncing(0.5).when("ball.y", do=bd.impact(gap), name="other")
+
+
+def test_regression_touching_balls_pass_an_impact_on():
+    """A gap that was zero before an impact had no sign, and the next ball was passed through."""
+    mech = bd.Mechanism()
+    ground = mech.ground.at(0.0, 0.0)
+    balls = [
+        mech.add(bd.PointMass(f"ball {k}", 1.0, at=(x, 0.0), velocity=(speed, 0.0)))
+        for k, (x, speed) in enumerate([(-1.0, 1.0), (0.0, 0.0), (0.2, 0.0), (0.4, 0.0)])
+    ]
+    for k, ball in enumerate(balls):
+        mech.add(bd.PointOnLine(f"rail {k}", ground, ball.point, (1.0, 0.0)))
+        mech.observe(f"{k}", ball.point)
+    for k, (left, right) in enumerate(pairwise(balls)):
+        gap = bd.CircleSurface(left.point, 0.2).gap(right.point)
+        mech.when(gap, crosses=0.0, direction="down", do=bd.impact(gap), name=f"impact {k}")
+    solution = bd.simulate(mech, t_end=2.0)
+    assert list(solution.events["event"]) == ["impact 0", "impact 1", "impact 2"]
+    assert_allclose(solution.events["t [s]"], 0.8, atol=1e-12)
+    end = [float(solution[f"{k}.x"].iloc[-1]) for k in range(4)]
+    assert_allclose(end, [-0.2, 0.0, 0.2, 1.6], atol=1e-9)
+    assert solution.warnings == ()
+
+
+def _flat_rod(restitution, together):
+    """Return a rod that falls flat onto both ends."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 12.0, center=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
+    impacts = {}
+    for name, x in (("left", -0.5), ("right", 0.5)):
+        end = rod.at(x, 1.0)
+        mech.observe(name, end)
+        impacts[name] = bd.impact(floor.gap(end), restitution)
+    actions = {"left": list(impacts.values())} if together else impacts
+    for name, action in actions.items():
+        mech.when(f"{name}.y", crosses=0.0, direction="down", do=action)
+    return mech
+
+
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_regression_simultaneous_impacts_that_close_each_other(restitution):
+    """The first gap was closed again by the second impact, and the rod fell through the floor."""
+    alone = bd.simulate(_flat_rod(restitution, together=False), t_end=0.55, output_step=1e-3)
+    assert min(alone["left.y"].min(), alone["right.y"].min()) > -1e-9
+    (warning,) = (x for x in alone.warnings if "depends on their order" in x)
+    assert warning.startswith("left.y crosses 0, right.y crosses 0: these impacts")
+    together = bd.simulate(_flat_rod(restitution, together=True), t_end=0.55, output_step=1e-3)
+    assert not [x for x in together.warnings if "depends on their order" in x]
+    flight = 0.55 - np.sqrt(2.0 / 9.81)
+    speed = restitution * np.sqrt(2.0 * 9.81)
+    height = speed * flight - 0.5 * 9.81 * flight**2
+    assert_allclose(together["left.y"].iloc[-1], height, atol=1e-6)
+    assert_allclose(together["right.y"].iloc[-1], height, atol=1e-6)
+    if restitution == 1.0:
+        assert_allclose(alone["left.y"].iloc[-1], height, atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [-1.0, 0.0])
+def test_regression_bodies_that_touch_at_the_start_have_a_warning(speed):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, speed)))
+    mech.observe("ball", ball.point)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0)).gap(ball.point)
+    mech.when("ball.y", crosses=0.0, direction="down", do=bd.impact(gap))
+    (warning,) = bd.simulate(mech, t_end=0.1).warnings
+    assert warning.startswith("ball.y crosses 0: this column starts at its threshold")
+
+
+def test_a_ball_thrown_up_from_the_floor_has_no_warning():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(0.0, 1.0)))
+    mech.observe("ball", ball.point)
+    gap = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0)).gap(ball.point)
+    mech.when("ball.y", crosses=0.0, direction="down", do=bd.impact(gap))
+    solution = bd.simulate(mech, t_end=0.3)
+    assert solution.warnings == ()
+    assert len(solution.events) == 1

@@ -45,6 +45,9 @@ _CONSTRAINED_SHARE = 1e-6
 _PROBE_DISTANCE = 1e-6
 # ... and lower bound on the rate of the coordinates in this test [1/s].
 _MIN_RATE = 1e-3
+# Impacts that follow each other at one time because each of them closes the gap of another. With
+# restitution, the rates of the gaps decrease by a constant factor from one to the next.
+_MAX_REPEATED_IMPACTS = 100
 
 
 @dataclass
@@ -101,11 +104,15 @@ class EventSide:
 
 @dataclass(frozen=True)
 class _Crossing:
-    """Crossing of a threshold, possibly in a direction that the event ignores."""
+    """Crossing of a threshold, possibly in a direction that the event ignores.
+
+    `is_repeated` is True if an impact at this time reverses the result of an earlier one.
+    """
 
     t: float
     term: EventTerm
     direction: str
+    is_repeated: bool = False
 
     @property
     def is_event(self) -> bool:
@@ -137,6 +144,8 @@ class EventDetector:
     # Simultaneous crossings that follow the last event at the same time; until then, their signs
     # are those before the crossing.
     _pending: list[_Crossing] = field(default_factory=list)
+    # Number of repeated crossings at the time of the last event.
+    _repeats: int = 0
 
     @property
     def may_stop(self) -> bool:
@@ -153,6 +162,14 @@ class EventDetector:
         """Event of the last record."""
         name = self.records[-1].name
         return next(term for term in self.equations.events if term.name == name)
+
+    @property
+    def repeats_impacts(self) -> bool:
+        """True if the last event is a further impact at the time of an earlier one of this event.
+
+        False after so many of them that they must be considered to accumulate.
+        """
+        return 0 < self._repeats <= _MAX_REPEATED_IMPACTS
 
     def has_due_event(self, segment: RunSegment) -> bool:
         """Record the first event that is due at the start; return True if there is one."""
@@ -183,9 +200,23 @@ class EventDetector:
         was_impact = bool(select_impacts(self.last_event.do))
         for term in self.equations.events:
             side = self._sides[term.name]
-            if term.name not in self._at_end or any(x.term is term for x in self._pending):
+            if any(x.term is term for x in self._pending):
                 continue
             difference = self._start_difference(term, start)
+            is_at_threshold = term.name in self._at_end
+            if was_impact and term is not self.last_event and select_impacts(term.do):
+                # Bodies that touched before the impact have no sign.
+                touches = not side.sign and abs(difference) <= _CONSTRAINED_SHARE * side.largest
+                departure = self._departure_sign(term, start)
+                direction = UP if departure > 0.0 else DOWN
+                closing = _Crossing(float(start.nodes[0]), term, direction, is_at_threshold)
+                is_reversed = is_at_threshold and departure * side.sign < 0.0
+                if closing.is_event and (is_reversed or (touches and departure)):
+                    # The last impact closes this gap.
+                    self._pending.append(closing)
+                    continue
+            if not is_at_threshold:
+                continue
             if was_impact:
                 side.begin_on(self._departure_sign(term, start) or -side.sign, difference)
             else:
@@ -202,7 +233,9 @@ class EventDetector:
         if not self._pending:
             return None
         crossing = self._pending.pop(0)
+        self._repeats += crossing.is_repeated
         start = segment.interval(self.equations.m)
+        self._at_end.add(crossing.term.name)
         self._sides[crossing.term.name].sign = 1.0 if crossing.direction == UP else -1.0
         self._record(crossing, segment.branch, State(*(x[0] for x in start.rows)))
         return crossing.term
@@ -285,6 +318,7 @@ class EventDetector:
         terminal: EventTerm | None = None
         self._at_end.clear()
         self._pending.clear()
+        self._repeats = 0
         for crossing in crossings:
             name = crossing.term.name
             side, sign = self._sides[name], 1.0 if crossing.direction == UP else -1.0

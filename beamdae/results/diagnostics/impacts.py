@@ -1,0 +1,72 @@
+"""Warnings about impacts that do not occur at the start, or whose result depends on their order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.parts.events import select_impacts
+from beamdae.results.event_records import EventRecord
+from beamdae.results.trajectory import Trajectory
+
+# A column starts at its threshold within this distance, and has left it beyond the second one; both
+# are relative to the length of the mechanism, or to 1 for angles.
+_START_ROUNDING = 1e-9
+_MIN_DEPARTURE = 1e-6
+_MAX_CHECKED_STEPS = 100  # after the start
+
+
+def impact_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, event_records: Sequence[EventRecord]
+) -> Iterator[str]:
+    """Yield warnings about impacts that do not occur, or whose result depends on their order.
+
+    Touching a value is not a crossing, so that bodies that touch at the start pass through each
+    other. If impacts of several events occur at the same time and each closes the gap of another,
+    they follow one another.
+    """
+    terms = [term for term in equations.events if select_impacts(term.do)]
+    for term in terms:
+        if _misses_first_impact(equations, trajectory, term):
+            yield (
+                f"{term.name}: this column starts at its threshold and moves beyond it, which is "
+                "not a crossing, so the bodies pass through each other without an impact; start "
+                "at a small distance, add a joint that keeps the bodies together, or use a Contact."
+            )
+    names = {term.name for term in terms}
+    by_time: dict[float, list[str]] = {}
+    for record in event_records:
+        if record.name in names:
+            by_time.setdefault(record.t, []).append(record.name)
+    for t, simultaneous in by_time.items():
+        different = list(dict.fromkeys(simultaneous))
+        if 1 < len(different) < len(simultaneous):
+            yield (
+                f"{', '.join(different)}: these impacts, all at t = {t:.6g} s, close the gaps of "
+                "each other, so the motion after them depends on their order; list them as the "
+                "actions of one event, do=[bd.impact(...), bd.impact(...)], to solve them together."
+            )
+            return
+
+
+def _misses_first_impact(
+    equations: EquationsOfMotion, trajectory: Trajectory, term: EventTerm
+) -> bool:
+    """Return True if the column of an event starts at its threshold and goes beyond it at once."""
+    if term.side or term.due or term.occurred_at_start:
+        # The run resumes another one.
+        return False
+    first = trajectory.intervals[0]
+    last = 1 + _MAX_CHECKED_STEPS * first.nodes_per_step
+    times = np.column_stack([first.nodes[:last], np.full(len(first.nodes[:last]), first.branch)])
+    q, v, _, lam = (x[:last] for x in first.rows)
+    p = equations.with_loads_of(first.configuration).p
+    difference = term.evaluate_difference(p, times, q, v, lam)
+    unit = term.observable.columns[term.column].unit
+    size = equations.length if unit == "m" else 1.0
+    if not abs(difference[0]) <= _START_ROUNDING * size:
+        return False
+    departures = difference[np.abs(difference) > _MIN_DEPARTURE * size]
+    return bool(len(departures) and departures[0] * (term.direction or departures[0]) > 0.0)
