@@ -1,5 +1,6 @@
 """Printed pages: no number is cut, and omitted columns are named."""
 
+import numpy as np
 import pytest
 from pages import bar_frames, study_page, sweep_page
 
@@ -115,3 +116,40 @@ def test_regression_heads_of_tables_are_printed_on_each_sheet(show):
         for x in ("#table thead", "#table th button")
     ]
     assert display == ["table-header-group", "contents"]
+
+
+def test_regression_printed_charts_without_a_motion_cover_no_table(show):
+    """The tables of a linear model were printed over the chart of the phase."""
+    frequencies = np.logspace(0.0, 2.0, 50)
+    response = {"tip.y [m]": 1.0 / frequencies}
+    curves = {"t": frequencies, "magnitude": response, "phase": response}
+    table = {"title": "Poles", "head": ["pole", "frequency"], "rows": [["1", "2.0"]] * 20}
+    page = {
+        "title": "linear",
+        "groups": [{"id": "g"}],
+        "axes": None,
+        "columns": [{"key": "at", "label": "at", "unit": "Hz", "kind": "number"}],
+        "tables": [table],
+        "cases": [{"id": "c", "group": "g", "label": "tip.y", "curves": curves}],
+    }
+    tab = show(page)
+    print_on(tab, A4_LANDSCAPE)
+    boxes = [tab.locator(x).bounding_box() for x in ("#curves svg.plot >> nth=1", "#result-facts")]
+    assert boxes[0]["y"] + boxes[0]["height"] <= boxes[1]["y"]
+    first, second = (tab.locator("#curves svg.plot").nth(k).bounding_box() for k in (0, 1))
+    assert first["y"] == second["y"]  # side by side
+    assert first["x"] + first["width"] <= second["x"]
+
+
+def test_regression_tables_without_curves_use_the_whole_width(show):
+    """At 1366 px, the table of modes was beside the motion and its last columns were cut."""
+    page = wide_page(columns=7)
+    for case in page["cases"]:
+        case["curves"] = None
+    tab = show(page)
+    assert tab.locator("main.without-curves").count() == 1
+    table, motion = (tab.locator(x).bounding_box() for x in ("#cases", "#motion"))
+    assert table["x"] == motion["x"]
+    assert table["width"] > 1300.0
+    chart = tab.locator("#precision").bounding_box()
+    assert chart["x"] > motion["x"] + motion["width"]

@@ -63,6 +63,7 @@ _POWER_DISTANCE = 0.6  # from the axes to the start of their power of ten, left 
 
 # Larger values overflow when Matplotlib computes the range of an axis.
 MAX_DRAWABLE = 1e300
+_MINOR_RANGE = 0.2  # relative to the largest range of columns with the same unit, as in curves.js
 # A column is considered constant if its range is at or below one of these limits.
 _MIN_RELATIVE_RANGE = 1e-9  # relative to the largest range of the columns with the same unit
 _ROUNDING = 1e-15  # relative to the largest range of all columns
@@ -99,7 +100,11 @@ def varying_columns(table: Columns) -> list[str]:
 
 
 def characteristic_columns(table: Columns) -> list[str]:
-    """Return up to three columns that characterize a run, preferring deformations, then motions."""
+    """Return up to three columns that characterize a run, preferring deformations, then motions.
+
+    Columns whose range is a minor part of the largest one with their unit, such as the shortening
+    of a beam that bends, follow the others.
+    """
     groups: dict[str, list[str]] = {}
     for column in varying_columns(table):
         groups.setdefault(Header.of(column).name, []).append(column)
@@ -108,7 +113,19 @@ def characteristic_columns(table: Columns) -> list[str]:
             return columns[:3]
     candidates = [column for columns in groups.values() for column in columns]
     motions = [column for column in candidates if Header.of(column).unit in ("m", "rad")]
-    return (motions or candidates)[:3]
+    columns = motions or candidates
+    size = {c: _range(table[c]) for c in columns}
+    largest = dict[str, float]()
+    for column in columns:
+        unit = Header.of(column).unit
+        largest[unit] = max(largest.get(unit, 0.0), size[column])
+    return sorted(columns, key=lambda c: size[c] < _MINOR_RANGE * largest[Header.of(c).unit])[:3]
+
+
+def _range(values: Any) -> float:
+    values = np.asarray(values, float)
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if len(finite) else 0.0
 
 
 def create_panels(

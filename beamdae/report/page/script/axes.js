@@ -7,8 +7,8 @@ const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have even
 const MAX_POWER_TICKS = 8;
 
 // Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
-// Evenly spaced ticks show values divided by ten to the power `order`; other ticks have the order 0.
-function createScale([low, high], [start, end], isLog, givenTicks, stepBase, order = 0) {
+// `stepBase` is that of `createLinearTicks`. Evenly spaced ticks show values divided by ten to the power `order`; other ticks have the order 0.
+function createScale([low, high], [start, end], isLog, givenTicks, stepBase, order = 0, isCount = false) {
   const forward = isLog ? Math.log10 : (value) => value;
   const [first, last] = [forward(low), forward(high)];
   const toPosition = (value) => start + ((end - start) * (forward(value) - first)) / (last - first);
@@ -22,7 +22,7 @@ function createScale([low, high], [start, end], isLog, givenTicks, stepBase, ord
   if (givenTicks) return { ...scale, ticks: spaceTicks(givenTicks, intervals) };
   if (hasPowers) return { ...scale, ticks: createPowerTicks(low, high) };
   const factor = 10 ** order;
-  const ticks = createLinearTicks(low / factor, high / factor, intervals, stepBase);
+  const ticks = createLinearTicks(low / factor, high / factor, intervals, stepBase, isCount && !order);
   return { ...scale, order, ticks: ticks.map(({ value, text }) => ({ value: value * factor, text })) };
 }
 
@@ -48,14 +48,14 @@ function createPowerTicks(low, high) {
   }));
 }
 
-// Steps larger than `stepBase` are this one times a power of two.
-function createLinearTicks(low, high, intervals, stepBase = Infinity) {
-  const wanted = (high - low) / intervals;
+// Steps larger than `stepBase` are this one times a power of two. Steps of counts are whole numbers.
+function createLinearTicks(low, high, intervals, stepBase = Infinity, isCount = false) {
+  const wanted = Math.max((high - low) / intervals, isCount ? 1 : 0);
   const step = wanted < stepBase ? roundDownToNice(wanted) : stepBase * 2 ** Math.floor(Math.log2(wanted / stepBase));
   const first = Math.ceil(low / step - 1e-9);
   const last = Math.floor(high / step + 1e-9);
   // One tick states no scale.
-  if (last === first && intervals <= MAX_TICK_INTERVALS) return createLinearTicks(low, high, 2 * intervals, stepBase);
+  if (last === first && intervals <= MAX_TICK_INTERVALS && !isCount) return createLinearTicks(low, high, 2 * intervals, stepBase);
   const digits = Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / step)) + 1, 1);
   return Array.from({ length: last - first + 1 }, (_, i) => {
     const value = (first + i) * step;

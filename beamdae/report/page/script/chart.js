@@ -14,7 +14,8 @@ const DIGIT_WIDTH = 6.8; // of tick labels [px]
  * `spec` has
  *   id, label, name      id of the element, label for screen readers, name of exported files
  *   x, y                 axes: title, full range, log (true for a logarithmic axis), optional ticks and, for y,
- *                        stepBase (larger steps between ticks are this one times a power of two)
+ *                        stepBase (larger steps between ticks are this one times a power of two); isCount (true
+ *                        for whole numbers)
  *   view                 visible ranges x and y; null shows the full range
  *   height               function of the width
  *   drawBackground, drawClipped, drawForeground
@@ -69,8 +70,8 @@ function drawChart(chart, width = chart.element.clientWidth) {
   Object.assign(box, { right: box.width - 14, height: spec.height(box.width) });
   box.bottom = box.height - 34;
   const create = (axis, positions) => {
-    const { range, log, ticks, stepBase } = spec[axis];
-    return createScale(visibleRange(chart, axis), positions, log, ticks, stepBase, engineeringOrder(range));
+    const { range, log, ticks, stepBase, isCount } = spec[axis];
+    return createScale(visibleRange(chart, axis), positions, log, ticks, stepBase, engineeringOrder(range), isCount);
   };
   const y = create("y", [box.bottom, box.top]);
   const labelLength = Math.max(...y.ticks.map(({ text }) => text.length), 0);

@@ -9,7 +9,7 @@ const CONSTANT_RANGE = 1e-9;
 const NOISE_MAGNITUDE = 1e-14; // [SI units]
 // No chart opens on a column whose range is smaller than this part of the largest one with its unit, such as the
 // shortening of a beam that bends.
-const MINOR_RANGE = 0.05;
+const MINOR_RANGE = 0.2;
 const PANELS = [
   { key: "observed", title: "Observed", section: "panels" },
   { key: "energy", title: "Energy [J]", section: "panels", unit: "J" },

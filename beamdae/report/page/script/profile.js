@@ -55,7 +55,7 @@ function describeProfile({ label, keys }, lines, visible) {
     id: "profile",
     name: `${label} over index`,
     label: `${label} over index, one line per case`,
-    x: { title: "index", range: padRange([0, keys.length - 1], false), log: false },
+    x: { title: "index", range: padRange([0, keys.length - 1], false), log: false, isCount: true },
     y: { title: label, range: padRange(findExtent(lines.map(({ values }) => values)), false), log: false },
     view: state.views.profile,
     height: (width) => clamp(0.36 * width, 215, 320),

@@ -93,12 +93,13 @@ function describeScatter(cases, x, y) {
       .filter(({ at }) => isWithin(at[0], [box.left, box.right]) && isWithin(at[1], [box.top, box.bottom]))
       .sort((a, b) => a.at[0] - b.at[0]) // the arrow keys follow this order
       .map(({ run, at }) => createPoint(run, at, showsErrors));
+  const isCount = (quantity) => !quantity.unit && cases.every((run) => Number.isInteger(quantity.value(run)));
   return {
     id: "scatter",
     name: `${y.label} over ${x.label}`,
     label: `${y.label} over ${x.label}, one point per case`,
-    x: { title: x.title, range: padRange(findExtent([cases.map(x.value)]), log.x), log: log.x },
-    y: { title: y.title, range: padRange(yExtent, log.y), log: log.y },
+    x: { title: x.title, range: padRange(findExtent([cases.map(x.value)]), log.x), log: log.x, isCount: isCount(x) },
+    y: { title: y.title, range: padRange(yExtent, log.y), log: log.y, isCount: isCount(y) },
     view: state.views.scatter,
     height: (width) => clamp(0.625 * width, 260, 460),
     drawBackground: (box, _, yScale) => (showsErrors ? createUnresolvedBand(box, yScale) : []),
