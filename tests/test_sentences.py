@@ -77,6 +77,7 @@ CALLS = {
     ),
     "Beam.at": (BEAM.at, {"s": 0.5}),
     "Beam.deformation": (BEAM.deformation, {"s": 0.5, "axes": "local"}),
+    "Beam.largest_stress": (BEAM.largest_stress, {"s": [0.5], "exponent": 50.0}),
     "Beam.section_forces": (BEAM.section_forces, {"s": 0.5}),
     "Beam with a free curve": (
         bd.Beam,

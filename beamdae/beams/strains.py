@@ -1,7 +1,7 @@
 """Elastic work, strains and section forces, shared by all beam formulations.
 
 `InterpolatedStrains` is a kind of a `Formula`. `fiber_strain`, `fiber_stress`, `section_forces` and
-`identity` build `FormulaExpression`s; see `symbolic.formula`.
+`identity` build `FormulaExpression`s, like `LargestStress`; see `symbolic.formula`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import casadi as ca
 
 from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, Local
 
 # Components of a strain vector (eps11, 2 eps12, kappa11) and of (EA, GA, EI).
@@ -20,6 +21,11 @@ AXIAL = 0
 SHEAR = 1
 BENDING = 2
 STRAIN_SIZE = 3
+
+# Numbers of a section in `LargestStress`.
+_N_FIBER_NUMBERS = 4
+# Number that changes no stress [Pa] and no sum of ratios of stresses, one of which is 1.
+_NEGLIGIBLE = 1e-200
 
 
 def elastic_work(
@@ -108,6 +114,64 @@ def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable
     offset, modulus, damping = (numbers()[k] for k in range(3))
     strain = fiber_strain(local, strains, lambda: (offset,))
     return modulus * (strain + damping * local.dot(strain))
+
+
+@dataclass(frozen=True)
+class LargestStress:
+    """Largest stress magnitude of the outer fibers of several sections, and a smooth upper bound.
+
+    Attributes
+    ----------
+    sizes
+        Number of local coordinates of each section, which follow each other in `Local.q`.
+    exponent
+        Exponent p of the bound (sum of |stress|^p)^(1/p) over the sections.
+    """
+
+    sizes: tuple[int, ...]
+    exponent: float
+
+    def __call__(self, local: Local, *functions: Any) -> SX:
+        """Return (largest, bound) [Pa].
+
+        `functions` are, for each section, that of the strains, and one without arguments that
+        returns (lever of the left fiber [m], lever of the right fiber [m], E [Pa], damping [s]).
+        """
+        kernels: dict[Any, ca.Function] = {}
+        first, stresses = 0, []
+        for size, strains, numbers in zip(self.sizes, functions[::2], functions[1::2], strict=True):
+            is_formula = isinstance(strains, Formula)
+            data = strains.numbers if is_formula else SX(0, 1)
+            kind = strains.kind if is_formula else strains
+            key = kind, size, data.numel(), is_formula
+            if key not in kernels:
+                kernels[key] = _fiber_magnitude_function(kind, size, data.numel(), is_formula)
+            here = slice(first, first + size)
+            values = slice_column(numbers(), 0, _N_FIBER_NUMBERS)
+            stresses.append(kernels[key](local.q[here], local.v[here], data, values))
+            first += size
+        largest = SX(0)
+        for stress in stresses:
+            largest = ca.fmax(largest, stress)
+        # Without loads, all stresses are zero, and so are the derivatives of the bound.
+        scale = ca.fmax(largest, _NEGLIGIBLE)
+        total = sum((stress / scale) ** self.exponent for stress in stresses)
+        return ca.vertcat(largest, scale * (total + _NEGLIGIBLE) ** (1.0 / self.exponent))
+
+
+def _fiber_magnitude_function(
+    kind: Callable[..., SX], size: int, count: int, is_formula: bool
+) -> ca.Function:
+    """Return the largest stress magnitude of two fibers as a function of (q, v, data, numbers)."""
+    local = Local(size)
+    data, numbers = SX.sym("data", count), SX.sym("numbers", _N_FIBER_NUMBERS)
+    strains = Formula(kind, data) if is_formula else kind
+
+    def magnitude_of(lever: SX) -> SX:
+        return ca.fabs(fiber_stress(local, strains, lambda: (lever, numbers[2], numbers[3])))
+
+    magnitude = ca.fmax(magnitude_of(numbers[0]), magnitude_of(numbers[1]))
+    return ca.Function("magnitude", [local.q, local.v, data, numbers], [magnitude])
 
 
 def section_forces(

@@ -576,3 +576,35 @@ def test_functions_of_parameters_receive_the_parameters_that_they_name():
     for function in (lambda height: height, lambda height, **others: height):
         assert bd.ParameterFunction(function).evaluate(parameters) == 2.0
     assert bd.ParameterFunction(dict).evaluate(parameters) == parameters
+
+
+@pytest.mark.slow(reason="fifty designs")
+def test_bound_of_the_largest_stress_leads_to_uniform_strength():
+    knots = np.linspace(0.0, 0.5, 5)
+
+    @bd.model(t_end=1.0)
+    def leaf(height=bd.param((0.01,) * 5, "m")):
+        def section(s):
+            return bd.Section.rectangle(STEEL, WIDTH, float(np.interp(s, knots, height)))
+
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=4))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
+        mech.observe("stress", beam.largest_stress())
+        return mech
+
+    stress = bd.EquilibriumValue("stress.bound")
+    result = bd.optimize(
+        leaf,
+        bd.Mass(),
+        by="height",
+        subject_to=bd.at_most(stress, "150 MPa"),
+        bounds={"height": (0.001, 0.03)},
+    )
+    assert result.status.success
+    # M = sigma b h^2 / 6 at each section; between the points, linear heights are on the safe side.
+    expected = np.sqrt(6.0 * 100.0 * (0.5 - knots) / (WIDTH * 150e6))
+    np.testing.assert_allclose(result.parameters["height"][:-1], expected[:-1], rtol=0.05)
+    path = bd.equilibrium(leaf(height=tuple(result.parameters["height"])))
+    assert 0.95 * 150e6 < path.columns["stress.largest [Pa]"][-1] <= 150e6 * (1.0 + 1e-6)

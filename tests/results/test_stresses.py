@@ -405,3 +405,82 @@ def test_safety_needs_a_yield_stress():
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
     with pytest.raises(bd.BeamdaeError, match="the material has no yield_stress"):
         bd.equilibrium(mech).section_forces(beam).safety()
+
+
+# Largest stress over the length of a beam --------------------------------------------------------
+
+
+def bent_bar(section, load=-10.0, at=0.7, clamp=0.0, **settings):
+    """Return a clamped bar with a transverse force, and its mechanism."""
+    mech = bd.Mechanism()
+    bar = mech.add(bd.Beam("bar", bd.Line((0.0, 0.0), (1.0, 0.0)), section, **settings))
+    mech.add(bd.Weld("clamp", mech.ground.at(clamp, 0.0), bar.at(clamp)))
+    mech.add(bd.Force("load", bar.at(at), (0.0, load)))
+    return mech, bar
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_largest_stress_is_that_at_the_clamp(formulation):
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.01)
+    mech, bar = bent_bar(section, elements=4, formulation=formulation)
+    mech.observe("stress", bar.largest_stress())
+    mech.observe("outside", bar.largest_stress([0.35, 0.9], exponent=8))
+    columns = bd.equilibrium(mech).columns
+    modulus = 0.03 * 0.01**2 / 6.0
+    largest, bound = (columns[f"stress.{x} [Pa]"][-1] for x in ("largest", "bound"))
+    assert largest == pytest.approx(10.0 * 0.7 / modulus, rel=1e-4)
+    assert largest <= bound <= largest * 15 ** (1 / 100)
+    # Beyond the force, the bar has no stress.
+    assert columns["outside.largest [Pa]"][-1] == pytest.approx(0.5 * largest, rel=1e-3)
+    assert columns["outside.bound [Pa]"][-1] == pytest.approx(0.5 * largest, rel=1e-3)
+    # Without loads, there are only rounding errors.
+    assert columns["stress.bound [Pa]"][0] == pytest.approx(0.0, abs=1.0)
+
+
+def test_largest_stress_includes_both_sides_of_a_step_of_the_section():
+    def section(s):
+        return bd.Section.rectangle(STEEL, width=0.03, height=0.005 if s < 0.5 else 0.01)
+
+    mech, bar = bent_bar(section, at=0.0, clamp=1.0, elements=2)
+    mech.observe("stress", bar.largest_stress())
+    largest = bd.equilibrium(mech, to=0.01).columns["stress.largest [Pa]"][-1]
+    assert largest == pytest.approx(0.01 * 10.0 * 0.5 / (0.03 * 0.005**2 / 6.0), rel=1e-3)
+
+
+@bd.model(t_end=0.02)
+def loaded_bar(height=0.01, load=-10.0):
+    """Bar on two elements, with its largest stress."""
+    section = bd.Section.rectangle(STEEL, width=0.03, height=height, damping=1e-4)
+    mech, beam = bent_bar(section, load, elements=2)
+    mech.observe("stress", beam.largest_stress())
+    return mech
+
+
+def test_bound_of_the_largest_stress_is_differentiated_in_statics():
+    static = bd.equilibrium_sensitivities(loaded_bar, ["height"])
+    rate = static.sensitivity("stress.bound", "height").to_numpy()[-1]
+    value = bd.equilibrium(loaded_bar()).columns["stress.bound [Pa]"][-1]
+    # The stress is proportional to 1 / height^2 for small deflections.
+    assert rate == pytest.approx(-2.0 * value / 0.01, rel=1e-3)
+
+
+@pytest.mark.slow(reason="kernels of derivatives are compiled")
+def test_bound_of_the_largest_stress_is_differentiated_in_runs():
+    method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-10)
+    objective = bd.SmoothMaximum("stress.bound")
+    by_load = bd.gradient(loaded_bar, objective, "load", method, estimate_error=False)
+    one, other = (objective.value(bd.simulate(loaded_bar(load=x), method)) for x in (-9.99, -10.01))
+    assert by_load.derivatives["load"] == pytest.approx((one - other) / 0.02, rel=1e-5)
+
+
+def test_largest_stress_rejects_invalid_arguments():
+    _, bar = bent_bar(bd.Section.rectangle(STEEL, width=0.03, height=0.01))
+    with pytest.raises(bd.BeamdaeError, match=r"bar: arc length s must lie in \[0, 1\] m, got 2 m"):
+        bar.largest_stress([0.0, 2.0])
+    with pytest.raises(bd.BeamdaeError, match=r"bar: s is empty; pass at least one arc length"):
+        bar.largest_stress([])
+    with pytest.raises(bd.BeamdaeError, match=r"bar: exponent must be between 1 and 1000, got 0\."):
+        bar.largest_stress(exponent=0)
+    _, bar = bent_bar(bd.Section(STEEL, 3e-4, 2.5e-9))
+    with pytest.raises(bd.BeamdaeError, match="requires the height of the section"):
+        bar.largest_stress()

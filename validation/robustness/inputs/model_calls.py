@@ -197,6 +197,11 @@ MECHANISM_CALLS: dict[str, WorkingCall] = {
         run_with_observable,
         lambda box, **arguments: box.beam.strain(**arguments),
     ),
+    "Beam.largest_stress": WorkingCall(
+        lambda box: {"s": [0.2, 0.5], "exponent": 50.0},
+        run_with_observable,
+        lambda box, **arguments: box.beam.largest_stress(**arguments),
+    ),
     "Beam.section_forces": WorkingCall(
         lambda box: {"s": 0.5}, run_with_observable, lambda box, s: box.beam.section_forces(s)
     ),
