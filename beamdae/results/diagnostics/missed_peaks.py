@@ -11,7 +11,12 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
-from beamdae.results.columns import Header, mark_resting_columns, remove_unit
+from beamdae.results.columns import (
+    UNITS_OF_TRANSLATIONS,
+    Header,
+    mark_resting_columns,
+    remove_unit,
+)
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -20,8 +25,6 @@ Array = np.ndarray
 # accelerations, stresses, strains, and signals of controllers in any unit may change within a step.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
-# Units of translations beside those of rotations, whose values differ by a factor of a length.
-_UNITS_OF_POINTS = {"N m": "N", "rad/s^2": "m/s^2"}
 _ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mechanism
 _ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
@@ -32,9 +35,9 @@ _MAX_NAMES = 3  # of further columns in a warning
 
 @dataclass(frozen=True)
 class StepExtremes:
-    """Extremes of an observed column at the steps, their times [s], and its root mean square.
+    """Extremes of an observed column, their times [s], and its root mean square.
 
-    The root mean square integrates over steps and output rows.
+    All of them include the steps and the output rows.
     """
 
     min: float
@@ -72,7 +75,7 @@ def measure_step_extremes(
     row_times: Array,
     observed: Callable[[], Mapping[str, Array]],
 ) -> dict[str, StepExtremes]:
-    """Return the extremes of the observed columns at the steps between the output rows.
+    """Return the extremes of the observed columns over the steps and the output rows.
 
     Columns that are not finite at a step are omitted, and so are accelerations in models without
     abrupt forces: at the steps after a sudden load, they contain transients that are not resolved.
@@ -113,7 +116,12 @@ def measure_step_extremes(
             extremes = of_block
     if extremes is None:
         return {}
-    times, values = extremes
+    # Rows between steps may exceed both; rows that are not finite are no extremes.
+    numbers = rows_of_table[:, 1:]
+    numbers = np.where(np.isfinite(numbers), numbers, extremes[1][0])
+    of_rows = _find_extremes(row_times, numbers)
+    pairs = zip(extremes, of_rows, strict=True)
+    times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
     return {
         header: StepExtremes(low, low_time, high, high_time, rms)
         for header, (low, high), (low_time, high_time), rms in zip(
@@ -254,11 +262,8 @@ def find_missed_peaks(
     largest = {
         u: max((half_range[k] for k, x in enumerate(units) if x == u), default=0.0) for u in units
     }
-    others = [
-        largest.get(_UNITS_OF_POINTS.get(unit, ""), 0.0)
-        * (length if unit == "N m" else 1.0 / length)
-        for unit in units
-    ]
+    translations = [UNITS_OF_TRANSLATIONS.get(unit, ("", 0)) for unit in units]
+    others = [largest.get(unit, 0.0) * length**-power for unit, power in translations]
     is_at_rest |= half_range <= _ROUNDING_OF_MOMENTS * np.array(others)
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
     misses = np.stack([rows[0] - low, high - rows[1]])
