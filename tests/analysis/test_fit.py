@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.fit.result import Information
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -235,7 +236,31 @@ def test_regression_misfits_and_correlations_are_told(exact):
     result = bd.fit(oscillator, data, ["stiffness", "mass"], METHOD, **options)
     assert result.correlations().iloc[0, 1] > 0.99
     (sentence,) = result.undetermined
-    assert "hardly distinguish the effects of stiffness and mass" in sentence
+    assert "hardly distinguish the effects of stiffness and mass (correlation 0.9" in sentence
+    assert "times as large as if the other was known" in sentence
+
+
+def test_regression_multiple_correlation_of_three_parameters_is_stated():
+    # The effect of the third parameter is nearly the mean of the others: no pair is dependent.
+    rng = np.random.default_rng(0)
+    effects = np.linalg.qr(rng.normal(size=(40, 3)))[0]
+    jacobian = effects.copy()
+    jacobian[:, 2] = effects[:, 0] + effects[:, 1] + 0.05 * effects[:, 2]
+    information = Information.of(100.0 * jacobian, np.ones(3))
+    texts = {name: f"{name} by {{:+.2g}} %" for name in ("k", "m", "E")}
+    (sentence,) = information.undetermined(texts)
+    covariance = information.covariance
+    known = np.sqrt(1.0 / (1e4 * (jacobian**2).sum(axis=0)))
+    factor = np.max(np.sqrt(np.diag(covariance)) / known)
+    correlation = np.sqrt(1.0 - 1.0 / factor**2)
+    assert "effects of k, m and E" in sentence
+    assert f"(multiple correlation {correlation:.4f})" in sentence
+    assert f"up to {factor:.2g} times as large as if all other parameters were known" in sentence
+    # The estimates of each pair are correlated less.
+    deviations = np.sqrt(np.diag(covariance))
+    pairs = covariance / np.outer(deviations, deviations)
+    assert np.max(np.abs(pairs[np.triu_indices(3, 1)])) < 0.9999
+    assert correlation > 0.999
 
 
 @bd.model(t_end=2.0)

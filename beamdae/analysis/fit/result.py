@@ -185,7 +185,7 @@ class Fit:
 
     @property
     def solution(self) -> Solution:
-        """Run with the estimates, at the times of the data.
+        """Run with the estimates, at the times of the data; `plot` shows it beside the data.
 
         Raises
         ------
@@ -553,14 +553,31 @@ class Information:
             if any(np.all(other[members]) for other in named):
                 continue
             *others, last = (name for name, is_in in zip(texts, members, strict=True) if is_in)
+            factor = float(np.sqrt(self._variance_inflation[members].max()))
+            correlation = np.sqrt(1.0 - 1.0 / factor**2)
+            kind, rest = "correlation", "the other was"
+            if len(texts) > 2:
+                kind, rest = "multiple correlation", "all other parameters were"
             sentences.append(
                 f"The data hardly distinguish the effects of {', '.join(others)} and {last} "
-                "(correlation above 0.99)."
+                f"({kind} {correlation:.4f}): their standard deviations are up to {factor:.2g} "
+                f"times as large as if {rest} known."
             )
         return tuple(sentences)
 
+    @property
+    def _variance_inflation(self) -> Array:
+        """Ratios (k,) of the variances of parameters to those with all others known.
+
+        The multiple correlation coefficient of an estimate with all others is sqrt(1 - 1 / ratio).
+        """
+        jacobian = self.singular[:, None] * self.directions
+        is_known = ~self.is_dependent
+        inverse = self.directions[is_known] / self.singular[is_known, None]
+        return np.asarray((inverse**2).sum(axis=0) * (jacobian**2).sum(axis=0))
+
     def _correlated(self) -> list[Array]:
-        """Return the members (k,) of combinations with correlations above 0.99."""
+        """Return the members (k,) of combinations with nearly dependent effects."""
         jacobian = self.singular[:, None] * self.directions
         lengths = np.linalg.norm(jacobian, axis=0)
         lengths[lengths == 0.0] = 1.0
