@@ -52,6 +52,7 @@ from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
+from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
@@ -146,7 +147,7 @@ class RunData:
 
     @cached_property
     def step_extremes(self) -> dict[str, StepExtremes]:
-        """Extremes of the observed columns at the steps between the first and the last row.
+        """Extremes of the observed columns over all steps and rows.
 
         They include peaks between the rows. Accelerations are omitted in models without abrupt
         forces, such as contacts.
@@ -238,6 +239,7 @@ class RunData:
             *singularity_warnings(self.singular_positions),
             *self._part_warnings(),
             *impact_warnings(self.equations, self.trajectory, self.event_records),
+            *velocity_jump_warnings(self.equations, self.trajectory, self.event_records),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),

@@ -1,0 +1,54 @@
+"""Warnings about drivers whose laws make velocities jump."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+TIMES, ANGLES = [0.0, 0.4, 0.8, 1.2], [0.0, 0.4, -0.2, 0.2]
+
+
+def crank(law, joint=bd.Driver):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(1.0, 0.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    if joint is bd.Distance:
+        mech.add(bd.Distance("drive", mech.ground.at(2.0, 0.5), body.at(1.0, 0.5), law))
+    else:
+        mech.add(joint("drive", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0), law))
+    mech.observe("drive", mech.part("drive").drive)
+    return mech
+
+
+@pytest.mark.parametrize("integrator", [bd.Ida(), bd.Radau(), bd.GeneralizedAlpha(step=0.01)])
+def test_regression_a_driver_whose_slope_jumps_has_a_warning(integrator):
+    """The torque at the rows was that of gravity alone, and nothing told of the impulses."""
+    law = bd.table(TIMES, ANGLES, kind="linear")
+    solution = bd.simulate(crank(law), integrator, t_end=1.2)
+    assert solution["drive.M"].abs().max() < 9.82
+    (warning,) = (x for x in solution.warnings if "slope of its law" in x)
+    assert warning.startswith("drive: the slope of its law jumps 2 times, first at t = 0.4 s")
+
+
+def test_a_distance_whose_slope_jumps_has_a_warning():
+    law = bd.piecewise((0.5, lambda t: 1.0 + 0.1 * t), 1.05)
+    warnings = bd.simulate(crank(law, bd.Distance), t_end=1.0).warnings
+    assert (
+        sum(x.startswith("drive: the slope of its law jumps at t = 0.5 s") for x in warnings) == 1
+    )
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=0.01)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        bd.run_up(3.0, 1.0),
+        bd.table(TIMES, ANGLES),
+        bd.table(TIMES, ANGLES, kind="pchip"),
+        bd.piecewise((1.0, lambda t: t**2), lambda t: 2.0 * t - 1.0),
+        bd.piecewise((0.5, lambda t: 1e-3 * np.sin(t)), lambda t: 1e-3 * np.sin(t)),
+    ],
+    ids=["run up", "spline", "pchip", "smooth pieces", "small"],
+)
+def test_continuous_slopes_have_no_warning(law, integrator):
+    assert not any("slope" in x for x in bd.simulate(crank(law), integrator, t_end=1.2).warnings)
