@@ -19,7 +19,7 @@ from beamdae.equations.assembly.coordinate_map import (
     locate_attachments,
     map_coordinates,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
@@ -30,6 +30,7 @@ from beamdae.parts.forces.friction import Friction
 from beamdae.parts.forces.regularized_friction import suggest_speed
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part, SurfaceGap
+from beamdae.symbolic.kernel_groups import group_by_kernel
 from beamdae.symbolic.statements import ForceStatement, Local, Quantity, QuantityKernel
 
 Array = np.ndarray
@@ -87,7 +88,7 @@ def idle_part_warnings(
     mechanism = equations.mechanism
     if mechanism is None:
         return
-    coordinates = map_coordinates(mechanism)
+    coordinates, statements_of = map_coordinates(mechanism), _find_statements(equations)
     for part in mechanism.parts.values():
         if coordinates.sizes[id(part)]:
             continue
@@ -98,17 +99,35 @@ def idle_part_warnings(
                 "end to another body or to the ground."
             )
         else:
-            yield from _zero_force_warnings(part, mechanism, start, end)
+            yield from _zero_force_warnings(statements_of(part), start, end)
     yield from _friction_peak_warnings(mechanism)
     yield from _switch_warnings(mechanism)
 
 
+def _find_statements(equations: EquationsOfMotion) -> Callable[[Part], PartStatements]:
+    """Return a function that returns the statements of a part at constant gravity.
+
+    Statements of the assembly are used if possible: stating a load with a table takes milliseconds.
+    """
+    mechanism = equations.mechanism
+    assert mechanism is not None
+    known = {} if mechanism.gravity_laws else {id(x.part): x for x in equations.statements}
+
+    def find(part: Part) -> PartStatements:
+        if id(part) in known:
+            return known[id(part)]
+        constraints, forces = part.constraints(), part.forces(mechanism.gravity)
+        return PartStatements(part, tuple(constraints), tuple(forces))
+
+    return find
+
+
 def _zero_force_warnings(
-    part: Part, mechanism: Mechanism, start: float, end: float | None
+    statements_of_part: PartStatements, start: float, end: float | None
 ) -> Iterator[str]:
     """Yield a warning if all forces of a part without coordinates and constraints are zero."""
-    statements = part.forces(mechanism.gravity)
-    if not statements or part.constraints():
+    part, constraints, statements = statements_of_part
+    if not statements or constraints:
         return
     breakpoints = sorted({b for law in part.laws for b in law.breakpoints})
     if end is not None:
@@ -156,15 +175,19 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
     A force that happens to be zero at a random state is examined symbolically.
     """
     kernel = statement.kernel
-    x, evaluate = kernel.local, kernel.force_kernel.function
+    x = kernel.local
+    # Compiled once for all models with this kernel, whose data include all numbers.
+    (group,) = group_by_kernel([statement])
+    evaluate = group.kernel.force_kernel.function
     state = _random_state(3 * x.size + x.n_multipliers)
-    copies = statement.data if statement.data.shape[1] == 1 else np.unique(statement.data, axis=1)
-    for numbers in copies.T if x.data.numel() else [np.zeros(0)]:
+    copies = group.data if group.data.shape[1] == 1 else np.unique(group.data, axis=1)
+    for numbers in copies.T if copies.size else [np.zeros(0)]:
         for branch in branches if kernel.has_branches else branches[:1]:
             time = np.array([branch, branch])
             if np.any(evaluate(time, np.concatenate([state, numbers])).full()):
                 return False
-            symbols, values = [x.data, x.time[1]], [ca.DM(numbers), ca.DM(branch)]
+            symbols = [x.data, x.time[1]]
+            values = [ca.DM(numbers[: x.data.numel()]), ca.DM(branch)]
             (force,) = ca.substitute([kernel.force], symbols, values)
             if not force.is_zero():
                 return False
@@ -468,12 +491,12 @@ def supplied_energy_warnings(
     mechanism = equations.mechanism
     if mechanism is None:
         return
-    coordinates = map_coordinates(mechanism)
+    coordinates, statements_of = map_coordinates(mechanism), _find_statements(equations)
     checked = {}
     for part in _active_parts(equations):
         if not coordinates.sizes[id(part)]:
-            statements = part.forces(mechanism.gravity)
-            checked[part.name] = [x for x in statements if _has_checked_damping(x)]
+            forces = statements_of(part).forces
+            checked[part.name] = [x for x in forces if _has_checked_damping(x)]
     if not any(checked.values()):
         return
     times, q, v, exchanged_energy = sample()

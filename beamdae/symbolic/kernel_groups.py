@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from beamdae.read_only import read_only
 from beamdae.symbolic.formula import cache_kernels
 from beamdae.symbolic.instructions import (
     Instruction,
@@ -35,6 +36,7 @@ from beamdae.symbolic.table_lookups import LOOKUPS, look_up
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel
 Statement = ForceStatement | ConstraintStatement
+_SEPARATED = "_separated_numbers"  # attribute of kernels with the result of `_separate_numbers`
 
 
 class KernelGroup(NamedTuple):
@@ -109,28 +111,38 @@ class _KernelRecipe(NamedTuple):
     steps: tuple[Instruction, ...]
 
 
-def _to_function(kernel: AnyKernel) -> ca.Function:
-    return ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
-
-
 def _describe_kernel(kernel: AnyKernel) -> _KernelRecipe | None:
     """Return the recipe of a kernel; None if the kernel is shared or calls other functions."""
-    if kernel.reused:
-        return None
-    f, local = _to_function(kernel), kernel.local
+    return None if kernel.reused else _separate_numbers(kernel)[0]
+
+
+def _extract_constants(kernel: AnyKernel) -> Array:
+    """Return the numbers in a kernel, in the order of its instructions."""
+    return _separate_numbers(kernel)[1]
+
+
+def _separate_numbers(kernel: AnyKernel) -> tuple[_KernelRecipe | None, Array]:
+    """Return the recipe of a kernel, None if it calls other functions, and the numbers in it."""
+    # Stored in the kernel, because the kernels of formulas are grouped for warnings, too.
+    cache = vars(kernel)
+    if _SEPARATED not in cache:
+        function = ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
+        numbers = np.array(read_constants(function), float)
+        cache[_SEPARATED] = _read_recipe(kernel, function), read_only(numbers)
+    separated: tuple[_KernelRecipe | None, Array] = cache[_SEPARATED]
+    return separated
+
+
+def _read_recipe(kernel: AnyKernel, function: ca.Function) -> _KernelRecipe | None:
+    local = kernel.local
     steps = tuple(
         (x if isinstance(x, int) else x.which_function().name(), operands, results)
-        for x, operands, results in read_instructions(f)
+        for x, operands, results in read_instructions(function)
     )
     if any(isinstance(operation, str) and operation not in LOOKUPS for operation, _, _ in steps):
         return None
     shapes = tuple(output.shape for output in kernel.outputs)
     return _KernelRecipe(type(kernel), local.size, local.n_data, local.n_multipliers, shapes, steps)
-
-
-def _extract_constants(kernel: AnyKernel) -> Array:
-    """Return the numbers in a kernel, in the order of its instructions."""
-    return np.array(read_constants(_to_function(kernel)), float)
 
 
 @cache_kernels

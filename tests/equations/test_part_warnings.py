@@ -6,6 +6,7 @@ import math
 import warnings
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -323,3 +324,21 @@ def test_regression_rounding_errors_of_start_velocities_have_no_warning(speed, c
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
         solution = bd.simulate(replace(equations, v0=v0), bd.Radau(1e-3), t_end=1e-3)
     assert len([x for x in solution.warnings if "do not allow" in x]) == count
+
+
+def test_regression_a_load_with_a_table_is_stated_once_per_run(monkeypatch):
+    """Each check of a run stated and compiled it again, half of the time of short runs."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, center=(0.0, 0.0)))
+    mech.add(bd.Moment("drive", rod.at(0.0, 0.0), bd.table([0.0, 0.5, 1.0], [0.0, 1.0, 0.0])))
+    state, calls = bd.Moment.forces, []
+    monkeypatch.setattr(bd.Moment, "forces", lambda *x: calls.append(None) or state(*x))
+    names, create = [], ca.Function.__init__
+    monkeypatch.setattr(ca.Function, "__init__", lambda *x: names.append(x[1]) or create(*x))
+    for runs in range(1, 4):
+        names.clear()
+        assert bd.simulate(mech, bd.GeneralizedAlpha(0.05), 1.0).warnings == ()
+        assert len(calls) == runs
+    # Only the comparison with earlier laws needs a new function.
+    assert names.count("kernel") == 1
+    assert "force" not in names
