@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.cases import AREVALO, PENDULUM, SLIDER_CRANK, pendulum, pendulum_motion
+from governor import governor
 from numpy.testing import assert_allclose
 from quick_return import quick_return
 from tolerance_cases import every_case, every_case_by_duration
@@ -762,3 +763,11 @@ def test_regression_reactions_with_friction_converge_in_driven_mechanisms():
         for x in (1e-6, 1e-10)
     )
     assert_allclose(loose, tight, rtol=0.0, atol=1e-5 * np.max(np.abs(tight)))
+
+
+@pytest.mark.parametrize(("model", "tolerance"), [(governor, 1e-9), (quick_return, 1e-6)])
+def test_regression_rounding_errors_of_short_steps_do_not_end_runs(model, tolerance):
+    """Corrections stopped decreasing above the limit, and Newton's iteration failed."""
+    method = bd.GeneralizedAlpha(1e-6, newton_tolerance=tolerance)
+    run = bd.simulate(model, method, t_end=1e-3)
+    assert run.status.success, run.status

@@ -16,9 +16,11 @@
 #define MIN_RATE 1e-4
 #define MIN_FIRST_RATE 1e-2
 #define MAX_ITERATIONS 12
-/* Corrections of reactions; see beamdae.integrators.alpha.step_loop. */
+/* Rounding errors of corrections; see beamdae.integrators.alpha.step_loop. */
 #define STAGNATION_RATE 0.5
+#define ROUNDING_GROWTH 10.0
 #define REACTION_ROUNDING 1e-6
+#define REACTION_ITERATIONS 4
 /* Starting values; see beamdae.integrators.alpha.family. */
 #define JERK_INTERVAL 1e-2
 #define STIFF_TIME 0.5
@@ -159,19 +161,26 @@ static double correct(Instance *s) {
 
 static int iterate_newton(Instance *s, double t, int may_renew) {
     Method *w = s->method;
+    const double rounding = ROUNDING_GROWTH * s->model->min_correction_limit;
     double previous = INFINITY;
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         evaluate_residual(s, t);
-        const double size = correct(s);
+        const double size = correct(s), limit = w->correction_limit;
         if (k == 0 && !isfinite(size)) return NOT_FINITE;
-        if (!(size <= MAX_CORRECTION_GROWTH * previous)) return NOT_CONVERGED;
+        /* Corrections of reactions that remain after those of positions may grow. */
+        const int of_reactions =
+            w->q_size < size && size < INFINITY && w->q_size <= fmax(limit, rounding);
+        if (!(size <= rounding || of_reactions || size <= MAX_CORRECTION_GROWTH * previous))
+            return NOT_CONVERGED;
         if (k > 0) w->now->rate = previous > 0.0 ? fmax(size / previous, MIN_RATE) : 0.0;
         const double rate = k > 0 ? w->now->rate : fmax(w->now->rate, MIN_FIRST_RATE);
-        if (rate < 1.0 && size * rate <= w->correction_limit * (1.0 - rate)) return DONE;
-        if (w->q_size < size && w->q_size <= w->correction_limit && rate > STAGNATION_RATE) {
-            const double tolerance = s->model->newton_tolerance;
-            const int is_rounding = size * tolerance <= REACTION_ROUNDING * w->correction_limit;
-            return is_rounding || (may_renew && k > 0) ? DONE : NOT_CONVERGED;
+        if (rate < 1.0 && size * rate <= limit * (1.0 - rate)) return DONE;
+        if (k > 0 && rate > STAGNATION_RATE) {
+            if (size <= rounding) return DONE;
+            const int is_small = size * s->model->newton_tolerance <= REACTION_ROUNDING * limit;
+            if (of_reactions && (is_small || (may_renew && k + 1 >= REACTION_ITERATIONS)))
+                return DONE;
+            if (of_reactions && !may_renew) return NOT_CONVERGED;
         }
         if (may_renew && rate > SLOW_RATE) {
             const int code = factorize_step_matrix(s, t);

@@ -62,10 +62,14 @@ _SAFETY = 0.8
 # Coordinates whose vectors fit into the fastest processor cache together: several operations on
 # them read each number from memory once.
 _CHUNK = 512
-# Corrections of reactions that decrease by less than this factor are rounding errors ...
+# Corrections that decrease by less than this factor are rounding errors ...
 _STAGNATION_RATE = 0.5
-# ... if they are smaller than this, relative to the largest reaction, or if factors are new.
+# ... of positions, if they are at most this many times `min_correction_limit`, ...
+_ROUNDING_GROWTH = 10.0
+# ... and of reactions, if they are smaller than this, relative to the largest reaction, or after
+# this many iterations with new factors.
 _REACTION_ROUNDING = 1e-6
+_REACTION_ITERATIONS = 4
 # Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-9
 
@@ -389,9 +393,10 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
     """Iterate until the corrections of positions, and of reactions with friction, are small.
 
     Without a test of the reactions, those of driven mechanisms, whose positions the constraints
-    determine, would not converge with the friction that depends on them. Their rounding errors may
-    exceed the limit, so that corrections that no longer decrease end the iteration.
+    determine, would not converge with the friction that depends on them. Rounding errors may exceed
+    the limit: small corrections that no longer decrease end the iteration.
     """
+    rounding = _ROUNDING_GROWTH * run.min_correction_limit
     x, change, n = run.x, run.change, run.current.q.size
     x_change = change[: x.size]
     q_change, lam_change = change[:n], change[n : n + run.current.lam.size]
@@ -407,16 +412,23 @@ def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
             size = math.sqrt(q_size * q_size + reaction * reaction)
         if k == 0 and not math.isfinite(size):
             return NOT_FINITE
-        if not size <= MAX_CORRECTION_GROWTH * previous:
+        # Corrections of reactions that remain after those of positions may grow.
+        of_reactions = q_size < size < math.inf and q_size <= max(run.correction_limit, rounding)
+        if not (size <= rounding or of_reactions or size <= MAX_CORRECTION_GROWTH * previous):
             return NOT_CONVERGED
         if k > 0:
             run.rate = max(size / previous, MIN_RATE) if previous > 0.0 else 0.0
         rate = run.rate if k > 0 else max(run.rate, MIN_FIRST_RATE)
         if rate < 1.0 and size * rate <= run.correction_limit * (1.0 - rate):
             return DONE
-        if q_size < size and q_size <= run.correction_limit and rate > _STAGNATION_RATE:
-            is_rounding = size * run.newton_tolerance <= _REACTION_ROUNDING * run.correction_limit
-            return DONE if is_rounding or (may_renew and k > 0) else NOT_CONVERGED
+        if k > 0 and rate > _STAGNATION_RATE:
+            if size <= rounding:
+                return DONE
+            is_small = size * run.newton_tolerance <= _REACTION_ROUNDING * run.correction_limit
+            if of_reactions and (is_small or (may_renew and k + 1 >= _REACTION_ITERATIONS)):
+                return DONE
+            if of_reactions and not may_renew:
+                return NOT_CONVERGED
         if may_renew and rate > SLOW_RATE:
             code = _factorize_step_matrix(run, t)
             if code != DONE:
