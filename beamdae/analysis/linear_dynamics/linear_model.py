@@ -24,7 +24,14 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, InputTerm, 
 from beamdae.equations.formulations.tangents import compute_tangent, differentiate_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
-from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr, suggest
+from beamdae.errors import (
+    BeamdaeError,
+    require_finite,
+    require_positive,
+    require_sequence,
+    short_repr,
+    suggest,
+)
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -131,11 +138,59 @@ class LinearModel(HasPage):
             count += int(is_pair and np.sum(slow[:count].imag) != 0.0)
         return np.concatenate([slow[:count], fast[count:]])
 
-    def state_space(self) -> StateSpace:
-        """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses."""
+    def state_space(self, every: float | None = None) -> StateSpace:
+        """Return the model as a `scipy.signal.StateSpace`, for step and impulse responses.
+
+        Parameters
+        ----------
+        every
+            Interval between samples [s], for the discrete-time model x_{k+1} = A_d x_k + B_d u_k of
+            inputs that are held in between (zero-order hold), as a `Controller` holds them:
+            [[A_d, B_d], [0, I]] = exp([[A, B], [0, 0]] every). Defaults to None, for the model in
+            continuous time.
+
+        Returns
+        -------
+        scipy.signal.StateSpace
+            Its attribute `dt` is `every`.
+
+        Raises
+        ------
+        BeamdaeError
+            If `every` is not positive, or the model grows beyond the range of numbers within it.
+
+        Examples
+        --------
+        Poles of a loop in which a law u = -4 y, sampled every 0.1 s, controls y = x:
+
+        >>> import numpy as np
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism()
+        >>> valve = mech.input("valve")
+        >>> level = mech.state("level", valve)
+        >>> plant = bd.linearize(mech, outputs=["level"]).state_space(every=0.1)
+        >>> np.linalg.eigvals(plant.A - plant.B @ [[4.0]] @ plant.C).round(9).tolist()
+        [0.6]
+        """
         from scipy.signal import StateSpace
 
-        return StateSpace(self.A, self.B, self.C, self.D)
+        if every is None:
+            return StateSpace(self.A, self.B, self.C, self.D)
+        step = require_positive("state_space", "every", every)
+        n, size = len(self.A), len(self.A) + self.B.shape[1]
+        # Elements of A of stiff structures differ so much that the exponential needs balancing.
+        balanced, (scale, _) = la.matrix_balance(self.A, permute=False, separate=True)
+        block = np.zeros((size, size))
+        block[:n, :n], block[:n, n:] = balanced, self.B / scale[:, None]
+        with np.errstate(all="ignore"):
+            held = la.expm(step * block)[:n]
+        if not np.all(np.isfinite(held)):
+            raise BeamdaeError(
+                f"state_space: an unstable motion exceeds the range of numbers within {step:g} s; "
+                "use a shorter interval."
+            )
+        a, b = held[:, :n] * scale[:, None] / scale, held[:, n:] * scale[:, None]
+        return StateSpace(a, b, self.C, self.D, dt=step)
 
     def frequency_response(self, frequencies: Any) -> Array:
         """Return the transfer matrix G = C (i w I - A)^-1 B + D, w = 2 pi f.
