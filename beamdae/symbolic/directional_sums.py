@@ -16,30 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.linear.lane_operations import aligned_zeros
-from beamdae.native.loop_functions import (
-    add,
-    add_tiles,
-    add_weighted,
-    call_kernel,
-    fill,
-    gather,
-    pick,
-    pick_tiles,
-)
-from beamdae.symbolic.kernel_sums import (
-    ADD_END,
-    ADD_TILE_END,
-    GATHER_END,
-    LANES,
-    PICK_END,
-    PICK_TILE_END,
-    START,
-    WEIGHTED_END,
-    Batch,
-    Kernel,
-    Sum,
-    SumPlan,
-)
+from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
 from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import directional_derivative, has_lookups
 from beamdae.symbolic.vector_sines import expand_sines
@@ -162,7 +139,7 @@ def directional_plan(
 
 
 def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
-    """Return a `directional_plan` that does not gather dp, for `evaluate_direction`.
+    """Return a `directional_plan` that does not gather dp, for `evaluate_with_data`.
 
     `n_inputs` is the size of x. Many more numbers belong to the data of copies than to their
     motion; those of a direction are the same in all steps, see `direction_inputs`.
@@ -178,7 +155,7 @@ def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
 
 
 def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> Array:
-    """Return the array `local` of each direction for `evaluate_direction`, (k, n_local).
+    """Return the array `local` of each direction for `evaluate_with_data`, (k, n_local).
 
     Parameters
     ----------
@@ -193,42 +170,6 @@ def direction_inputs(plan: SumPlan, n_inputs: int, p: Array, numbers: Array) -> 
     sources = plan.pick_sources[is_data].astype(np.int64) - 2 * n_inputs
     local[:, plan.pick_targets[is_data]] = numbers[:, sources]
     return local
-
-
-def evaluate_direction(total: Sum, local: Array, x: Array, result: Array) -> None:
-    """Write the derivative at x = (point, change of the motion) into `result`.
-
-    Parameters
-    ----------
-    total
-        Sum of a `motion_plan`.
-    local
-        Array of the direction, see `direction_inputs`, in place of `total.local`.
-    x, result
-        See `kernel_sums.evaluate_sum`.
-    """
-    out, batches = total.out, total.batches
-    fill(result, 0.0)
-    pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
-    pick_tile_begin, add_tile_begin = 0, 0
-    for k in range(batches.shape[0]):
-        start, lanes = batches[k, START], batches[k, LANES]
-        pick_end, gather_end = batches[k, PICK_END], batches[k, GATHER_END]
-        add_end, weighted_end = batches[k, ADD_END], batches[k, WEIGHTED_END]
-        pick_tile_end, add_tile_end = batches[k, PICK_TILE_END], batches[k, ADD_TILE_END]
-        tiles = total.pick_tiles
-        pick_tiles(local, start, lanes, x, tiles, pick_tile_begin, pick_tile_end)
-        pick(local, total.pick_targets, x, total.pick_sources, pick_begin, pick_end)
-        targets, weights, sources = total.gather_targets, total.gather_weights, total.gather_sources
-        gather(local, targets, weights, x, sources, gather_begin, gather_end)
-        call_kernel(total.kernels, k, total.shared, local, start, out, lanes)
-        add_tiles(result, out, lanes, total.add_tiles, add_tile_begin, add_tile_end)
-        add(result, total.add_targets, out, total.add_sources, add_begin, add_end)
-        targets, weights, sources = total.weighted_targets, total.weights, total.weighted_sources
-        add_weighted(result, targets, weights, out, sources, weighted_begin, weighted_end)
-        pick_begin, gather_begin = pick_end, gather_end
-        pick_tile_begin, add_tile_begin = pick_tile_end, add_tile_end
-        add_begin, weighted_begin = add_end, weighted_end
 
 
 class StackedSum:

@@ -497,7 +497,16 @@ def set_matrix_factors(
 
 def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
     """Write the sum at x into `result`, with the time and factors in `total.shared`."""
-    local, out, batches, n_shared = total.local, total.out, total.batches, total.shared.size
+    evaluate_with_data(total, total.local, x, result)
+
+
+def evaluate_with_data(total: Sum, local: Array, x: Array, result: Array) -> None:
+    """Write the sum at x into `result` as `evaluate_sum`, with `local` in place of `total.local`.
+
+    Several arrays of inputs with their own data, such as those of several directions, share the
+    other arrays of one sum.
+    """
+    out, batches, n_shared = total.out, total.batches, total.shared.size
     fill(result, 0.0)
     pick_begin, gather_begin, add_begin, weighted_begin = 0, 0, 0, 0
     pick_tile_begin, add_tile_begin = 0, 0

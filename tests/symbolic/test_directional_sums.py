@@ -10,10 +10,9 @@ from beamdae.symbolic.directional_sums import (
     StackedSum,
     direction_inputs,
     directional_plan,
-    evaluate_direction,
     motion_plan,
 )
-from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.kernel_sums import evaluate_sum, evaluate_with_data, set_time
 from beamdae.symbolic.powers import expand_powers
 
 
@@ -92,7 +91,7 @@ def test_directions_together_equal_those_one_by_one(formulation):
     set_time(total, *time)
     for k, row in enumerate(rows):
         result = np.zeros(size)
-        evaluate_direction(total, local[k], row[: 2 * n_x], result)
+        evaluate_with_data(total, local[k], row[: 2 * n_x], result)
         assert np.all(np.abs(result - expected[k]) <= bounds[k])
 
 

@@ -50,8 +50,7 @@ from beamdae.native.batch_elimination import (
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.directional_sums import evaluate_direction
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
 
 Array = np.ndarray
 
@@ -184,7 +183,7 @@ def replay_steps(run: ReplayWorkspace) -> int:
             combine(q_predicted, positions, (q, v, a, run.a_predicted))
             velocities = (1.0, h * (1.0 - gamma), h * gamma)
             combine(v_predicted, velocities, (v, a, run.a_predicted))
-            evaluate_direction(run.directional, run.local[k], inputs, change)
+            evaluate_with_data(run.directional, run.local[k], inputs, change)
             if run.is_further[k] == 1:
                 _add_further_forces(run, t, k)
             combine(change[:n], (c[2],), (change[:n],))

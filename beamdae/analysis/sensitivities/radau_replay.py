@@ -46,8 +46,7 @@ from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import combine, eliminate, factorize, fill, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.directional_sums import evaluate_direction
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
 
 Array = np.ndarray
 
@@ -362,7 +361,7 @@ def _evaluate_derivative(replay: RadauReplay, t: float, i: int, k: int) -> None:
     combine(inputs[2 * size : 3 * size], (1.0,), (dy,))
     combine(inputs[3 * size : 4 * size], (1.0,), (dyp,))
     set_time(replay.directional, t, run.branch)
-    evaluate_direction(replay.directional, replay.local[k], inputs, residual)
+    evaluate_with_data(replay.directional, replay.local[k], inputs, residual)
     combine(residual[:n], (1.0, 1.0, -1.0), (residual[:n], dyp[:n], dy[n : 2 * n]))
 
 

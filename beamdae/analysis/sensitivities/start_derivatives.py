@@ -152,7 +152,7 @@ class StartDerivatives:
     def direction_sum(
         self, plan: SumPlan, n_inputs: int, native: bool, numbers: Array
     ) -> tuple[Sum, Array]:
-        """Return the sum and the inputs of all directions for `evaluate_direction`.
+        """Return the sum and the inputs of all directions for `evaluate_with_data`.
 
         `plan` is a result of `directional_plan`; `numbers` are the derivatives of p, one direction
         a row.
