@@ -88,6 +88,11 @@ MODE_CALLS: dict[str, WorkingCall] = {
         return_result,
         lambda box, frequencies: bd.linearize(_pushed_bar(box)).frequency_response(frequencies),
     ),
+    "LinearModel.state_space": WorkingCall(
+        lambda box: {"every": 0.01},
+        return_result,
+        lambda box, every: bd.linearize(_pushed_bar(box)).state_space(every),
+    ),
     "draw_modes": WorkingCall(
         lambda box: {"modes": bd.modes(box.mech, about="equilibrium")}, return_result
     ),
