@@ -38,11 +38,15 @@ _MAX_ERROR_RATIO = 1e-2
 # Modes up to this multiple of the highest such squared frequency are included, because modes that
 # nearly coincide determine each other.
 _SQUARE_MARGIN = 2.0
-# Combinations of mode shapes are dependent if their energy is below this fraction of the largest
-# one (with 1e-12, flutter loads of lightly damped columns are up to 6e-6 off), and stiff if their
-# inertia, relative to their energy, is below the second fraction of that of the modes.
-_MIN_ENERGY_RATIO = 1e-14
+# Combinations of mode shapes are dependent if their energy is below the first fraction of the
+# largest one, and stiff if their inertia, relative to their energy, is below the second fraction of
+# that of the modes. Flutter loads of lightly damped columns are up to 6e-6 off if combinations
+# above the third fraction are left out; rounding errors of the stiffness determine their energy if
+# the bound on these errors exceeds the fourth fraction of a squared frequency.
+_MIN_ENERGY_RATIO = 1e-12
 _MIN_INERTIA_RATIO = 1e-6
+_MIN_ACCURATE_ENERGY_RATIO = 1e-14
+_MAX_ENERGY_ROUNDING = 1e-3
 # Values of the shift s of the energy x^T (K + s M) x, relative to the largest squared frequency, of
 # which the first one is used that leaves no motion with inertia a negative energy.
 _ENERGY_SHIFT_FACTORS = tuple(2.0 * 4.0 ** np.arange(7.0))
@@ -173,7 +177,10 @@ def refine_modes(
     if worst > _MAX_MIXING:
         refined = _refine_shapes(system, x, mu, tangent, parts)
         parts = parts if refined is None else refined
-    basis = _span_soft_motions(tangent, parts, float(np.max(squares[is_refined])))
+    is_accurate = worst <= _MAX_ENERGY_ROUNDING
+    min_energy_ratio = _MIN_ACCURATE_ENERGY_RATIO if is_accurate else _MIN_ENERGY_RATIO
+    square = float(np.max(squares[is_refined]))
+    basis = _span_soft_motions(tangent, parts, square, min_energy_ratio)
     if not basis.shape[1]:
         return modes
     reduced = reduce_stiffness(system, x, mu, basis)
@@ -228,13 +235,16 @@ def _refine_shapes(
     return None if refined is None else scale * refined
 
 
-def _span_soft_motions(tangent: Tangent, motions: Array, square: float) -> Array:
+def _span_soft_motions(
+    tangent: Tangent, motions: Array, square: float, min_energy_ratio: float
+) -> Array:
     """Return a basis of the motions in the span of `motions`, (n, k), that stretch beams little.
 
     The basis B satisfies B^T M B = I. Rounding adds motions to mode shapes that stretch thin beams.
     In a basis with B^T M B = I alone, their stiffness would exceed that of the modes, which have
     squared frequencies of up to `square`, by ten orders of magnitude. Therefore, motions are first
-    scaled to equal energies x^T (K + s M) x.
+    scaled to equal energies x^T (K + s M) x. Combinations with less than `min_energy_ratio` of the
+    largest energy are dependent.
     """
     inertia, stiffness = (motions.T @ (x @ motions) for x in (tangent.mass, tangent.stiffness))
     # Follower loads make the energy of some combinations of flutter modes negative, by more than
@@ -245,7 +255,7 @@ def _span_soft_motions(tangent: Tangent, motions: Array, square: float) -> Array
         # Imaginary parts of shapes are small, but not negligible.
         sizes = np.sqrt(np.maximum(np.diag(energy), _TINY))
         energies, shares = la.eigh(energy / sizes / sizes[:, None])
-        is_independent = energies > _MIN_ENERGY_RATIO * energies[-1]
+        is_independent = energies > min_energy_ratio * energies[-1]
         others = shares[:, ~is_independent] / sizes[:, None]
         lost_inertias = np.einsum("ij,ij->j", others, inertia @ others)
         if not np.any(lost_inertias * shift > _MIN_INERTIA_RATIO):
