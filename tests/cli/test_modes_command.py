@@ -1,5 +1,6 @@
 """`beamdae modes`: tables, pictures, and usage errors."""
 
+import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
@@ -7,6 +8,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app
+from beamdae.cli.commands.modes import parse_speeds
+from beamdae.report.terminal.text_tables import campbell_table
 
 MODEL = """
 import beamdae as bd
@@ -66,6 +69,21 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
     assert (tmp_path / "results/cross_modes.html").stat().st_size > 10_000
 
 
+def test_speeds_may_be_a_range():
+    assert parse_speeds("5.5") == [5.5]
+    assert parse_speeds("0:6:3") == [0.0, 3.0, 6.0]
+    assert_allclose(parse_speeds("0:3000rpm:3"), np.array([0.0, 50.0, 100.0]) * np.pi)
+    assert_allclose(parse_speeds("-30rpm:30rpm:3"), [-np.pi, 0.0, np.pi])
+
+
+def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tables():
+    """An overdamped mode was shown as 0 Hz, like a motion without stiffness."""
+    columns = {"speed [rad/s]": [0.0, 1.0], "mode 1 [Hz]": [0.0, 2.0], "mode 2 [Hz]": [0.0, 0.0]}
+    rates = {"growth rate 1 [1/s]": [1e-9, -0.1], "growth rate 2 [1/s]": [-1.7e5, 0.2]}
+    table = campbell_table(pd.DataFrame(columns | rates))
+    assert [list(row)[1:] for row in table.texts][1:] == [["0", "decay"], ["2", "growth"]]
+
+
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
     result = modes("--set", "locked=True")
     assert result.exit_code == 0
@@ -83,7 +101,7 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         ),
         (
             ["--speed", "1", "--multiple", "6"],
-            "--multiple requires several speeds; repeat --speed.",
+            "--multiple requires several speeds; repeat --speed or give START:STOP:COUNT.",
         ),
         (
             ["--speed", "1", "--speed", "2", "--animate", "1"],
@@ -91,6 +109,10 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         ),
         (["--animate", "9"], "--animate must be"),
         (["--animate", "9", "--set", "weight=9.81"], "--animate must be"),
+        (["--speed", "0:12000rpm:x"], "a range must have the form START:STOP:COUNT"),
+        (["--speed", "10:3000rpm:4"], "one end has a unit and the other has none"),
+        (["--speed", "0:5:1"], "with a COUNT from 2 to 1000"),
+        (["--speed", "0:5mm:3"], "the unit mm measures another quantity"),
         (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
         (["-n", "0"], "n must be"),
     ],

@@ -25,10 +25,50 @@ from beamdae.cli.output import (
     record_results,
 )
 from beamdae.cli.output_paths import require_writable
-from beamdae.errors import BeamdaeError, require_choice, require_count
+from beamdae.errors import BeamdaeError, require_choice, require_count, short_repr
 
 _STATES = ("reference", "equilibrium")
 _MIN_SPEEDS = 2  # of a Campbell diagram
+_MAX_SPEEDS = 1000  # of a range
+
+
+def parse_speeds(text: str) -> list[float]:
+    """Return the speeds [rad/s] of --speed: a number with or without a unit, or a range.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a number or its unit is invalid, or a range has not the form START:STOP:COUNT.
+    """
+    if ":" not in text:
+        return [parse_number(text, "rad/s")]
+    ends, count = text.split(":")[:-1], text.split(":")[-1].strip()
+    if len(ends) != 2 or not count.isdecimal() or not _MIN_SPEEDS <= int(count) <= _MAX_SPEEDS:
+        raise typer.BadParameter(
+            f"{short_repr(text)}: a range must have the form START:STOP:COUNT with a COUNT from "
+            f"{_MIN_SPEEDS} to {_MAX_SPEEDS}, such as 0:3000rpm:16."
+        )
+    import numpy as np
+
+    start, stop = (parse_number(x, "rad/s") for x in ends)
+    if _has_mixed_units(*ends):
+        raise typer.BadParameter(
+            f"{short_repr(text)}: one end has a unit and the other has none; give both a unit."
+        )
+    return [float(x) for x in np.linspace(start, stop, int(count))]
+
+
+def _has_mixed_units(start: str, stop: str) -> bool:
+    """Return True if one end of a range has a unit and the other, not zero, has none."""
+
+    def read_plain(text: str) -> float | None:
+        try:
+            return float(text)
+        except ValueError:
+            return None
+
+    plain = [read_plain(x) for x in (start, stop)]
+    return (plain[0] is None) != (plain[1] is None) and 0.0 not in plain
 
 
 def modes_command(
@@ -46,13 +86,14 @@ def modes_command(
     number: Annotated[int, typer.Option("-n", "--number", help="Number of modes.")] = 10,
     damping: Annotated[bool, typer.Option(help="Compute damped or undamped modes.")] = True,
     speed: Annotated[
-        list[float] | None,
+        list[Any] | None,
         typer.Option(
             "--speed",
-            parser=partial(parse_number, unit="rad/s"),
+            parser=parse_speeds,
             metavar="SPEED",
             help="Linearize about a steady rotation at this speed in rad/s, or with a unit "
-            "(3000rpm); repeat for a Campbell diagram.",
+            "(3000rpm); several speeds, repeated or as START:STOP:COUNT (0:3000rpm:16), are a "
+            "Campbell diagram.",
         ),
     ] = None,
     multiple: Annotated[
@@ -84,11 +125,13 @@ def modes_command(
 
     model = load_configured_model(ModelFile(path), model_name, settings)
     require_choice("modes", "--about", about, _STATES)
-    speeds, animated_modes = speed or [], animate or []
+    speeds, animated_modes = [x for group in speed or [] for x in group], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if multiple and len(speeds) < _MIN_SPEEDS:
-        raise BeamdaeError("modes: --multiple requires several speeds; repeat --speed.")
+        raise BeamdaeError(
+            "modes: --multiple requires several speeds; repeat --speed or give START:STOP:COUNT."
+        )
     if len(speeds) > 1 and animated_modes:
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
     kinds = ("csv", *["html"] * page, *["png"] * picture)

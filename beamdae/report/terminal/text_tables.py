@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-12
 # An error below this multiple of the uncertainty of the reference is shown as an upper bound.
 _RESOLUTION_FACTOR = 10.0
+_MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
 _HEADER_LINE_LETTERS = 12
 
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
@@ -365,14 +366,21 @@ def modes_table(table: pd.DataFrame) -> ResponsiveTable:
 
 
 def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
-    """Return a table of frequencies over the rotational speed, given `Campbell.table()`."""
+    """Return a table of frequencies over the rotational speed, given `Campbell.table()`.
+
+    Modes that decay or grow without oscillation have a word in place of the frequency.
+    """
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
     columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
+
+    def format_mode(row: Any, name: str) -> str:
+        rate = row[name.replace("mode", "growth rate").replace("[Hz]", "[1/s]")]
+        if row[name] == 0.0 and abs(rate) > _MIN_RATE:
+            return "decay" if rate < 0.0 else "growth"
+        return format_number(row[name], 5)
+
     rows = [
-        (
-            format_number(row["speed [rad/s]"]),
-            *(format_number(row[name], 5) for name in frequencies),
-        )
+        (format_number(row["speed [rad/s]"]), *(format_mode(row, name) for name in frequencies))
         for _, row in table.iterrows()
     ]
     return ResponsiveTable("speed [rad/s]", columns, rows, "the CSV file")
