@@ -228,3 +228,29 @@ def test_curve_ends_where_no_model_exists():
     short = bd.boundary(truss, "limit point", by, (0.2, 0.4), step=0.05, max_points=3, to=to)
     assert short.status.kind == "limited"
     assert len(short.values) == 3
+
+
+@bd.model(t_end=1.0)
+def braced_column(stiffness=600.0):
+    """Column with hinged ends and a spring in the middle; EI = 4.725 N m^2, 1 m."""
+    section = bd.Section.rectangle(bd.Material(70e9, 0.3, 2700.0), width=0.03, height=0.003)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    column = mech.add(bd.Beam("column", line, section, elements=4, formulation="exact"))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(1.0, 0.0), column.end, (1.0, 0.0)))
+    mech.add(bd.Force("press", column.end, (-10.0, 0.0)))
+    mech.add(bd.Bushing("brace", mech.ground.at(0.5, 0.0), column.at(0.5), ky=stiffness))
+    return mech
+
+
+@pytest.mark.slow(reason="a second")
+def test_regression_two_branch_points_of_a_column_are_no_hilltop():
+    """Rounding errors of the axial motion in bending modes counted as work of the load."""
+    by = ("stiffness", "load")
+    curve = bd.boundary(braced_column, "branch point", by, (700.0, 800.0), step=0.5, to=18.3)
+    (point,) = curve.special
+    assert point.kind == "double branch point"
+    # With a brace of 16 pi^2 EI / L^3, the column buckles in one or two half waves.
+    assert point.value == pytest.approx(16.0 * np.pi**2 * 4.725, rel=2e-3)
+    assert point.factor == pytest.approx(0.4 * np.pi**2 * 4.725, rel=2e-3)

@@ -469,7 +469,11 @@ class _Segment:
         load = equilibrium.system.residual(equilibrium.x, equilibrium.mu)[1][:n]
         order = np.argsort(np.abs(stability.eigenvalues))[:2]
         work = load @ stability.modes[:, order]
-        size = np.abs(load) @ np.abs(stability.modes[:, order])
+        # Relative to the largest motion, because an axial load moves with bending modes of a
+        # straight column by rounding alone.
+        scales = equilibrium.system.equations.position_scales
+        motion = np.max(np.abs(stability.modes[:, order]) / scales[:, None], axis=0)
+        size = (np.abs(load) @ scales) * motion
         return bool(np.any(np.abs(work) > _MIN_WORK * size))
 
 
