@@ -3,7 +3,7 @@
 import gc
 import os
 import signal
-from collections import Counter
+from collections import defaultdict
 from zlib import crc32
 
 import pytest
@@ -28,8 +28,9 @@ settings.register_profile("explore", deadline=None, max_examples=25)
 settings.load_profile("beamdae")
 
 
-_MANY_VARIANTS = 4  # from this number of variants of a test on, most of them are not run by default
-# One variant of these numbers is a default test, or at least a slow one; the others are exhaustive.
+# Of fewer variants of a test, one is a default test and the others are slow ones. Of at least as
+# many, one of these numbers is a default test, or at least a slow one; the others are exhaustive.
+_MANY_VARIANTS = 4
 _VARIANTS_PER_DEFAULT_TEST = 16
 _VARIANTS_PER_SLOW_TEST = 4
 # Tests of models and external answers: the slow tests leave out no variant, except of the program
@@ -37,6 +38,8 @@ _VARIANTS_PER_SLOW_TEST = 4
 _COMPLETE_FOLDERS = ("models", "validation")
 _SAMPLED_PROGRAM = "test_robustness.py"
 _DOCTESTS = "test_docstrings.py"
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # of xdist, such as "gw1"
+_COLLECTS_IN_REVERSE = _WORKER.endswith(("1", "3", "5", "7", "9"))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -53,24 +56,48 @@ def pytest_collection():
         gc.enable()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Let every other worker collect in reverse, so that workers share the bytecode of modules.
+
+    Rewriting the assertions of all modules takes about ten seconds.
+    """
+    report = yield
+    if _COLLECTS_IN_REVERSE and isinstance(collector, pytest.Directory):
+        report.result.reverse()
+    return report
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark tests that need a browser, and most variants of tests with many, as slow."""
-    variants = Counter(_test_name(item) for item in items)
+    """Mark tests that need a browser, and most variants of a test, as slow."""
+    if _WORKER:
+        items.sort(key=lambda item: item.path.parts)
+    tests = defaultdict(list)
     for item in items:
-        if "browser" in item.fixturenames:
-            item.add_marker(pytest.mark.slow(reason="starts a browser"))
-        elif variants[_test_name(item)] >= _MANY_VARIANTS and item.path.name != _DOCTESTS:
-            # Selected by a hash, so that each value of each parameter is tried in some test.
-            number = crc32(item.nodeid.encode())
-            if number % _VARIANTS_PER_DEFAULT_TEST:
-                item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
-            is_complete = (
-                item.path.parent.name in _COMPLETE_FOLDERS and item.path.name != _SAMPLED_PROGRAM
-            )
-            if number % _VARIANTS_PER_SLOW_TEST and not is_complete:
-                item.add_marker(pytest.mark.exhaustive(reason="one of many variants of a law"))
+        tests[item.nodeid.partition("[")[0]].append(item)
+    for name, variants in tests.items():
+        if "browser" in variants[0].fixturenames:
+            for item in variants:
+                item.add_marker(pytest.mark.slow(reason="starts a browser"))
+        elif variants[0].path.name != _DOCTESTS:
+            _mark_variants(name, variants)
 
 
-def _test_name(item):
-    return item.nodeid.partition("[")[0]
+def _mark_variants(name, variants):
+    """Mark variants as slow or exhaustive; a hash tries each parameter value in some test."""
+    if len(variants) < _MANY_VARIANTS:
+        fast = [item for item in variants if not item.get_closest_marker("slow")]
+        default = crc32(name.encode()) % max(len(fast), 1)
+        for item in fast[:default] + fast[default + 1 :]:
+            item.add_marker(pytest.mark.slow(reason="a further variant of a law"))
+        return
+    for item in variants:
+        number = crc32(item.nodeid.encode())
+        if number % _VARIANTS_PER_DEFAULT_TEST:
+            item.add_marker(pytest.mark.slow(reason="one of many variants of a law"))
+        is_complete = (
+            item.path.parent.name in _COMPLETE_FOLDERS and item.path.name != _SAMPLED_PROGRAM
+        )
+        if number % _VARIANTS_PER_SLOW_TEST and not is_complete:
+            item.add_marker(pytest.mark.exhaustive(reason="one of many variants of a law"))
