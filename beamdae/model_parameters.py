@@ -50,6 +50,9 @@ _UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
     "lbf": (Fraction("4.4482216152605"), {"kg": 1, "m": 1, "s": -2}),
     "kgf": (_STANDARD_GRAVITY, {"kg": 1, "m": 1, "s": -2}),
     "psi": (Fraction("6894.757293168361"), {"kg": 1, "m": -1, "s": -2}),
+    "ksi": (Fraction("6894757.293168361"), {"kg": 1, "m": -1, "s": -2}),
+    "kip": (Fraction("4448.2216152605"), {"kg": 1, "m": 1, "s": -2}),
+    "klbf": (Fraction("4448.2216152605"), {"kg": 1, "m": 1, "s": -2}),
     "bar": (Fraction(10**5), {"kg": 1, "m": -1, "s": -2}),
     "Ncm": (Fraction(1, 100), {"kg": 1, "m": 2, "s": -2}),
     "Nmm": (Fraction(1, 1000), {"kg": 1, "m": 2, "s": -2}),
@@ -72,7 +75,7 @@ _PREFIXES = {
     "n": Fraction(1, 10**9),
 }
 _WITHOUT_PREFIX = {"deg", "°", "rev", "rpm", "sec", "min", "h", "in", "ft", "lb", "lbf", "kgf"}
-_WITHOUT_PREFIX |= {"psi", "%", "1", "-"}
+_WITHOUT_PREFIX |= {"psi", "ksi", "kip", "klbf", "%", "1", "-"}
 _FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")

@@ -622,6 +622,7 @@ def table_from_csv(
     y: str | None = None,
     kind: str = "spline",
     outside: str = "hold",
+    name: str | None = None,
 ) -> Table:
     r"""Return a table from columns of a CSV file; units in the header are converted to SI units.
 
@@ -642,12 +643,14 @@ def table_from_csv(
         Header of the column of the values. Defaults to the only column that is not an argument.
     kind, outside
         As in `table`.
+    name
+        Name of the table in messages and warnings. Defaults to the name of the file.
 
     Returns
     -------
     Table
-        The table, in m, rad, s, N, kg and units derived from them. It has the name of the file, and
-        its arguments have the names of their columns.
+        The table, in m, rad, s, N, kg and units derived from them. Its arguments have the names of
+        their columns.
 
     Raises
     ------
@@ -680,7 +683,7 @@ def table_from_csv(
             f"table_from_csv: the path {short_repr(text)} is too long or contains unprintable "
             "characters; rename the file."
         )
-    label = f"table {Path(text).name}"
+    label = f"table {Path(text).name}" if name is None else require_name("table_from_csv", name)
     columns = read_csv_table("table_from_csv", text, _MAX_ROWS)
     rows = [k for k, row in enumerate(zip(*columns.values(), strict=True)) if any(row)]
     headers = list(columns)
@@ -719,7 +722,7 @@ def table_from_csv(
         _convert_column(label, header, {k + 1: columns[header][k] for k in rows})
         for header in (*chosen, value_header)
     )
-    result = _create_table(*_as_grid(label, arrays, values), kind, outside)
+    result = _create_table(*_as_grid(label, arrays, values), kind, outside, name)
     names = tuple(_split_header(header)[0] for header in chosen)
     result = Table(label, result.axes, result.values, kind, outside, names)
     _warn_about_overshoot(result)

@@ -165,3 +165,22 @@ def test_regression_long_files_are_rejected_not_cut(write, monkeypatch):
     gaps = "".join(f"{k},{k if k % 2 else ''}\n" for k in range(6))
     with pytest.raises(bd.BeamdaeError, match=r"data.csv has 6 rows, more than 4; average or omit"):
         read_data(write("t [s],y [m]\n" + gaps))
+
+
+@pytest.mark.parametrize(
+    ("unit", "sigma", "expected"),
+    [
+        ("g", "1 gn", 1.0),
+        ("g", "9.80665 m/s^2", 1.0),
+        ("g", "1g", 1.0),
+        ("g", "20 mg", 0.02),
+        ("g", 0.3, 0.3),
+        ("mg", "1 g", 1000.0),
+        ("gn", "9.80665 m/s^2", 1.0),
+    ],
+)
+def test_regression_sigma_of_accelerations_in_gravities_has_units(unit, sigma, expected):
+    """The units gn and m/s^2 were said to measure another quantity than g."""
+    data = {"t [s]": [0.0, 1.0], f"tip.y_ddot [{unit}]": [1.0, 2.0]}
+    (series,) = read_data(data, sigma).series
+    assert_allclose(series.sigma, expected)

@@ -381,6 +381,10 @@ def test_regression_tables_read_the_files_that_fit_reads(tmp_path, text):
         ("km/h", 1 / 3.6),
         ("µm/m", 1e-6),
         ("psi", 6894.757293168361),
+        ("ksi", 6894757.293168361),
+        ("kip", 4448.2216152605),
+        ("klbf", 4448.2216152605),
+        ("kip/in", 4448.2216152605 / 0.0254),
         ("N/mm²", 1e6),
         ("in / s", 0.0254),
         ("in-lbf", 0.0254 * 4.4482216152605),
@@ -393,6 +397,15 @@ def test_units_of_tables(tmp_path, unit, factor):
     path = tmp_path / "pad.csv"
     path.write_text(f"t [s],y [{unit}]\n0,0\n1,2\n", "utf-8")
     assert_allclose(bd.table_from_csv(path, kind="linear")(1.0), 2.0 * factor, rtol=1e-14)
+
+
+def test_tables_of_files_have_a_name(tmp_path):
+    path = tmp_path / "pad.csv"
+    path.write_text("t [s],y [m]\n0,0\n1,2\n", "utf-8")
+    assert bd.table_from_csv(path, kind="linear").name == "table pad.csv"
+    assert bd.table_from_csv(path, kind="linear", name="punch").name == "punch"
+    with pytest.raises(bd.BeamdaeError, match="punch: kind must be"):
+        bd.table_from_csv(path, kind="cubic", name="punch")
 
 
 def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):

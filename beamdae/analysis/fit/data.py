@@ -537,4 +537,7 @@ def _read_sigma(column: str, value: Any, is_named: bool) -> float:
             f"fit: {label} must be a number in the unit of the column, got {short_repr(value)}; "
             "for values with units, write a header such as 'tip.y [mm]'."
         )
+    # In columns of accelerations, g is the standard gravity; columns of masses are not observed.
+    is_gravity = unit in ("g", "mg") and text is not None and not text.strip().endswith(unit)
+    unit = f"{unit}n" if is_gravity else unit
     return require_positive("fit", label, convert_text("fit", label, value, unit))

@@ -174,6 +174,7 @@ CONTROL_CALLS: dict[str, WorkingCall] = {
             "y": "force",
             "kind": "linear",
             "outside": "hold",
+            "name": "pulse",
         },
         run_with_law,
         _read_table,
