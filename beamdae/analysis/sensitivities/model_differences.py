@@ -502,9 +502,9 @@ def _require_same_structure(
     if _observable_forms(base) != _observable_forms(other):
         raise BeamdaeError(
             f"{derivative_call()}: {name} of {model} changes the form of an observed column "
-            "(CasADi "
-            f"simplifies 1 q to q, but not 2 q); make {name} a symbol in parameters= of the "
-            f"ConstrainedSystem, choose another value, or {advice}."
+            "(CasADi simplifies 1 q to q, and 2 q to q + q, but not 1.001 q); choose a slightly "
+            f"different value of {name}, make it a symbol in parameters= of a ConstrainedSystem, "
+            f"or {advice}."
         )
 
 
