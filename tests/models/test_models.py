@@ -160,7 +160,7 @@ EXTREMES = {
         "platform.y [m]": (0.0499980658, 0.05),
         "platform.x_dot [m/s]": (-0.00261551, 0.0290568),
         "platform.angle [rad]": (-6.89343e-07, 0),
-        "servo integral [-]": (0, 2.05542e-06),
+        "servo integral [m s]": (0, 2.05542e-06),
         "coil.Fx [N]": (-0.290579, 7.5),
         "energy.strain [J]": (0, 0.00022847),
         "energy.work_of_loads [J]": (0, 0.000239941),
@@ -177,7 +177,7 @@ EXTREMES = {
     },
     "active_damping": {
         "strain [-]": (-0.000119328, 0.000145575),
-        "filter 1 [-]": (-4.05839e-08, 3.51103e-08),
+        "filter 1 [s^2]": (-4.05839e-08, 3.51103e-08),
         "end.y [m]": (-0.00397065, 0.00314415),
         "end.angle [rad]": (-0.0215459, 0.0171481),
         "patch.M [N m]": (-0.045458, 0.0525448),

@@ -395,3 +395,30 @@ def test_regression_blocks_with_a_name_in_use_leave_no_states():
     with pytest.raises(bd.BeamdaeError, match="the name 'servo integral' is in use"):
         bd.pid(mech, "servo", signal, 1.0, ki=1.0, kd=1.0, filter_time=0.1)
     assert (list(mech.parts), list(mech.observables)) == before
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "expected"),
+    [
+        (lambda x, goal, push: 0.1 - x, None, ("m", "m s", "m s^2", "m s")),
+        (lambda x, goal, push: goal - x, None, ("m", "m s", "m s^2", "m s")),
+        (lambda x, goal, push: goal - 2.0 * x, None, ("-", "-", "-", "-")),
+        (lambda x, goal, push: goal * x, None, ("-", "-", "-", "-")),
+        (lambda x, goal, push: push - x, None, ("-", "-", "-", "-")),
+        (lambda x, goal, push: goal - 2.0 * x, "rad/s", ("rad/s", "rad", "rad s", "rad")),
+        (lambda x, goal, push: goal, "-", ("-", "s", "s^2", "s")),
+        (lambda x, goal, push: goal, "1/s", ("1/s", "-", "s", "-")),
+    ],
+)
+def test_states_of_blocks_have_the_units_of_their_formulas(value, unit, expected):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    x = mech.sensor("x", ball.point, "x")
+    value = value(x, mech.input("goal"), mech.input("push", unit="N"))
+    settings = {} if unit is None else {"unit": unit}
+    bd.pid(mech, "servo", value, 1.0, ki=1.0, kd=1.0, filter_time=0.1, **settings)
+    bd.transfer_function(mech, "block", value, [1.0], [1.0, 1.0, 1.0], **settings)
+    lag = bd.low_pass(mech, "lag", value, 0.1, **settings)
+    names = ("servo filter", "servo integral", "block 1", "block 2")
+    assert tuple(mech.part(name).unit for name in names) == expected
+    assert lag.unit == expected[0]

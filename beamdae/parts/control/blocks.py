@@ -16,11 +16,15 @@ from beamdae.errors import (
     require_pair,
     require_positive,
     require_sequence,
+    require_unit,
     short_repr,
 )
 from beamdae.parts.mechanism import Mechanism
-from beamdae.parts.signals import State, require_formula
+from beamdae.parts.signals import Sensor, State, Value, require_formula
 from beamdae.symbolic.local_symbols import SX
+from beamdae.symbolic.signals import find_signals
+
+_NO_UNIT = "-"
 
 
 def low_pass(
@@ -29,7 +33,7 @@ def low_pass(
     value: Any,
     time_constant: float,
     start: float = 0.0,
-    unit: str = "-",
+    unit: str | None = None,
     scale: float = 1.0,
 ) -> State:
     """Add a first-order low-pass filter T y' = value - y and return its state y.
@@ -38,12 +42,15 @@ def low_pass(
     ----------
     mechanism
         Mechanism to which the state is added.
-    name, start, unit, scale
+    name, start, scale
         See `Mechanism.state`.
     value
         Filtered value: a formula of inputs, sensors and states.
     time_constant
         Time constant T [s].
+    unit
+        Unit of the value and the state. Defaults to that of the sensors, inputs and states in
+        `value` if it is their sum or difference and they have one unit, otherwise to "-".
 
     Returns
     -------
@@ -61,7 +68,7 @@ def low_pass(
     >>> mech = bd.Mechanism()
     >>> ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
     >>> x = mech.sensor("x", ball.point, "x")
-    >>> smooth = bd.low_pass(mech, "smooth", x, time_constant=0.5, unit="m")
+    >>> smooth = bd.low_pass(mech, "smooth", x, time_constant=0.5)
     >>> run = bd.simulate(mech, bd.Radau(), t_end=1.0)
     >>> print(f"{run['smooth'].iloc[-1]:.4f} m")
     0.8647 m
@@ -70,7 +77,34 @@ def low_pass(
     name = require_name("low_pass", name)
     value = require_formula(name, "value", value)
     time = require_positive(name, "time_constant", time_constant)
+    unit = _find_unit(name, value, unit) or _NO_UNIT
     return mechanism.state(name, lambda y, t: (value - y) / time, start, unit, scale)
+
+
+def _find_unit(name: str, value: SX, unit: str | None) -> str | None:
+    """Return the given unit, or the one of the signals of which `value` is a sum, or None."""
+    if unit is not None:
+        return require_unit(name, unit)
+    signals = [x for x in find_signals(value) if isinstance(x, Value)]
+    # Inputs and states have no unit by default, but sensors of strains are dimensionless.
+    units = {x.unit for x in signals if x.unit != _NO_UNIT or isinstance(x, Sensor)}
+    if len(units) != 1:
+        return None
+    factors = ca.jacobian(value, ca.vertcat(*(x.value_symbol for x in signals)))
+    is_sum = factors.is_constant() and np.all(np.abs(ca.DM(factors).full()) == 1.0)
+    return units.pop() if is_sum else None
+
+
+def _integrate_unit(unit: str | None, count: int = 1) -> str:
+    """Return the unit of the value integrated `count` times over time; "-" if it is unknown."""
+    if unit is None:
+        return _NO_UNIT
+    if unit.endswith("/s"):
+        unit, count = (_NO_UNIT if unit == "1/s" else unit.removesuffix("/s")), count - 1
+    if count == 0:
+        return unit
+    seconds = "s" if count == 1 else f"s^{count}"
+    return seconds if unit == _NO_UNIT else f"{unit} {seconds}"
 
 
 def _require_mechanism(caller: str, value: Any) -> None:
@@ -98,6 +132,7 @@ def transfer_function(
     numerator: Sequence[float],
     denominator: Sequence[float],
     scale: float = 1.0,
+    unit: str | None = None,
 ) -> SX:
     """Add a transfer function and return its output, a formula of its states.
 
@@ -118,6 +153,8 @@ def transfer_function(
         the numerator must not exceed that of the denominator.
     scale
         Typical size of the states; see `Mechanism.state`.
+    unit
+        Unit of `value`, with the default of `low_pass`; x_k has this unit times s^(n - k + 1).
 
     Returns
     -------
@@ -161,8 +198,12 @@ def transfer_function(
         for values in (a, np.concatenate([np.zeros(len(a) - len(b)), b]))
     )
     direct, count = b[0], len(a) - 1
+    unit = _find_unit(name, value, unit)
     with _all_or_no_states(mechanism):
-        states = [mechanism.state(f"{name} {k + 1}", scale=scale) for k in range(count)]
+        states = [
+            mechanism.state(f"{name} {k + 1}", unit=_integrate_unit(unit, count - k), scale=scale)
+            for k in range(count)
+        ]
     # Ascending powers, without the leading coefficient 1.
     feedback, output = value, direct * value
     for state, low, out in zip(states, a[:0:-1], b[:0:-1], strict=True):
@@ -186,6 +227,7 @@ def pid(
     limits: tuple[float, float] | None = None,
     tracking_time: float | None = None,
     scale: float = 1.0,
+    unit: str | None = None,
 ) -> SX:
     """Add a continuous PID controller and return its output, a formula of its states.
 
@@ -217,6 +259,8 @@ def pid(
         with `limits` if kp = 0.
     scale
         Typical size of the states; see `Mechanism.state`.
+    unit
+        Unit of `error`, with the default of `low_pass`; the integral has this unit times s.
 
     Returns
     -------
@@ -271,12 +315,13 @@ def pid(
             )
         time = require_positive(name, "filter_time", filter_time)
     integral = None
+    unit = _find_unit(name, error, unit)
     with _all_or_no_states(mechanism):
         if kd and rate is None:
-            filtered = low_pass(mechanism, f"{name} filter", error, time, scale=scale)
+            filtered = low_pass(mechanism, f"{name} filter", error, time, unit=unit, scale=scale)
             output = output + (kd / time) * (error - filtered)
         if ki:
-            integral = mechanism.state(f"{name} integral", scale=scale)
+            integral = mechanism.state(f"{name} integral", unit=_integrate_unit(unit), scale=scale)
             output = output + ki * integral
     clipped = output if bounds is None else ca.fmin(ca.fmax(output, bounds[0]), bounds[1])
     if integral is not None and bounds is not None:
