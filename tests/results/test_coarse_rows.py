@@ -118,3 +118,13 @@ def test_regression_the_recommended_step_shows_fast_vibrations_of_a_slow_motion(
 
 def test_vibrations_that_begin_late_are_reported():
     assert sentences(lambda t: np.where(t > 0.5, np.sin(1e3 * (t - 0.5)), 0.0))
+
+
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.GeneralizedAlpha(step=0.005)])
+def test_regression_constant_reactions_do_not_vibrate(integrator):
+    """Rounding errors of reactions at rest had a warning with a period of microseconds."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    body = mech.add(bd.RigidBody("body", 1.0, 0.1, center=(0.3, 0.4)))
+    weld = mech.add(bd.Weld("weld", mech.ground.at(0.0, 0.0), body.at(0.0, 0.0)))
+    mech.observe("weld", weld.reaction)
+    assert bd.simulate(mech, integrator, t_end=1.0).warnings == ()

@@ -25,6 +25,8 @@ _MIN_SHARE_OF_GAPS = 0.1
 _MIN_HALF_RANGE = 1e-6
 _ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
+# Half ranges of forces, relative to their largest magnitude, that are rounding at rest.
+_ROUNDING_OF_FORCES = 1e-9
 _ROWS_PER_PERIOD = 20
 _MAX_ROWS_OF_COARSE_PERIOD = 6.0  # see above; limits estimates for fast parts of slow motions
 _MIN_SHARE_OF_CHANGES = 0.5  # of these gaps; values that change in fewer ones are held
@@ -68,8 +70,10 @@ def coarse_row_warnings(
     is_finite = np.isfinite(rows).all(axis=0) & np.isfinite(inside).all(axis=0)
     rows, inside = np.where(is_finite, rows, 0.0), np.where(is_finite, inside, 0.0)
     half_range = 0.5 * np.ptp(np.vstack([rows, inside]), axis=0)
+    magnitude = np.max(np.abs(rows), axis=0)
     min_half_range = max(_MIN_HALF_RANGE, _ERROR_PER_RTOL * rtol)
-    moves = _find_moving(headers, half_range, length, float(t[-1] - t[0]), min_half_range)
+    duration = float(t[-1] - t[0])
+    moves = _find_moving(headers, half_range, magnitude, length, duration, min_half_range)
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     exceeds = excess > _MIN_EXCESS * half_range
@@ -97,17 +101,27 @@ def coarse_row_warnings(
 
 
 def _find_moving(
-    headers: list[str], half_range: Array, length: float, duration: float, min_half_range: float
+    headers: list[str],
+    half_range: Array,
+    magnitude: Array,
+    length: float,
+    duration: float,
+    min_half_range: float,
 ) -> Array:
     """Return the mask of the columns that are not at rest but for errors."""
     units = [Header.of(header).unit for header in headers]
     translations = (UNITS_OF_TRANSLATIONS.get(unit, (unit, 0)) for unit in units)
     kinds, powers = zip(*translations, strict=True)
-    sizes = half_range * np.power(length, powers)
+    per_unit = np.power(length, powers)
+    sizes = half_range * per_unit
     speed = length / duration
     smallest = {"m": length, "m/s": speed, "m/s^2": speed / duration, "-": 1.0}
     largest: dict[str, float] = {}
-    for kind, size in zip(kinds, sizes.tolist(), strict=True):
+    rounding = {kind: _ROUNDING * value for kind, value in smallest.items()}
+    values = magnitude * per_unit
+    for kind, size, value in zip(kinds, sizes.tolist(), values.tolist(), strict=True):
         largest[kind] = max(size, largest.get(kind, 0.0))
-    limits = [max(min_half_range * largest[k], _ROUNDING * smallest.get(k, 0.0)) for k in kinds]
+        if kind not in smallest:
+            rounding[kind] = max(_ROUNDING_OF_FORCES * value, rounding.get(kind, 0.0))
+    limits = [max(min_half_range * largest[k], rounding[k]) for k in kinds]
     return np.asarray(sizes > limits)
