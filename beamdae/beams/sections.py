@@ -63,6 +63,9 @@ _RECTANGLE = (CenteredShape("rectangle"),)
 class Section:
     """Cross-section of a beam.
 
+    Shear correction factors of the class methods are those of G. R. Cowper, J. Appl. Mech. 33, 335
+    (1966), doi:10.1115/1.3625046, except that of rectangles, which does not depend on nu.
+
     A section that varies along the beam is given as a function of arc length s [m] that returns a
     `Section`, such as ``lambda s: bd.Section.rectangle(alloy, width=0.03, height=0.01 - 0.002 *
     s)``, or as a `taper`.
@@ -151,6 +154,8 @@ class Section:
         cls, material: Material, width: float, height: float, damping: float = 0.0
     ) -> Section:
         """Return a rectangular section.
+
+        Width w and height h give A = w h, I = w h^3 / 12 and k_G = 5/6.
 
         Parameters
         ----------

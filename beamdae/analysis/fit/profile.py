@@ -78,7 +78,11 @@ class ProfileLikelihood(HasTable):
         )
 
     def table(self) -> pd.DataFrame:
-        """Return a table of the values, the increases and the other parameters."""
+        """Return a table with one row per value of the parameter, (k,).
+
+        The columns are the value, "increase of chi-square" [-], and the other parameters, which are
+        fitted again for this value, in the units of the model.
+        """
         import pandas as pd
 
         return pd.DataFrame(

@@ -298,7 +298,10 @@ class Fit:
         return write_escaped_table(path, table.reset_index(names="parameter"))
 
     def correlations(self) -> pd.DataFrame:
-        """Return the correlation matrix of the estimates."""
+        """Return the correlation matrix C_ij / sqrt(C_ii C_jj) of the estimates [-].
+
+        C is `covariance`; rows and columns have the names of the parameters.
+        """
         import pandas as pd
 
         names, deviations = list(self.names), self.standard_deviations

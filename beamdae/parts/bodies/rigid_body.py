@@ -163,7 +163,7 @@ class RigidBody(Part):
         area: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Return a thin straight rod.
+        """Return a thin straight rod; mass m and length l give the inertia m l^2 / 12.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class RigidBody(Part):
         thickness: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Return a solid disk.
+        """Return a solid disk; mass m and radius r give the inertia m r^2 / 2.
 
         Parameters
         ----------
@@ -244,6 +244,8 @@ class RigidBody(Part):
     ) -> RigidBody:
         """Return a rectangular plate.
 
+        Mass m, width w and height h give the inertia m (w^2 + h^2) / 12.
+
         Parameters
         ----------
         name
@@ -284,7 +286,7 @@ class RigidBody(Part):
         thickness: float | None = None,
         **start: Any,
     ) -> RigidBody:
-        """Return a polygonal plate.
+        """Return a polygonal plate; mass, center and inertia follow from Green's theorem.
 
         Parameters
         ----------
