@@ -78,7 +78,7 @@ class ProfileLikelihood(HasTable):
         )
 
     def table(self) -> pd.DataFrame:
-        """Return a table with one row per value of the parameter, (k,).
+        """Return a table with one row per value of the parameter, (j,).
 
         The columns are the value, "increase of chi-square" [-], and the other parameters, which are
         fitted again for this value, in the units of the model.
