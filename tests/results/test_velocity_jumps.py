@@ -47,8 +47,9 @@ def test_a_distance_whose_slope_jumps_has_a_warning():
         bd.table(TIMES, ANGLES, kind="pchip"),
         bd.piecewise((1.0, lambda t: t**2), lambda t: 2.0 * t - 1.0),
         bd.piecewise((0.5, lambda t: 1e-3 * np.sin(t)), lambda t: 1e-3 * np.sin(t)),
+        bd.piecewise((0.2, 0.0), (0.7, lambda t: 0.1 - 0.1 * np.cos(4.0 * np.pi * (t - 0.2))), 0.0),
     ],
-    ids=["run up", "spline", "pchip", "smooth pieces", "small"],
+    ids=["run up", "spline", "pchip", "smooth pieces", "small", "bump"],
 )
 def test_continuous_slopes_have_no_warning(law, integrator):
     assert not any("slope" in x for x in bd.simulate(crank(law), integrator, t_end=1.2).warnings)

@@ -16,7 +16,8 @@ from beamdae.results.trajectory import Trajectory
 # Jump of the rate of a constraint relative to this rate, from which on a run has a warning. The
 # consistent velocities of two segments differ by the tolerance of the run otherwise.
 _MIN_JUMP = 1e-2
-# Smallest jump relative to the sum of the terms of this rate; smaller ones are constraint drift.
+# Smallest jump relative to the sum of the terms of this rate at the largest velocities of the run;
+# smaller ones are rounding or constraint drift.
 _MIN_SHARE = 1e-3
 
 
@@ -31,8 +32,9 @@ def velocity_jump_warnings(
     mechanism = equations.mechanism
     parts = {} if mechanism is None else mechanism.parts
     driven = {name for name, part in parts.items() if isinstance(part, Joint) and part.laws}
-    if not driven:
+    if not driven or len(trajectory.intervals) == 1:
         return
+    largest = np.max([np.max(np.abs(x.rows[1]), axis=0) for x in trajectory.intervals], axis=0)
     at_events = {record.t for record in event_records}
     jumps: dict[str, set[float]] = {}
     for before, after in pairwise(trajectory.intervals):
@@ -40,7 +42,6 @@ def velocity_jump_warnings(
         if t in at_events or before.configuration is not after.configuration:
             continue
         old, new = before.rows[1][-1], after.rows[1][0]
-        largest = np.maximum(np.abs(old), np.abs(new))
         if not np.any(np.abs(new - old) > _MIN_SHARE * largest):
             continue
         active = equations if after.configuration is None else after.configuration.equations
