@@ -16,7 +16,16 @@ import casadi as ca
 import numpy as np
 
 from beamdae.linear.lane_operations import aligned_zeros
-from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.kernel_sums import (
+    ADD_END,
+    GATHER_END,
+    PICK_END,
+    START,
+    WEIGHTED_END,
+    Batch,
+    Kernel,
+    SumPlan,
+)
 from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import directional_derivative, has_lookups
 from beamdae.symbolic.vector_sines import expand_sines
@@ -52,12 +61,12 @@ def directional_plan(
         result takes p, as the original sum does.
     """
     table = plan.batch_table.copy()
-    n_add, n_weighted = table[-1, 4:6] if len(table) else (0, 0)
+    n_add, n_weighted = table[-1, [ADD_END, WEIGHTED_END]] if len(table) else (0, 0)
     gather_changes, changes = np.zeros(len(plan.gather_weights)), np.zeros(n_weighted)
     if weight_changes is not None:
         gather_changes, changes = weight_changes[0], weight_changes[1][:n_weighted]
     (moved,) = np.nonzero(changes)
-    entry_batch = np.searchsorted(table[:, 5], np.arange(n_weighted), "right")
+    entry_batch = np.searchsorted(table[:, WEIGHTED_END], np.arange(n_weighted), "right")
     with_value = np.isin(np.arange(len(plan.batches)), entry_batch[moved])
     valued = {id(b.kernel) for b, x in zip(plan.batches, with_value, strict=True) if x}
     kernels = {
@@ -114,8 +123,9 @@ def directional_plan(
     gather_weights = np.concatenate(
         [plan.gather_weights, plan.gather_weights, gather_changes[moving]]
     )
-    table[:, 0] *= 2
-    table[:, 2], table[:, 3], table[:, 5] = pick_ends, gather_ends, weighted_ends
+    table[:, START] *= 2
+    table[:, PICK_END], table[:, GATHER_END] = pick_ends, gather_ends
+    table[:, WEIGHTED_END] = weighted_ends
     # Entries beyond the last batch add shared numbers, which are constant.
     return replace(
         plan,
@@ -145,7 +155,7 @@ def motion_plan(plan: SumPlan, n_inputs: int) -> SumPlan:
     motion; those of a direction are the same in all steps, see `direction_inputs`.
     """
     table, is_motion = plan.batch_table.copy(), plan.pick_sources < 2 * n_inputs
-    table[:, 2] = np.concatenate([[0], np.cumsum(is_motion)])[table[:, 2]]
+    table[:, PICK_END] = np.concatenate([[0], np.cumsum(is_motion)])[table[:, PICK_END]]
     return replace(
         plan,
         batch_table=table,

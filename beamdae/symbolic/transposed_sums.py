@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.symbolic.directional_sums import group_by_batch
-from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
+from beamdae.symbolic.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan
 from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import has_lookups, weighted_derivative
 
@@ -66,14 +66,14 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
         x.astype(np.int64) for x in (plan.pick_sources, plan.gather_sources, plan.data_sources)
     )
     # Rows of y per output. Entries beyond the last batch add shared numbers, which are constant.
-    n_add, n_weighted = plan.batch_table[-1, 4:6] if count else (0, 0)
+    n_add, n_weighted = plan.batch_table[-1, [ADD_END, WEIGHTED_END]] if count else (0, 0)
     row = np.concatenate([plan.add_targets[:n_add], plan.weighted_targets[:n_weighted]])
     output = np.concatenate([plan.add_sources[:n_add], plan.weighted_sources[:n_weighted]])
     weight = np.concatenate([np.ones(n_add), plan.weights[:n_weighted]])
     row_batch = np.concatenate(
         [
             np.searchsorted(plan.batch_table[:, column], np.arange(size), "right")
-            for column, size in ((4, n_add), (5, n_weighted))
+            for column, size in ((ADD_END, n_add), (WEIGHTED_END, n_weighted))
         ]
     )
     row, target = row.astype(np.int64) + n_inputs, output + weight_starts[row_batch]
@@ -108,7 +108,7 @@ def transposed_plan(plan: SumPlan, n_inputs: int, min_base: float = 0.0) -> SumP
     (pick_at, pick_of), (gather_at, gather_of, gather_by), (add_at, add_of), by_weight = (
         sorted_columns
     )
-    table = np.stack([starts + shifts, plan.batch_table[:, 1], *ends], axis=1)
+    table = np.stack([starts + shifts, plan.batch_table[:, LANES], *ends], axis=1)
     return SumPlan(
         n_shared=plan.n_shared,
         n_local=int(plan.n_local + out_sizes.sum()),
