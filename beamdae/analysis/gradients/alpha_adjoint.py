@@ -203,6 +203,7 @@ def transpose_alpha_steps(
     steps_of: EquationsOfMotion,
     interval: Interval,
     seeds: Array,
+    matrices: dict[int, FactorizedMatrix],
 ) -> State:
     """Return the gradient of an objective with respect to the state at the start of an interval.
 
@@ -221,6 +222,9 @@ def transpose_alpha_steps(
         States of the run.
     seeds
         Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, 2n + m).
+    matrices
+        Matrices of later intervals of the run by id of their pattern, whose pivots are tried first;
+        the matrix of this interval is added.
 
     Raises
     ------
@@ -234,7 +238,8 @@ def transpose_alpha_steps(
     plan = _plan_adjoint(equations.structure)[0]
     _, transposed_matrix, pattern = _plan_adjoint(steps_of.structure)
     moved_plan = start.moved_plan(lambda e: formulate_step(e, False).sums[0], 4 * n + 2 * m)
-    matrix = FactorizedMatrix.from_pattern(pattern)
+    matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=matrices.get(id(pattern)))
+    matrices[id(pattern)] = matrix
     seeded = np.flatnonzero(seeds.any(axis=0))
     rows, first_column = join_states(states)
 
@@ -280,11 +285,11 @@ def transpose_alpha_steps(
             max_batch=max_batch,
         )
 
-    def matrices(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
+    def factorized(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
         return [(run.linear, matrix)]
 
     is_native = form.is_native and plan.is_native and (moved_plan is None or moved_plan.is_native)
-    loop = StepLoop(sweep_backwards, make_workspace, matrices, is_native)
+    loop = StepLoop(sweep_backwards, make_workspace, factorized, is_native)
     run = loop.work
     groups = list(pairwise(group_equal_steps(times)))
     for first, last in reversed(groups):

@@ -68,6 +68,7 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.results.solution import Solution
@@ -297,6 +298,7 @@ class _RunSweep:
     def __init__(self, objective: Objective, run: AdjointRun, phases: RunPhases) -> None:
         self._objective = objective
         self._run, self._phases, self._intervals = run, phases, run.intervals
+        self._matrices: dict[int, FactorizedMatrix] = {}
         whole = phases.whole.base
         # The number of multipliers includes those of redundant and inactive constraints.
         seeds = differentiate_objective(objective, run.solution, whole)
@@ -359,7 +361,8 @@ class _RunSweep:
         steps_of = run if has_further_forces else e
         if isinstance(method, Radau):
             return transpose_radau_steps(adjoint, steps_of, interval, by_nodes)
-        return transpose_alpha_steps(method, adjoint, steps_of, interval, by_nodes[1:])
+        matrices = self._matrices
+        return transpose_alpha_steps(method, adjoint, steps_of, interval, by_nodes[1:], matrices)
 
     def _transpose_consistency(
         self, k: int, adjoint: StartAdjoint, v: Array, by_steps: State, by_first: State

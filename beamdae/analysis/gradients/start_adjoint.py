@@ -109,6 +109,8 @@ class StartAdjoint:
     @cached_property
     def _moved_sums(self) -> dict[int, Sum]:
         """Derivatives of the transposed sums along `moving`, by id of the transposed sum."""
+        if self.moving is None:
+            return {}
         size, p = 3 * self.equations.n + self.equations.m, self.equations.p
         motion = self.moved_plan(lambda e: plan_state_sums(e.structure).motion, size)
         saddle = self.moved_plan(
