@@ -17,6 +17,7 @@ from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.errors import BeamdaeError, format_exception, set_fields
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
+from beamdae.symbolic.signal_pickling import copy_with_signals
 from beamdae.symbolic.statements import Quantity
 
 # Nodes per element of new meshes; elements with fewer nodes converge with a lower order.
@@ -175,7 +176,10 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
     """
     memo: dict[int, Any] = {id(mechanism.parts[name]): beam for name, beam in beams.items()}
     try:
-        other = deepcopy(mechanism, memo)
+        if mechanism.has_coordinate_signals:
+            other = copy_with_signals(mechanism, memo)
+        else:
+            other = deepcopy(mechanism, memo)
     except Exception as problem:
         raise BeamdaeError(
             f"{caller}: a part of the mechanism cannot be copied "
@@ -183,8 +187,9 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
         ) from problem
     for part in other.parts.values():
         if not isinstance(part, Beam):
-            # Cached values may refer to the coordinates of the original mesh.
-            for name in list(vars(part)):
+            # Cached values may refer to the coordinates of the original mesh; the symbols of
+            # states are parts of expressions.
+            for name in set(vars(part)) - {"value_symbol"}:
                 if isinstance(getattr_static(type(part), name, None), cached_property):
                     del vars(part)[name]
     # Warnings about the replaced beams concern their meshes and lengths.

@@ -142,6 +142,7 @@ class Mechanism(HasOrigin):
         self.events: list[Event] = []
         self.inactive: set[str] = set()
         self.inputs: dict[str, Input] = {}
+        self._has_sensors = False
         self.removed: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
@@ -309,7 +310,18 @@ class Mechanism(HasOrigin):
         sensor = Sensor(name, quantity, k, quantity.columns[k].unit)
         self._require_members_of(name, quantity)
         self.observe(name, sensor.quantity)
+        self._has_sensors = True
         return sensor
+
+    @property
+    def has_coordinate_signals(self) -> bool:
+        """True if formulas may contain signals that depend on coordinates.
+
+        These are sensors, states, and inputs that a controller drives.
+        """
+        has_driven_input = any(x.pieces for x in self.inputs.values())
+        has_states = any(isinstance(x, State) for x in self.parts.values())
+        return self._has_sensors or has_driven_input or has_states
 
     def state(
         self, name: str, rate: Any = None, start: float = 0.0, unit: str = "-", scale: float = 1.0
