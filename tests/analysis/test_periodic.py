@@ -255,3 +255,19 @@ def test_uncertain_multipliers_leave_the_stability_open():
     assert motion(0.5, 0.2).stable
     assert "unstable" in motion(1.45, 0.2).stability
     assert motion(1.00005, 1e-5).stable
+
+
+@pytest.mark.slow(reason="25 runs")
+def test_regression_states_that_grow_in_each_period_are_named():
+    """The advice was to change the start, which does not help the work of a damper."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    wall = mech.ground.at(-1.0, 0.0)
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    mech.add(bd.Spring("spring", wall, mass.point, 9.0))
+    damper = mech.add(bd.Damper("damper", wall, mass.point, 0.5))
+    mech.add(bd.Force("drive", mass.point, (bd.sine(1.0, 0.4), 0.0)))
+    mech.state("work", mech.sensor("power", damper.power), unit="J")
+    message = "mostly in the state 'work'; omit it if it grows in each period"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.periodic(mech, 2.5, bd.Radau(1e-5))

@@ -48,6 +48,7 @@ _MAX_REFINEMENTS = 4
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
 _REST_TOLERANCE = 1e-6
+_MINOR_DEVIATION = 0.1  # relative to the largest one
 # Below this relative deviation, the accuracy of the integrator may limit the convergence.
 _INTEGRATOR_LIMITED_DEVIATION = 1e-4
 
@@ -240,6 +241,14 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
         )
     if deviation <= limits.accepted:
         return Status("ok", "repeats after one period")
+    state = _find_drifting_state(run)
+    if state:
+        return Status(
+            "failed",
+            f"after {iterations} iterations the end of the period differs from the start by "
+            f"{deviation:.3g} times the amplitude, mostly in the state {state!r}; omit it if it "
+            "grows in each period, such as a work, or change start= or increase settle=",
+        )
     sentence = (
         f"after {iterations} iterations the end of the period differs from the "
         f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
@@ -249,6 +258,15 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
     if not is_free and run.period_map.is_autonomous(run.solution):
         sentence += ", or omit period= to find the period of the free motion"
     return Status("failed", sentence)
+
+
+def _find_drifting_state(run: PeriodRun) -> str:
+    """Return the name of the first-order state that differs by far the most, or ""."""
+    differences = np.abs(run.period_map.deviation(run.solution) / run.scales)
+    largest = np.max(np.reshape(differences, (2, -1)), axis=0)
+    limit = _MINOR_DEVIATION * np.max(largest)
+    parts = [x for x in run.solution.equations.parts if np.any(largest[x.rows] > limit)]
+    return parts[0].name if len(parts) == 1 and parts[0].is_state else ""
 
 
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
