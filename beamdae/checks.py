@@ -48,7 +48,7 @@ from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
-from beamdae.results.columns import UNITS_OF_TRANSLATIONS, mark_resting_columns
+from beamdae.results.columns import mark_resting_columns, mark_vanishing_columns
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -73,7 +73,6 @@ _MAX_GOOD_MESH_ERROR = 5e-3
 # Columns that change more if all elements are halved have a warning.
 _MAX_MESH_ERROR = 0.03
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
-_MIN_RANGE_RATIO = 1e-6  # of ranges to the largest one of their kind; smaller ones are noise
 _MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
@@ -481,13 +480,7 @@ def _measure_mesh_errors(
     )
     ranges = 0.5 * np.ptp(rows, axis=0)
     at_rest = mark_resting_columns(headers, rows, ranges, equations.length)
-    # By symmetry, for example; rotations are compared to translations.
-    units = [split_unit(name)[1] for name in headers]
-    pairs = [UNITS_OF_TRANSLATIONS.get(unit, (unit, 0)) for unit in units]
-    scaled = ranges * equations.length ** np.array([power for _, power in pairs], float)
-    kinds = np.array([kind for kind, _ in pairs])
-    largest = np.array([np.max(scaled[kinds == kind]) for kind in kinds])
-    at_rest |= scaled < _MIN_RANGE_RATIO * largest
+    at_rest |= mark_vanishing_columns(headers, ranges, equations.length)
     changes = np.sqrt(np.mean((others - rows) ** 2, axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
         errors = dict(zip(headers, (changes / np.std(rows, axis=0)).tolist(), strict=True))

@@ -51,9 +51,10 @@ _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
 
 # In addition to `mark_resting_columns`, columns are at rest if the half range is at most this
-# multiple of rtol times the largest half range with the same unit, and the largest difference of
-# two runs exceeds _MIN_NOISE_SHARE times the half range: positions that joints hold fixed move by
-# errors only (up to 0.002 rtol, their rates 0.009 rtol).
+# multiple of rtol times the largest half range with the same unit (for rotations, also that of
+# translations), and the largest difference of two runs exceeds _MIN_NOISE_SHARE times the half
+# range: positions that joints hold fixed move by errors only (up to 0.002 rtol, their rates
+# 0.009 rtol), and so do rotations that vanish by symmetry.
 _UNRESOLVED_TO_RTOL_RATIO = 0.01
 _MIN_NOISE_SHARE = 0.5
 
@@ -463,7 +464,7 @@ def _compare(
         is_noise = np.abs(signed) > _MIN_NOISE_SHARE
     headers = list(solution.columns)
     is_at_rest = mark_resting_columns(headers, rows, half_range, solution.equations.length)
-    of_kind = largest_of_kind(headers, half_range)
+    of_kind = largest_of_kind(headers, half_range, solution.equations.length)
     is_at_rest |= is_noise & (half_range <= _UNRESOLVED_TO_RTOL_RATIO * rtol * of_kind)
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):

@@ -90,6 +90,26 @@ def test_regression_rounding_errors_of_moments_are_no_peaks():
     assert list(missed_peaks.find_missed_peaks(observed, extremes, 1.0)) == ["load.F [N]"]
 
 
+def test_regression_motions_that_vanish_by_symmetry_have_no_peaks():
+    """Peaks of 1e-10 rad/s^2 beside an impact of 500 m/s^2 were reported as missed."""
+    sizes = {
+        "sensor.ay [m/s^2]": 500.0,
+        "sensor.ax [m/s^2]": 1e-4,
+        "sensor.angle_ddot [rad/s^2]": 2e-10,
+        "small.ay [m/s^2]": 5e-4,
+        "small.angle_ddot [rad/s^2]": 5e-3,
+    }
+    extremes = {x: missed_peaks.StepExtremes(0.0, 0.0, a, 0.5, a) for x, a in sizes.items()}
+    observed = {x: np.array([0.0, 0.5 * a]) for x, a in sizes.items()}
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 0.1)
+    real = {"sensor.ay [m/s^2]", "small.ay [m/s^2]", "small.angle_ddot [rad/s^2]"}
+    assert set(missed) == real
+    # Rotations are not compared to translations if these are not observed.
+    observed = {"sensor.angle_ddot [rad/s^2]": np.array([0.0, 1e-10])}
+    extremes = {x: extremes[x] for x in observed}
+    assert set(missed_peaks.find_missed_peaks(observed, extremes, 0.1)) == set(observed)
+
+
 def test_root_mean_squares_integrate_over_steps_between_rows():
     """An RMS of 0 N was that of the rows; its square is the integral of N^2 over the run."""
     with pytest.warns(bd.BeamdaeWarning, match=MISSED):

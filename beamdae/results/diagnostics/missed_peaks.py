@@ -12,9 +12,9 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
 from beamdae.results.columns import (
-    UNITS_OF_TRANSLATIONS,
     Header,
     mark_resting_columns,
+    mark_vanishing_columns,
     remove_unit,
 )
 from beamdae.results.trajectory import Interval, Trajectory
@@ -25,7 +25,6 @@ Array = np.ndarray
 # accelerations, stresses, strains, and signals of controllers in any unit may change within a step.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
-_ROUNDING_OF_MOMENTS = 1e-12  # relative to forces times the length of the mechanism
 _ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 2048
@@ -257,14 +256,8 @@ def find_missed_peaks(
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range = 0.5 * (high - low)
     is_at_rest = mark_resting_columns(names, np.stack([low, high]), half_range, length)
-    # Moments are rounding errors of forces times lengths, too.
+    is_at_rest |= mark_vanishing_columns(names, half_range, length)
     units = [Header.of(name).unit for name in names]
-    largest = {
-        u: max((half_range[k] for k, x in enumerate(units) if x == u), default=0.0) for u in units
-    }
-    translations = [UNITS_OF_TRANSLATIONS.get(unit, ("", 0)) for unit in units]
-    others = [largest.get(unit, 0.0) * length**-power for unit, power in translations]
-    is_at_rest |= half_range <= _ROUNDING_OF_MOMENTS * np.array(others)
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
     misses = np.stack([rows[0] - low, high - rows[1]])
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range) & ~is_at_rest
