@@ -7,6 +7,7 @@ import scipy.linalg as la
 from scipy.integrate import solve_ivp
 
 import beamdae as bd
+from beamdae.model_parameters import parse_unit
 
 INERTIA = 0.5
 INTEGRATORS = (bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(1e-3))
@@ -422,3 +423,16 @@ def test_states_of_blocks_have_the_units_of_their_formulas(value, unit, expected
     names = ("servo filter", "servo integral", "block 1", "block 2")
     assert tuple(mech.part(name).unit for name in names) == expected
     assert lag.unit == expected[0]
+
+
+def test_regression_integrals_of_quotients_have_their_unit():
+    mech = bd.Mechanism()
+    signal = mech.input("signal")
+    expected = {"m/s^2": "m/s", "N/m": "N s/m", "1/s^2": "1/s", "rad s": "rad s^2", "1/m": "s/m"}
+    for number, unit in enumerate(expected):
+        bd.pid(mech, f"pid {number}", signal, 1.0, ki=1.0, unit=unit)
+    units = [mech.part(f"pid {number} integral").unit for number in range(len(expected))]
+    assert units == list(expected.values())
+    # Behind a slash, a factor divides, so that "m/s^2 s" would be m/s^3.
+    for unit, integral in expected.items():
+        assert parse_unit(f"s {unit}") == parse_unit(integral)

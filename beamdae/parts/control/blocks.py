@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -25,6 +26,7 @@ from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.signals import find_signals
 
 _NO_UNIT = "-"
+_SECONDS = re.compile(r"s(?:\^(-?\d+))?")  # factor of a unit, with its exponent
 
 
 def low_pass(
@@ -99,12 +101,23 @@ def _integrate_unit(unit: str | None, count: int = 1) -> str:
     """Return the unit of the value integrated `count` times over time; "-" if it is unknown."""
     if unit is None:
         return _NO_UNIT
-    if unit.endswith("/s"):
-        unit, count = (_NO_UNIT if unit == "1/s" else unit.removesuffix("/s")), count - 1
-    if count == 0:
-        return unit
-    seconds = "s" if count == 1 else f"s^{count}"
-    return seconds if unit == _NO_UNIT else f"{unit} {seconds}"
+    # All factors behind a slash divide: N/m s is N/(m s).
+    above, *below = unit.split("/")
+    factors = [(x, 1) for x in above.split()] + [(x, -1) for x in " ".join(below).split()]
+    power_of_seconds = count
+    others: dict[int, list[str]] = {1: [], -1: []}  # by the sign of their exponent
+    for factor, sign in factors:
+        if match := _SECONDS.fullmatch(factor):
+            power_of_seconds += sign * int(match[1] or 1)
+        elif factor not in ("1", _NO_UNIT):
+            others[sign].append(factor)
+    if power_of_seconds:
+        size = abs(power_of_seconds)
+        others[int(np.sign(power_of_seconds))].append("s" if size == 1 else f"s^{size}")
+    numerator, denominator = (" ".join(x) for x in others.values())
+    if not denominator:
+        return numerator or _NO_UNIT
+    return f"{numerator or 1}/{denominator}"
 
 
 def _require_mechanism(caller: str, value: Any) -> None:
