@@ -111,6 +111,26 @@ def test_sweep_writes_a_table_plots_and_a_page(tmp_path):
     assert_allclose(table["bob.x min [m]"][:4], np.cos([0.1, 0.1, 0.5, 0.5]), atol=1e-6)
 
 
+@pytest.mark.slow(reason="runs two sweeps")
+def test_regression_sweeps_name_the_columns_that_the_terminal_omits(tmp_path):
+    """The table contained the first observable only, and no line named the others."""
+    path = tmp_path / "model.py"
+    more = 'mech.observe("hub", bob.at(0.0, 0.0))\n    mech.observe("end", bob.at(2.0, 0.0))\n'
+    path.write_text(MODEL.replace("    if speed >", f"    {more}    if speed >"))
+    arguments = ["sweep", str(path), "--over", "speed=1,2", "--jobs", "1", "--no-picture"]
+    arguments += ["--integrator", "generalized-alpha", "--step", "5e-3", "--out", str(tmp_path)]
+    outputs = {}
+    for of in ((), ("--of", "end.y")):
+        result = CliRunner().invoke(app, [*arguments, "--no-page", *of], env={"COLUMNS": "400"})
+        outputs[of] = " ".join(result.stdout.split())
+    every, one = outputs.values()
+    line = every[every.index("not shown: ") :]
+    assert line.startswith("not shown: bob.x, bob.x_dot, bob.y_dot, bob.angle_dot, ")
+    assert " end; sweep.csv shows them" in line
+    assert "not shown" not in one
+    assert "end.y max" in one
+
+
 @pytest.mark.slow(reason="runs a sweep")
 def test_regression_the_folder_of_curves_is_a_written_file(tmp_path, monkeypatch):
     """Only the page was listed, which is incomplete without the folder."""

@@ -79,7 +79,8 @@ def sweep_command(
         list[str] | None,
         typer.Option(
             metavar="COLUMN",
-            help="Observed column to evaluate, for example tip.y; repeatable.",
+            help="Observed column to evaluate, for example tip.y; repeatable. Defaults to all, of "
+            "which the terminal shows up to three.",
         ),
     ] = None,
     modes: Annotated[
@@ -319,7 +320,11 @@ def _print_results(swept: SweepResults) -> None:
     if len(table) <= MAX_SCREEN_ROWS:
         console.print(
             text_tables.sweep_table(
-                table, swept.parameters, swept.response_columns, swept.sweep.units
+                table,
+                swept.parameters,
+                swept.response_columns,
+                swept.sweep.units,
+                swept.other_columns,
             )
         )
     print_warnings(console, swept.warnings)

@@ -74,6 +74,8 @@ class ResponsiveTable:
         Texts of each row, beginning with the first column.
     elsewhere
         Source that contains the omitted columns, such as "cases.csv".
+    never_shown
+        Names of data that the table omits at any width, but `elsewhere` contains.
     """
 
     def __init__(
@@ -82,7 +84,9 @@ class ResponsiveTable:
         columns: Sequence[Column],
         rows: Iterable[Sequence[str]],
         elsewhere: str = "",
+        never_shown: Sequence[str] = (),
     ) -> None:
+        self._never_shown = list(map(make_printable, never_shown))
         self._first, self._columns, self._elsewhere = first, list(columns), elsewhere
         self._rows = [[make_printable(text) for text in row] for row in rows]
 
@@ -101,6 +105,9 @@ class ResponsiveTable:
         if omitted:
             remedy = " or ".join(filter(None, ("a wider terminal", self._elsewhere)))
             yield Text(f"not shown: {', '.join(omitted)}; {remedy} shows them", style="dim")
+        if self._never_shown:
+            names = ", ".join(self._never_shown)
+            yield Text(f"not shown: {names}; {self._elsewhere} shows them", style="dim")
 
     def _choose_columns(self, width: int) -> list[Column]:
         first = min(self._content_width(self._first, 0), max(_FIRST_COLUMN_WIDTH, width // 2))

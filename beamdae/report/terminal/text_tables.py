@@ -262,10 +262,12 @@ def sweep_table(
     parameters: Sequence[str],
     outputs: Sequence[str],
     units: Mapping[str, str] | None = None,
+    never_shown: Sequence[str] = (),
 ) -> ResponsiveTable:
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
-    `units` contains the units of the parameters, by name.
+    `units` contains the units of the parameters, by name, and `never_shown` the names of other
+    columns of the sweep.
     """
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
@@ -278,7 +280,7 @@ def sweep_table(
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
     names = [first, *others, "status", *outputs]
     rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
-    return ResponsiveTable(headers.get(first, first), columns, rows, "sweep.csv")
+    return ResponsiveTable(headers.get(first, first), columns, rows, "sweep.csv", never_shown)
 
 
 def failure_sentences(table: pd.DataFrame) -> list[str]:

@@ -18,6 +18,7 @@ from beamdae.model_parameters import convert_text
 from beamdae.read_only import read_only_data
 from beamdae.report.page.page_file import write_page
 from beamdae.report.terminal.text_tables import format_headers
+from beamdae.results.columns import Header, remove_unit
 from beamdae.results.displays import Plot
 from beamdae.results.outcome import Status
 from beamdae.results.storage.files import require_file_path, write_escaped_table
@@ -39,6 +40,7 @@ from beamdae.studies.sweeps.responses import (
     Panel,
     choose_axis,
     group_rows,
+    measure_columns,
     select_characteristic,
     select_headers,
     select_panels,
@@ -223,6 +225,19 @@ class SweepResults:
     def response_columns(self) -> list[str]:
         """Names of the columns in the table that are plotted by default."""
         return [column for panel in self.panels() for column in panel.lines.values()]
+
+    @property
+    def other_columns(self) -> list[str]:
+        """Names of the observed columns without measures in `response_columns`.
+
+        Observables without any of their columns there are named once: "root" for "root.N".
+        """
+        shown = set(self.response_columns)
+        headers = select_headers(self.results, self.sweep)
+        others = [x for x in headers if not shown & set(measure_columns(x).values())]
+        kept = {Header.of(x).name for x in headers if x not in others}
+        names = (remove_unit(x) if Header.of(x).name in kept else Header.of(x).name for x in others)
+        return list(dict.fromkeys(names))
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses over one parameter, with a curve per combination of other parameters.
