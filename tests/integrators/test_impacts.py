@@ -220,6 +220,26 @@ def test_regression_touching_balls_pass_an_impact_on():
     assert solution.warnings == ()
 
 
+def test_regression_stacked_balls_pass_impacts_on_and_back():
+    """A gap whose balls moved alike for an instant changed its side, and they interpenetrated."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ground = mech.ground.at(0.0, 0.0)
+    balls = [mech.add(bd.PointMass(f"ball {k}", 1.0, at=(0.0, 1.0 + 0.1 * k))) for k in range(4)]
+    gaps = [bd.LineSurface(ground, (1.0, 0.0)).gap(balls[0].point)]
+    gaps += [bd.CircleSurface(x.point, 0.1).gap(y.point) for x, y in pairwise(balls)]
+    for k, (ball, gap) in enumerate(zip(balls, gaps, strict=True)):
+        mech.add(bd.PointOnLine(f"rail {k}", ground, ball.point, (0.0, 1.0)))
+        mech.observe(f"{k}", ball.point)
+        mech.when(gap, crosses=0.0, direction="down", do=bd.impact(gap), name=f"impact {k}")
+    solution = bd.simulate(mech, t_end=0.8)
+    # The balls exchange velocities: as many impacts as pairs of velocities up and down.
+    assert len(solution.events) == 4 + 3 + 2 + 1
+    flight = 0.8 - np.sqrt(2.0 / 9.81)
+    height = np.sqrt(2.0 * 9.81) * flight - 0.5 * 9.81 * flight**2
+    end = [float(solution[f"{k}.y"].iloc[-1]) - 0.1 * k for k in range(4)]
+    assert_allclose(end, height, atol=1e-6)
+
+
 def _flat_rod(restitution, together):
     """Return a rod that falls flat onto both ends."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -144,6 +144,8 @@ class EventDetector:
     # Simultaneous crossings that follow the last event at the same time; until then, their signs
     # are those before the crossing.
     _pending: list[_Crossing] = field(default_factory=list)
+    # Names of the events whose signs are those after an impact at the time of the last event.
+    _after_impact: set[str] = field(default_factory=set)
     # Number of repeated crossings at the time of the last event.
     _repeats: int = 0
 
@@ -218,7 +220,10 @@ class EventDetector:
             if not is_at_threshold:
                 continue
             if was_impact:
-                side.begin_on(self._departure_sign(term, start) or -side.sign, difference)
+                # A quantity that stays at its threshold is on the side from which it came.
+                sign = side.sign if term.name in self._after_impact else -side.sign
+                side.begin_on(self._departure_sign(term, start) or sign, difference)
+                self._after_impact.add(term.name)
             else:
                 side.begin_near(difference)
         if self.last_event.direction == 0 and not was_impact:
@@ -236,6 +241,7 @@ class EventDetector:
         self._repeats += crossing.is_repeated
         start = segment.interval(self.equations.m)
         self._at_end.add(crossing.term.name)
+        self._after_impact.discard(crossing.term.name)
         self._sides[crossing.term.name].sign = 1.0 if crossing.direction == UP else -1.0
         self._record(crossing, segment.branch, State(*(x[0] for x in start.rows)))
         return crossing.term
@@ -318,6 +324,7 @@ class EventDetector:
         terminal: EventTerm | None = None
         self._at_end.clear()
         self._pending.clear()
+        self._after_impact.clear()
         self._repeats = 0
         for crossing in crossings:
             name = crossing.term.name
