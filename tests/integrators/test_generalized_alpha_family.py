@@ -771,3 +771,19 @@ def test_regression_rounding_errors_of_short_steps_do_not_end_runs(model, tolera
     method = bd.GeneralizedAlpha(1e-6, newton_tolerance=tolerance)
     run = bd.simulate(model, method, t_end=1e-3)
     assert run.status.success, run.status
+
+
+def test_regression_tiny_reactions_with_friction_do_not_end_runs():
+    """At the start of a Gaussian pulse, their reciprocals overflowed: "residual is not finite"."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody("rod", 1.0, 1.0 / 12.0, center=(0.5, 0.0)))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Friction("rubbing", pin, 0.3, friction_speed=0.01, radius=0.01))
+
+    def pulse(t):
+        return 10.0 * np.exp(-(((t - 0.03) / 0.001) ** 2))
+
+    mech.add(bd.Force("push", rod.at(1.0, 0.0), (0.0, pulse)))
+    run = bd.simulate(mech, bd.GeneralizedAlpha(1e-4), t_end=0.04)
+    assert run.status.success, run.status
+    assert 4.0 < np.max(np.abs(run.lam)) < 6.0

@@ -21,6 +21,7 @@
 #define ROUNDING_GROWTH 10.0
 #define REACTION_ROUNDING 1e-6
 #define REACTION_ITERATIONS 4
+#define MIN_REACTION_TOLERANCE 1e-60
 /* Starting values; see beamdae.integrators.alpha.family. */
 #define JERK_INTERVAL 1e-2
 #define STIFF_TIME 0.5
@@ -246,7 +247,8 @@ static void set_correction_limit(Instance *s) {
     w->correction_limit =
         fmax(model->newton_tolerance * w->c_f * largest, model->min_correction_limit);
     reaction *= model->newton_tolerance * w->c_f;
-    w->reaction_factor = reaction > 0.0 ? w->correction_limit / reaction : 0.0;
+    const double tolerance = fmax(reaction / w->correction_limit, MIN_REACTION_TOLERANCE);
+    w->reaction_factor = reaction > 0.0 ? 1.0 / tolerance : 0.0;
 }
 
 /* Let the equations of a step of length zero begin at y = (q, v, q'', lam). */

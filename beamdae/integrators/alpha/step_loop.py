@@ -70,6 +70,9 @@ _ROUNDING_GROWTH = 10.0
 # this many iterations with new factors.
 _REACTION_ROUNDING = 1e-6
 _REACTION_ITERATIONS = 4
+# Lower bound on the tolerance of reactions, relative to that of positions: squares of reactions
+# would overflow at the start of a Gaussian pulse, where all are below 1e-150 N.
+_MIN_REACTION_TOLERANCE = 1e-60
 # Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-9
 
@@ -277,7 +280,8 @@ def _set_correction_limit(run: AlphaWorkspace) -> None:
     limit = run.newton_tolerance * c_f * max_norm(current.ddq, run.weights)
     run.correction_limit = max(limit, run.min_correction_limit)
     reaction = run.newton_tolerance * c_f * max_norm(current.lam, run.reaction_weights)
-    run.reaction_factor = run.correction_limit / reaction if reaction > 0.0 else 0.0
+    tolerance = max(reaction / run.correction_limit, _MIN_REACTION_TOLERANCE)
+    run.reaction_factor = 1.0 / tolerance if reaction > 0.0 else 0.0
 
 
 def apply_input_jump(run: AlphaWorkspace) -> int:
