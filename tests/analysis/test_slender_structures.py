@@ -236,6 +236,36 @@ def test_regression_a_path_that_ends_by_rounding_says_so():
     assert path.status.success or "rounding errors may prevent" in path.status.sentence
 
 
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 300.0, 1e3, 1e6])
+def test_regression_critical_loads_do_not_depend_on_the_unit_of_length(scale):
+    # The modes of more than 150 coordinates came from a matrix of stiffness [J] and joints [m],
+    # whose elimination lost digits: the load was 11.379 at 300, and none was found at 1000.
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02 * scale, 4e-5 * scale)
+    path = bd.equilibrium(portal_frame(section, (0.7 * scale, scale), 8, strain="exact"), to=15.0)
+    assert [point.kind for point in path.critical] == ["branch point"]
+    # The frame is not symmetric, so that rounding of positions moves this point.
+    assert path.critical[0].factor == pytest.approx(11.36058, rel=2e-5)
+
+
+def portal_frame(section, sizes, elements, **options):
+    """Return a clamped frame with loads of 1 and 0.4 times EI / height^2 on its corners."""
+    (width, height), mech = sizes, bd.Mechanism()
+    corners = [(0.0, 0.0), (0.0, height), (width, height), (width, 0.0)]
+    left, girder, right = (
+        mech.add(bd.Beam(name, bd.Line(*ends), section, elements, **options))
+        for name, ends in zip(("left", "girder", "right"), pairwise(corners), strict=True)
+    )
+    mech.add(bd.Weld("left foot", mech.ground.at(*corners[0]), left.start))
+    mech.add(bd.Weld("right foot", mech.ground.at(*corners[-1]), right.end))
+    mech.add(bd.Weld("left corner", left.end, girder.start))
+    mech.add(bd.Weld("right corner", girder.end, right.start))
+    for attachment, share in ((left.end, 1.0), (girder.end, 0.4)):
+        force = (0.0, -share * section.EI / height**2)
+        mech.add(bd.Force(f"press {share}", attachment, force))
+    return mech
+
+
 def column_damping(height, ratio):
     """Return the retardation time of steel at which the slowest mode has this damping ratio."""
     steel = bd.Material.of("steel")

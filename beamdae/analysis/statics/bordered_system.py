@@ -611,7 +611,7 @@ class BorderedSystem:
         run = self._run(x, mu, EVALUATE_TANGENT)
         values, pattern = run.nonzeros[self._tangent_targets], self.pattern
         tangent = sp.csc_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
-        scales = np.append(self._scales, np.ones(size - n))
+        scales = run.saddle.scales
         shift = np.where(np.arange(size) < n, _SOFT_SHIFT * run.saddle.size, 0.0)
         scaled = tangent * scales * scales[:, None] + sp.diags_array(shift)
         solver = splu(sp.csc_matrix(scaled))

@@ -54,11 +54,16 @@ def natural_scales(system: LoadedEquations, x: Array, mu: float) -> Scales:
     tangent = system.matrix(system.tangent(x, mu))
     stiffness = sp.csc_array(tangent[:n, :n]) * sizes * sizes[:, None]
     energy = float(np.max(np.abs(stiffness.data), initial=0.0)) or 1.0
-    gradients = abs(sp.csr_array(tangent[n:, :n]) * sizes)
-    rows = np.zeros(tangent.shape[0] - n)
-    if len(rows):
-        rows = gradients.max(axis=1).toarray().ravel()
-    return Scales(np.append(sizes, energy / np.where(rows > 0.0, rows, 1.0)), energy)
+    rows = row_sizes(sp.csr_array(tangent[n:, :n]) * sizes)
+    return Scales(np.append(sizes, energy / rows), energy)
+
+
+def row_sizes(gradients: sp.csr_array) -> Array:
+    """Return the largest absolute entry of each row of G, (m,); 1 for rows of zeros."""
+    if not gradients.shape[0]:
+        return np.zeros(0)
+    rows = abs(gradients).max(axis=1).toarray().ravel()
+    return np.where(rows > 0.0, rows, 1.0)
 
 
 @dataclass(frozen=True)

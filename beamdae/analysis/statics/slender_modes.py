@@ -21,6 +21,7 @@ from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import (
     natural_scales,
     remove_stiff_motions,
+    row_sizes,
     solve_bordered_tangent,
     stiffness_rounding,
 )
@@ -113,6 +114,7 @@ def _reaction_work(
         return np.zeros((vectors.shape[1],) * 2)
     tangent = system.matrix(system.tangent(x, mu))
     gradients = sp.csr_array(tangent[n:, :n]) * system.equations.position_scales
+    gradients = sp.csr_array(gradients * (1.0 / row_sizes(gradients))[:, None])
     try:
         solver = splu(sp.csc_matrix(gradients @ gradients.T))
     except RuntimeError:

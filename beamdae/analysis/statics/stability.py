@@ -22,6 +22,7 @@ from beamdae.analysis.eigenproblems.eigensolution import (
 )
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.statics.load_scaling import LoadedEquations
+from beamdae.analysis.statics.null_vectors import row_sizes
 from beamdae.analysis.statics.saddle_elimination import (
     ASYMMETRY_TOLERANCE,
     NEGLIGIBLE_STIFFNESS,
@@ -307,6 +308,8 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
         return Stability(np.zeros(0), np.zeros((n, 0)), 0)
     size = float(np.max(np.abs(stiffness.diagonal()), initial=0.0)) or 1.0
     zero = zero_tolerance(size, SPARSE_ZERO_TOLERANCE)
+    # Pivots, and with them rounding errors, would depend on the units of stiffness and joints.
+    gradients = sp.csr_array(gradients * (size / row_sizes(gradients))[:, None])
     identity, zero_block = sp.eye_array(n), sp.csc_array((m, m))
 
     def saddle_matrix(block: sp.csc_array) -> sp.csc_array:
@@ -331,7 +334,7 @@ def _sparse_stability(stiffness: sp.csc_array, gradients: sp.csr_array, scale: A
     eigenvalues = eigenvalues[order]
     shift = _widest_gap(eigenvalues)
     joint_stiffness = sp.csc_array(gradients.T @ gradients)
-    shifted = saddle_matrix(stiffness - shift * identity + size * joint_stiffness)
+    shifted = saddle_matrix(stiffness - shift * identity + joint_stiffness / size)
     negative_count = _count_negative_pivots(shifted, n) - m
     negative_count -= int(np.sum((eigenvalues >= 0.0) & (eigenvalues < shift)))
     negative_count += int(np.sum((eigenvalues < 0.0) & (eigenvalues >= shift)))
