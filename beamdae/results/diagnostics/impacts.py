@@ -28,8 +28,13 @@ def impact_warnings(
     they follow one another.
     """
     terms = [term for term in equations.events if select_impacts(term.do)]
+    later = {record.name for record in event_records}
     for term in terms:
-        if _misses_first_impact(equations, trajectory, term):
+        direction = _find_closing_direction(equations, term)
+        # If both directions may close the gap, a later impact shows that bodies separated first.
+        if not direction and term.name in later:
+            continue
+        if _misses_first_impact(equations, trajectory, term, direction):
             yield (
                 f"{term.name}: this column starts at its threshold and moves beyond it, which is "
                 "not a crossing, so the bodies pass through each other without an impact; start "
@@ -51,10 +56,23 @@ def impact_warnings(
             return
 
 
+def _find_closing_direction(equations: EquationsOfMotion, term: EventTerm) -> int:
+    """Return 1 or -1 if upward or downward crossings are impacts, or 0 if both may be."""
+    if term.direction or equations.mechanism is None:
+        return term.direction
+    # Contact gaps are positive between bodies that do not touch.
+    gaps = [x.on for x in select_impacts(term.do)]
+    events = [x for x in equations.mechanism.events if x.name == term.name]
+    return -1 if any(event.what is gap for event in events for gap in gaps) else 0
+
+
 def _misses_first_impact(
-    equations: EquationsOfMotion, trajectory: Trajectory, term: EventTerm
+    equations: EquationsOfMotion, trajectory: Trajectory, term: EventTerm, direction: int
 ) -> bool:
-    """Return True if the column of an event starts at its threshold and goes beyond it at once."""
+    """Return True if the column of an event starts at its threshold and goes beyond it at once.
+
+    If `direction` is 0, both sides are beyond it.
+    """
     if term.side or term.due or term.occurred_at_start:
         # The run resumes another one.
         return False
@@ -69,4 +87,4 @@ def _misses_first_impact(
     if not abs(difference[0]) <= _START_ROUNDING * size:
         return False
     departures = difference[np.abs(difference) > _MIN_DEPARTURE * size]
-    return bool(len(departures) and departures[0] * (term.direction or departures[0]) > 0.0)
+    return bool(len(departures) and departures[0] * (direction or departures[0]) > 0.0)
