@@ -229,6 +229,30 @@ def test_forces_of_any_size_are_checked(size):
     assert bd.periodic(system, 2.0, settle=0).status.success
 
 
+def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_named():
+    """A period with six digits was rejected without the size of the difference, 2e-5 rad."""
+    mech = bd.Mechanism()
+    crank = mech.add(bd.RigidBody("crank", 1.0, inertia=0.1))
+    speed = 1.5 * np.pi
+    motor = bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), lambda t: speed * t)
+    mech.add(bd.Revolute("shaft", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(motor)
+    mech.observe("crank", crank.at(0.1, 0.0))
+    message = (
+        r"^motor\S*: loads or drivers at t = .* s differ by 1.6e-05 in SI units and do not repeat "
+        r"after the period of 1.33333 s; set period to .* of the loads and drivers, 1.33333333 s\.$"
+    )
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.periodic(mech, 1.33333)
+    assert bd.periodic(mech, 1.33333333).status.success
+    # A load, in newtons; and no period close to that of the load.
+    system = oscillator(bd.sine(1.0, 0.5))
+    with pytest.raises(bd.BeamdaeError, match=r"of the largest force .* drivers, 2 s\.$"):
+        bd.periodic(system, 2.02)
+    with pytest.raises(bd.BeamdaeError, match=r"of the largest force .* drivers\.$"):
+        bd.periodic(system, 3.0)
+
+
 def test_steps_across_a_fold_report_it_once():
     # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
     # reverse three times.

@@ -302,7 +302,7 @@ def dominant_range(monodromy: Array, tolerance: float = EXACT_RANK) -> Array:
     Their norms are the singular values relative to the largest one.
     """
     vectors, values, _ = la.svd(monodromy)
-    lengths = values / max(float(values[0]), _TINY)
+    lengths = values / max(float(np.max(values, initial=0.0)), _TINY)
     return (vectors * lengths)[:, lengths > tolerance]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -60,6 +61,11 @@ _TEST_PERIODS = (0.29, 0.618)
 # Loads that do not change within a period must not change later. They are compared after these
 # numbers of periods; the last one is 9e9 s for a period of 1e-9 s.
 _LATER_PERIODS = 2.0 ** np.arange(1.0, 64.0)
+# Search for the period that is suggested instead: first step and largest change, relative to the
+# period, and maximum number of steps.
+_PERIOD_STEP = 1e-5
+_MAX_PERIOD_CHANGE = 0.05
+_MAX_SECANT_STEPS = 12
 # Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
@@ -159,6 +165,41 @@ def build_periodic_equations(function: str, model: Any, start: Any = None) -> Eq
     return equations
 
 
+class _Mismatch(NamedTuple):
+    """Largest difference of loads and drivers after a period.
+
+    Attributes
+    ----------
+    name
+        Coordinate or joint.
+    time
+        Time at which it occurs [s].
+    difference
+        Size, as text.
+    periods
+        Period after which this load or driver repeats at this time [s]; empty if unknown.
+    """
+
+    name: str
+    time: float
+    difference: str
+    periods: list[float]
+
+
+def _find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
+    """Return the root within 5 % of `start`, by the secant method, as list with up to one entry."""
+    a, b = start, start * (1.0 + _PERIOD_STEP)
+    f_a, f_b = function(a), function(b)
+    for _ in range(_MAX_SECANT_STEPS):
+        if f_a == f_b:
+            break
+        a, b, f_a = b, b - f_b * (b - a) / (f_b - f_a), f_b
+        if not abs(b / start - 1.0) < _MAX_PERIOD_CHANGE:
+            return []
+        f_b = function(b)
+    return [float(f"{b:.9g}")]
+
+
 @dataclass(frozen=True)
 class PeriodMap:
     """Map from a state to the state one period later.
@@ -249,8 +290,23 @@ class PeriodMap:
         Raises
         ------
         BeamdaeError
-            If a load or driver is not periodic; the message names the coordinate or joint.
+            If a load or driver is not periodic; the message names the coordinate or joint, and the
+            period if it is within 5 % of this one.
         """
+        mismatch = self._find_mismatch(solution)
+        if mismatch is None:
+            return
+        others = (replace(self, period=x) for x in mismatch.periods)
+        period = next((x.period for x in others if x._find_mismatch(solution) is None), None)
+        advice = "" if period is None else f", {period:.9g} s"
+        raise BeamdaeError(
+            f"{mismatch.name}: loads or drivers at t = {mismatch.time:.6g} s differ by "
+            f"{mismatch.difference} and do not repeat after the period of {self.period:g} s; set "
+            f"period to the period of the loads and drivers{advice}."
+        )
+
+    def _find_mismatch(self, solution: Solution) -> _Mismatch | None:
+        """Return the largest difference of loads and drivers one period later, or None."""
         e = self.equations
         form = formulate_first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
@@ -282,13 +338,26 @@ class PeriodMap:
             later_excess = later_change - _REPETITION_TOLERANCE * sizes
             excess[0] = np.fmax(excess[0], np.where(is_constant, later_excess, -np.inf))
         row, worst = map(int, np.unravel_index(np.argmax(excess), change.shape))
-        if excess[row, worst] > 0.0:
-            name = form.names[worst].removeprefix("velocity of ")
-            raise BeamdaeError(
-                f"{name}: loads or drivers at t = {times[row]:.6g} s do not repeat "
-                f"after the period of {self.period:g} s; set period to the period of "
-                "the loads and drivers."
-            )
+        if excess[row, worst] <= 0.0:
+            return None
+
+        y, yp = form.pack(State(*(x[row] for x in state)))
+        now = form.residual(np.array([times[row], interval.branch]), y, yp)[worst]
+
+        def difference_after(period: float) -> float:
+            later = np.full(2, times[row] + period)
+            return float(form.residual(later, y + revolutions, yp)[worst] - now)
+
+        size = excess[row, worst] + _REPETITION_TOLERANCE * sizes[worst]
+        is_force = e.n <= worst < 2 * e.n
+        return _Mismatch(
+            form.names[worst].removeprefix("velocity of "),
+            float(times[row]),
+            f"{size / largest_force:.2g} of the largest force"
+            if is_force
+            else f"{size:.2g} in SI units",
+            _find_nearby_root(difference_after, self.period),
+        )
 
     def is_autonomous(self, solution: Solution) -> bool:
         """Return True if loads and drivers do not depend on time."""
