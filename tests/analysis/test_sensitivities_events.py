@@ -436,3 +436,23 @@ def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
         result = bd.gradient(stop_force, force, by="stiffness", integrator=method, t_end=t_end)
         expected = end.sensitivity("stop.N", "stiffness").iloc[-1]
         assert result.derivatives["stiffness"] == pytest.approx(expected, rel=1e-10, abs=1e-15)
+
+
+@bd.model(t_end=0.5)
+def flat_rod(mass=1.0):
+    """Rod that falls flat onto both ends, which hit the floor one after the other."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", mass, 1.0 / 12.0, center=(0.0, 1.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
+    for name, x in (("left", -0.5), ("right", 0.5)):
+        end = rod.at(x, 1.0)
+        mech.observe(name, end)
+        gap = floor.gap(end)
+        mech.when(gap, crosses=0.0, direction="down", do=bd.impact(gap), name=f"hit {name}")
+    return mech
+
+
+def test_regression_events_that_repeat_at_one_time_are_named_once():
+    """Impacts that close each other's gaps were listed up to a hundred times."""
+    with pytest.raises(bd.BeamdaeError, match="events hit left and hit right act at the same time"):
+        bd.sensitivities(flat_rod, ["mass"], bd.GeneralizedAlpha(0.05))

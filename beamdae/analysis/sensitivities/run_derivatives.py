@@ -306,7 +306,8 @@ def find_event(solution: Solution, equations: EquationsOfMotion, t: float) -> Ev
     names = [x.name for x in records]
     coincidence = ""
     if len(names) > 1:
-        coincidence = f"events {' and '.join(names)} act at the same time"
+        # Impacts that close each other's gaps occur several times.
+        coincidence = f"events {' and '.join(dict.fromkeys(names))} act at the same time"
     elif end - t <= rounding:
         coincidence = f"event {names[0]} acts at the end of the run"
     elif any(abs(t - b) <= rounding for b in equations.breakpoints):
