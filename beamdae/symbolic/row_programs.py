@@ -14,6 +14,17 @@ import numpy as np
 
 Array = np.ndarray
 
+
+def _write_minimum(x: Array, y: Array, out: Array) -> None:
+    """Write the smaller number; NumPy's `fmin` may return either of two zeros, not the first."""
+    out[...] = np.where((x > y) | np.isnan(x), y, x)
+
+
+def _write_maximum(x: Array, y: Array, out: Array) -> None:
+    """Write the larger number; see `_write_minimum`."""
+    out[...] = np.where((x < y) | np.isnan(x), y, x)
+
+
 # Only operations that IEEE 754 defines, so that results have the same bits as those of the virtual
 # machine, and sines and cosines, for which NumPy calls the same mathematical library. Functions
 # with other operations are left to the virtual machine.
@@ -31,8 +42,8 @@ _BINARY: dict[int, Callable[..., Any]] = {
     ca.OP_SUB: np.subtract,
     ca.OP_MUL: np.multiply,
     ca.OP_DIV: np.divide,
-    ca.OP_FMIN: np.fmin,
-    ca.OP_FMAX: np.fmax,
+    ca.OP_FMIN: _write_minimum,
+    ca.OP_FMAX: _write_maximum,
 }
 # Longer functions of few rows are faster in the virtual machine, whose operations need no calls.
 _MAX_OPERATIONS = 1000

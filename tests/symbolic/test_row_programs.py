@@ -33,6 +33,21 @@ def test_many_rows_have_the_bits_of_the_virtual_machine(rows):
     np.testing.assert_array_equal(values, evaluate_by_row(FUNCTION, x, y))
 
 
+def test_regression_extremes_of_zeros_have_the_sign_of_the_virtual_machine():
+    """NumPy returned the second of two zeros, so that signs depended on the number of rows."""
+    function = ca.Function("f", [X], [ca.vertcat(ca.fmax(X[0], X[1]), ca.fmin(X[0], X[1]))])
+    special = [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan]
+    pairs = np.array([(a, b, 0.0) for a in special for b in special] * 5)
+    assert can_vectorize(function)
+    assert len(pairs) >= 200
+    compiled = Compiled(function)
+    expected = np.array([compiled(row)[0].copy() for row in pairs])
+    values = RowFunction(function)(pairs)
+    np.testing.assert_array_equal(values, expected)
+    is_number = ~np.isnan(expected)
+    np.testing.assert_array_equal(np.signbit(values)[is_number], np.signbit(expected)[is_number])
+
+
 def test_rows_can_share_an_argument():
     x, y = np.random.default_rng(0).standard_normal((300, 3)), np.array([0.4, -2.0])
     values = RowFunction(FUNCTION)(x, y)
