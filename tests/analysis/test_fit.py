@@ -263,6 +263,16 @@ def test_regression_multiple_correlation_of_three_parameters_is_stated():
     assert correlation > 0.999
 
 
+def test_regression_correlations_beside_dependent_combinations_have_no_invalid_number():
+    # The last two parameters have nearly the same effect; two combinations have none.
+    effects = np.array([[1.0, 2.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1e3], [0.0] * 4, [0.0] * 4])
+    information = Information.of(1e3 * effects, np.ones(4))
+    sentences = information.undetermined({name: f"{name} by {{:+.2g}} %" for name in "abcd"})
+    assert sentences[-1] == (
+        "The data hardly distinguish the effects of c and d (correlation above 0.99)."
+    )
+
+
 @bd.model(t_end=2.0)
 def oscillator_with_unused_number(stiffness=30.0, unused=1.0):
     return oscillator(stiffness=stiffness)

@@ -556,15 +556,19 @@ class Information:
             if any(np.all(other[members]) for other in named):
                 continue
             *others, last = (name for name, is_in in zip(texts, members, strict=True) if is_in)
+            subject = f"The data hardly distinguish the effects of {', '.join(others)} and {last}"
             factor = float(np.sqrt(self._variance_inflation[members].max()))
+            if self.is_dependent.any() and factor < 0.5 / _MIN_INDEPENDENCE:
+                # Dependent combinations contribute to this one, and have no standard deviations.
+                sentences.append(f"{subject} (correlation above 0.99).")
+                continue
             correlation = np.sqrt(1.0 - 1.0 / factor**2)
             kind, rest = "correlation", "the other was"
             if len(texts) > 2:
                 kind, rest = "multiple correlation", "all other parameters were"
             sentences.append(
-                f"The data hardly distinguish the effects of {', '.join(others)} and {last} "
-                f"({kind} {correlation:.4f}): their standard deviations are up to {factor:.2g} "
-                f"times as large as if {rest} known."
+                f"{subject} ({kind} {correlation:.4f}): their standard deviations are up to "
+                f"{factor:.2g} times as large as if {rest} known."
             )
         return tuple(sentences)
 
