@@ -38,7 +38,7 @@ def parse_speeds(text: str) -> list[float]:
     Raises
     ------
     typer.BadParameter
-        If a number or its unit is invalid, or a range has not the form START:STOP:COUNT.
+        If a number or its unit is invalid, or a range does not have the form START:STOP:COUNT.
     """
     if ":" not in text:
         return [parse_number(text, "rad/s")]
