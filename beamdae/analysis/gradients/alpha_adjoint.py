@@ -307,9 +307,10 @@ def transpose_alpha_steps(
         if loop() != DONE:
             raise BeamdaeError(
                 f"{derivative_call()}: the iteration matrix is singular at t = {times[run.step]:g} "
-                "s; "
-                "use a smaller step, or check the model."
+                "s; use a smaller step, or check the model."
             )
+    # Runs may have thousands of intervals, whose matrices must not all be kept.
+    matrix.pivot_source = None
     start.numbers += run.numbers
     start.along_operators += run.along_operators
     alpha_start = AlphaStart(member, start.solver, True, method.start == "cured")
