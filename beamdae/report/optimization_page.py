@@ -95,16 +95,20 @@ def _build_warnings(result: Optimization) -> tuple[str, ...]:
 
 
 def _constraints_table(result: Optimization) -> dict[str, Any]:
+    # The largest quantity of `LargestOf`, whose value is a smooth bound of it.
+    has_largest = any(np.isfinite(x.largest) for x in result.constraints)
     rows = [
         [
             format_with_unit(x.name, x.unit),
             *(format_number(y, _DIGITS) for y in (x.value, x.limit)),
             format_number(100.0 * x.relative_margin),
             format_number(x.multiplier, _DIGITS),
+            *([format_number(x.largest, _DIGITS)] if has_largest else []),
         ]
         for x in result.constraints
     ]
     head = ["constraint", "value", "limit", "margin [%]", "multiplier"]
+    head += ["largest quantity"] if has_largest else []
     return {"title": "Constraints", "head": head, "rows": rows}
 
 

@@ -370,6 +370,27 @@ def test_constraints_state_their_relative_margin(limit, margin, relative, text):
     assert constraint.comparison == text
 
 
+@pytest.mark.slow(reason="half a second")
+def test_regression_limits_of_several_quantities_state_the_largest_one():
+    """A stress of 673 MPa was "at its limit" of 700 MPa, and no result contained the 673 MPa."""
+    quantities = [bd.EquilibriumValue(f"stress {k}") for k in range(3)]
+    stress = bd.LargestOf(quantities, exponent=5.0)
+    bounds = {"width": (0.01, 0.1)}
+    result = bd.optimize(cantilever, bd.Mass(), "width", [bd.at_most(stress, 30e6)], bounds)
+    (limit,) = result.constraints
+    (path,) = [x for x in result.analyses if hasattr(x, "columns")]
+    largest = max(abs(path[f"stress {k}"].iloc[-1]) for k in range(3))
+    assert limit.largest == pytest.approx(largest, rel=1e-6)
+    assert limit.value > 1.02 * limit.largest
+    size = f"{limit.largest:.4g}"
+    text = f"at its limit; the largest quantity itself is {float(size):g} Pa"
+    assert limit.comparison == text
+    assert result.constraint_table()["largest"].tolist() == [limit.largest]
+    # A single quantity is its smooth bound, and others have no bound.
+    single = Constraint("stress", 2e8, 2e8, 0.0, 0.0, 0.0, "Pa", 2e8)
+    assert single.comparison == single._replace(largest=float("nan")).comparison == "at its limit"
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_max_evaluations_ends_the_search_with_the_best_design(tmp_path):
     limit = bd.at_least(bd.EquilibriumValue("tip.y"), -SAG)

@@ -64,11 +64,14 @@ class Design:
         Analyses by their key.
     values
         Values (1 + C,) of the objective and of the quantities of the C constraints.
+    leaf_values
+        Values of the results of analyses of which the quantities are functions.
     """
 
     flat: FlatModel
     analyses: dict[tuple[Any, ...], Analysis]
     values: Array
+    leaf_values: dict[AnalysisQuantity, float]
     _weights: list[dict[AnalysisQuantity, float]]
     _gradients: dict[int, Array] = field(default_factory=dict)
 
@@ -247,7 +250,7 @@ class DesignProblem:
             raise BeamdaeError(
                 f"{_NAME}: {self._quantities[index].label} of {flat.name} is not finite."
             )
-        return Design(flat, analyses, numbers, [weights for _, weights in combined])
+        return Design(flat, analyses, numbers, results, [weights for _, weights in combined])
 
     def margins(self, values: Array) -> Array:
         """Return the margins (C,) of the constraints for values (1 + C,) of a design."""

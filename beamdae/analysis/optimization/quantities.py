@@ -180,6 +180,10 @@ class LargestOf(Quantity):
                 weights[leaf] += float(factor) * derivative
         return largest * norm, weights
 
+    def largest(self, values: Mapping[AnalysisQuantity, float]) -> float:
+        """Return the largest magnitude of the quantities, given the values of the leaves."""
+        return max(abs(x.combine(values)[0]) for x in self.quantities)
+
 
 class AnalysisQuantity(Quantity):
     """Result of one analysis of the model."""

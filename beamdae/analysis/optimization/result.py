@@ -13,6 +13,7 @@ from beamdae import deferred
 from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
 from beamdae.analysis.optimization.problem import (
     FEASIBILITY_TOLERANCE,
+    Design,
     DesignProblem,
     list_column_units,
     parameter_values,
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 _MAX_STEP_ERROR = 0.01
 # Relative excess of a maximum over its limit from which it is reported.
 _MAX_EXCESS = 1e-3
+# Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
+_MAX_BOUND_EXCESS = 5e-3
 
 
 class Constraint(NamedTuple):
@@ -64,6 +67,9 @@ class Constraint(NamedTuple):
         1e-6, and NaN if the limit is 0 and the value is not.
     unit
         Unit of the value, the limit and the margin; "" if it is unknown.
+    largest
+        Largest magnitude of the quantities of a `LargestOf`, whose smooth upper bound is the value;
+        NaN for other quantities.
     """
 
     name: str
@@ -73,10 +79,21 @@ class Constraint(NamedTuple):
     multiplier: float
     relative_margin: float
     unit: str
+    largest: float = float("nan")
 
     @property
     def comparison(self) -> str:
-        """Comparison of the value with the limit: "at its limit" or the margin."""
+        """Comparison of the value with the limit: "at its limit" or the margin.
+
+        The largest of several quantities is added if their smooth bound is over 0.5 % larger.
+        """
+        if self.value > (1.0 + _MAX_BOUND_EXCESS) * self.largest:
+            size = format_with_unit(float(f"{self.largest:.4g}"), self.unit)
+            return f"{self._margin_text}; the largest quantity itself is {size}"
+        return self._margin_text
+
+    @property
+    def _margin_text(self) -> str:
         if self.relative_margin == 0.0:
             return "at its limit"
         size, word = abs(self.margin), "margin" if self.margin > 0.0 else "violated by"
@@ -176,10 +193,11 @@ class Optimization:
         return pd.DataFrame.from_dict(rows, orient="index")
 
     def constraint_table(self) -> pd.DataFrame:
-        """Return the constraints, one row each."""
+        """Return the constraints, one row each; "largest" only if there is a `LargestOf`."""
         import pandas as pd
 
-        return pd.DataFrame(self.constraints, columns=list(Constraint._fields))
+        table = pd.DataFrame(self.constraints, columns=list(Constraint._fields))
+        return table if table["largest"].notna().any() else table.drop(columns="largest")
 
     def history(self) -> pd.DataFrame:
         """Return all evaluated designs in their order.
@@ -269,7 +287,7 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     best, trials = search.best, search.trials
     design = problem.design(best.numbers)
     stationarity = search.stationarity
-    constraints = _list_constraints(problem, search)
+    constraints = _list_constraints(problem, search, design)
     at_lower, at_upper = find_active_bounds(problem, best.numbers)
     names = problem.names
     columns: dict[str, Any] = {
@@ -317,7 +335,9 @@ def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(message for x in results for message in x.warnings))
 
 
-def _list_constraints(problem: DesignProblem, search: SearchResult) -> tuple[Constraint, ...]:
+def _list_constraints(
+    problem: DesignProblem, search: SearchResult, design: Design
+) -> tuple[Constraint, ...]:
     nothing = [float("nan")] * len(problem.limits)
     stationarity = search.stationarity
     multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
@@ -328,9 +348,11 @@ def _list_constraints(problem: DesignProblem, search: SearchResult) -> tuple[Con
     for limit, value, first, multiplier, unit in rows:
         margin = limit.margin(value)
         relative = _relative_margin(limit, margin, first)
-        constraints.append(
-            Constraint(limit.label, value, limit.bound, margin, multiplier, relative, unit)
-        )
+        numbers = (value, limit.bound, margin, multiplier, relative)
+        largest = float("nan")
+        if isinstance(limit.quantity, LargestOf):
+            largest = limit.quantity.largest(design.leaf_values)
+        constraints.append(Constraint(limit.label, *numbers, unit, largest))
     return tuple(constraints)
 
 
