@@ -215,6 +215,10 @@ class Interval:
             return StateWeights(motion, sp.csr_array(motion.shape), motion, reaction)
         return StateWeights(*self._position_weights(t), motion, reaction)
 
+    def velocity_weights_at(self, t: Array) -> sp.csr_array:
+        """Return the field `velocities` of `weights_at` at times (j,) [s]."""
+        return self._lagrange_weights(t, _preceding_node(self.nodes, t), _DEGREE_OF_MOTION)
+
     def interpolate(self, values: Array, t: Array) -> Array:
         """Interpolate quantities at times inside the interval with the polynomials of v.
 
@@ -230,8 +234,7 @@ class Interval:
         ndarray
             Values at the times, (j, c).
         """
-        node = _preceding_node(self.nodes, t)
-        return self._lagrange_weights(t, node, _DEGREE_OF_MOTION) @ values
+        return self.velocity_weights_at(t) @ values
 
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.
