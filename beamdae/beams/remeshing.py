@@ -183,7 +183,8 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
     except Exception as problem:
         raise BeamdaeError(
             f"{caller}: a part of the mechanism cannot be copied "
-            f"({format_exception(problem)}); replace objects that Python cannot copy by functions."
+            f"({format_exception(problem)}); keep objects that Python cannot copy, such as files "
+            "and locks, in global variables."
         ) from problem
     for part in other.parts.values():
         if not isinstance(part, Beam):

@@ -75,7 +75,7 @@ def copy_with_signals(value: Any, replacements: Mapping[int, Any]) -> Any:
                 symbols = [x.value_symbol for x in signals]
                 return _exchange_signals, (_Kept(value), _Kept(symbols), signals)
             if isinstance(value, FunctionType):
-                contents = [x.cell_contents for x in value.__closure__ or ()]
+                contents = [_read_cell(x) for x in value.__closure__ or ()]
                 defaults = (value.__defaults__, value.__kwdefaults__, value.__dict__)
                 state = (contents, _find_global_signals(value), *defaults)
                 return _create_function, (_Kept(value),), state, None, None, _fill_function
@@ -120,6 +120,14 @@ def _find_global_signals(function: FunctionType) -> dict[str, Any]:
     return {x: values[x] for x in names if isinstance(values.get(x), (Signal, SX))}
 
 
+def _read_cell(cell: CellType) -> list[Any]:
+    """Return the content of a cell in a list, which is empty if a variable has no value yet."""
+    try:
+        return [cell.cell_contents]
+    except ValueError:
+        return []
+
+
 def _create_function(function: FunctionType) -> FunctionType:
     """Return a function with empty cells, which `_fill_function` fills."""
     code, closure = function.__code__, tuple(CellType() for _ in function.__closure__ or ())
@@ -134,8 +142,9 @@ def _create_function(function: FunctionType) -> FunctionType:
 
 def _fill_function(function: FunctionType, state: tuple[Any, ...]) -> None:
     contents, global_signals, defaults, keyword_defaults, attributes = state
-    for cell, value in zip(function.__closure__ or (), contents, strict=True):
-        cell.cell_contents = value
+    for cell, content in zip(function.__closure__ or (), contents, strict=True):
+        for value in content:
+            cell.cell_contents = value
     function.__globals__.update(global_signals)
     function.__defaults__, function.__kwdefaults__ = defaults, keyword_defaults
     function.__dict__.update(attributes)

@@ -1,6 +1,8 @@
 """Copies of mechanisms with other meshes: formulas contain the signals of the copy."""
 
+import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,3 +92,38 @@ def test_regression_copies_contain_their_own_signals(add):
     finer = replace(beam.mesh, elements=4)
     run = bd.simulate(with_meshes(mech, {"rod": finer}, {}), METHOD, t_end=0.02)
     assert_allclose(run["tip.y"], before["tip.y"], atol=1e-3 * np.ptp(before["tip.y"]))
+
+
+LOCK = threading.Lock()
+
+
+def test_regression_laws_with_locks_and_variables_without_a_value():
+    """The message asked for functions where a function contained the lock."""
+    lock = threading.Lock()
+
+    def law_with_lock(sample):
+        with lock:
+            return -sample.reads[0]
+
+    def law_with_global_lock(sample):
+        with LOCK:
+            return -sample.reads[0]
+
+    def law_without_value(sample):
+        return -gain * sample.reads[0]
+
+    def copy_with(law):
+        def add(mech, tip):
+            u = mech.input("u", unit="N")
+            mech.add(bd.Controller("law", 5e-3, [mech.sensor("y", tip, "y")], [u], law))
+
+        mech, beam = build(add)
+        return with_meshes(mech, {"rod": beam.mesh}, {})
+
+    with pytest.raises(bd.BeamdaeError, match=r"cannot pickle .*lock.*in global variables\.$"):
+        copy_with(law_with_lock)
+    copy_with(law_with_global_lock)
+    copied = copy_with(law_without_value).part("law").law
+    gain = 2.0
+    assert copied is not law_without_value
+    assert law_without_value(SimpleNamespace(reads=[1.0])) == -gain
