@@ -166,3 +166,24 @@ def test_roots_of_smooth_eigenvalues_are_those_of_a_polynomial():
     positions = np.array([0.42, 0.47, 0.52, 0.57])
     root = _kinked_root(positions, (0.5 - positions) * (1.0 + positions), 0.49)
     assert root == pytest.approx(0.5, rel=1e-12)
+
+
+@pytest.mark.slow(reason="half a second each")
+@pytest.mark.parametrize("options", FORMULATIONS, ids=["exact", "floating frame"])
+def test_regression_a_step_to_a_neighboring_path_has_no_branch_point(options):
+    # The load acts 1e-5 of the length beside the crown. The point was a branch point at 8.98758,
+    # between the path and that on the other side of the gap that the asymmetry opens.
+    mech, radius = bd.Mechanism(), (0.25 + 0.05**2) / (2.0 * 0.05)
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    angle = np.arcsin(0.5 / radius)
+    arc = bd.Arc(-radius, 2.0 * radius * angle, start=(0.0, 0.0), angle=angle)
+    beam = mech.add(bd.Beam("arch", arc, section, 8, **options))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Revolute("right", mech.ground.at(*beam.end.point), beam.end))
+    mech.add(bd.Force("press", beam.at((0.5 + 1e-5) * beam.length), (0.0, -section.EI)))
+    mech.observe("crown", beam.at(0.5 * beam.length))
+    path = bd.equilibrium(mech, to={"crown.y": -0.02}, control="arc length", step=0.01)
+    assert path.status.success
+    # Displacement control with small steps.
+    assert [point.kind for point in path.critical] == ["limit point"]
+    assert path.critical[0].factor == pytest.approx(8.97864, rel=1e-5)

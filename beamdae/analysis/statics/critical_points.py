@@ -34,6 +34,9 @@ _SAMPLE_DISTANCE = 1e-3
 _SAMPLE_DISTANCES = (_SAMPLE_DISTANCE, 1e-4, 1e-5, 1e-6, 1e-7)
 _ZERO_RATIO = 1e-2
 _MAX_LOAD_SPREAD = 0.05
+# If the eigenvalue changes this many times as fast between the two samples next to the point as
+# between the others, these lie on different paths.
+_JUMP_RATIO = 10.0
 # Where the corrector fails at a sample, it is moved by this fraction of the distance.
 _RETRY_RATIO = 0.25
 # Eigenvalues of the points are at least about this multiple of those that are zero up to rounding.
@@ -68,6 +71,10 @@ _SAME_LOAD_RATIO = 1e-3
 _MAX_SPLITS = 6
 # Roots of the interpolating polynomial with a smaller imaginary part are real.
 _REAL_ROOT_TOLERANCE = 1e-6
+
+
+class PathJumpError(CorrectorError):
+    """Raised if samples on both sides of a point lie on different paths."""
 
 
 @dataclass(frozen=True)
@@ -368,7 +375,10 @@ class PathSegment:
             return self._locate_undecided(index, eigenvalue, ends, undecided)
         for distance in distances:
             position = self._search_zero(eigenvalue, ends, distance)
-            near = self._interpolate(position, eigenvalue, distance)
+            try:
+                near = self._interpolate(position, eigenvalue, distance, _continuous_root)
+            except PathJumpError:
+                continue
             sample = self._point_near(near.position + 1.5 * distance)
             # The step in load between the samples bounds the error of the load factor.
             is_fine = abs(sample.mu - near.point.mu) <= _MAX_LOAD_SPREAD * abs(near.point.mu)
@@ -580,6 +590,20 @@ def _nearest_root(positions: Array, values: Sequence[float], near: float) -> flo
     roots = np.roots(np.polyfit((positions - near) / unit, values, len(positions) - 1))
     real = roots[np.abs(roots.imag) < _REAL_ROOT_TOLERANCE].real
     return near + unit * float(real[np.argmin(np.abs(real))]) if len(real) else near
+
+
+def _continuous_root(positions: Array, values: Sequence[float], near: float) -> float:
+    """Return the result of `_nearest_root`.
+
+    Raises
+    ------
+    PathJumpError
+        If the values jump between the two samples in the middle.
+    """
+    first, middle, last = np.abs(np.diff(values) / np.diff(positions))
+    if middle > _JUMP_RATIO * max(first, last):
+        raise PathJumpError("the stability of equilibria changes abruptly")
+    return _nearest_root(positions, values, near)
 
 
 def _kinked_root(positions: Array, values: Sequence[float], near: float) -> float:

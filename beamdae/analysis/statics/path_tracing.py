@@ -71,6 +71,11 @@ _MAX_ROUNDING_RATIO = 2e-4
 # Errors of critical loads may exceed the bound at the beginning of the path by this factor, because
 # positions change along the path: up to 2.4 for arches at L/h = 1e6 (measured).
 _ROUNDING_MARGIN = 4.0
+# Rounding may be the cause if no step converges and the bound exceeds the first ratio, or also the
+# second one at the end of a longer path. The path of a portal frame at L/h = 1e5 begins at 1.6e-4
+# and ends at 4e-3 (measured).
+_MIN_STUCK_ROUNDING_RATIO = 2e-5
+_MIN_END_ROUNDING_RATIO = 1e-3
 # Critical points in a smaller range of load factors, relative to them, are not uncertain.
 _SAME_LOAD_RATIO = 1e-6
 # Under forces without a potential, smaller damping ratios have a note: rounding changes flutter
@@ -268,11 +273,10 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             coordinate = dominant_coordinate(system.equations, one.mode)
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
-        rounding_notes = _rounding_notes(path) if system.has_scaled_loads else []
         if system.has_scaled_loads:
-            notes += rounding_notes + _damping_notes(path) + _range_notes(path) + jump_notes
+            notes += _rounding_notes(path) + _damping_notes(path) + _range_notes(path) + jump_notes
         iterations += corrector.iterations
-        status = _end_status(path, system, control, bool(rounding_notes))
+        status = _end_status(path, system, control)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
@@ -280,14 +284,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
 
 
 def _rounding_notes(path: StagePath) -> list[str]:
-    """Return a remark if rounding errors are not negligible next to the smallest stiffness.
-
-    The stiffness at the beginning is decisive, because it vanishes at critical points; if all of it
-    is zero, as that of a pendulum without weight, that at the end.
-    """
-    ratio = next(
-        (x for x in (path.points[0].rounding_ratio, path.end.rounding_ratio) if np.isfinite(x)), 0.0
-    )
+    """Return a remark if rounding errors are not negligible next to the smallest stiffness."""
+    ratio = _initial_rounding_ratio(path)
     if ratio <= _MAX_ROUNDING_RATIO:
         return []
     flutter = ""
@@ -302,6 +300,16 @@ def _rounding_notes(path: StagePath) -> list[str]:
         "stiffness: the beams are too thin for double precision. Use thicker beams, and scale the "
         "loads by the bending stiffness."
     ]
+
+
+def _initial_rounding_ratio(path: StagePath) -> float:
+    """Return the bound on rounding errors, relative to the smallest stiffness.
+
+    The stiffness at the beginning is decisive, because it vanishes at critical points; if all of it
+    is zero, as that of a pendulum without weight, that at the end.
+    """
+    ratios = (path.points[0].rounding_ratio, path.end.rounding_ratio)
+    return next((x for x in ratios if np.isfinite(x)), 0.0)
 
 
 def _damping_notes(path: StagePath) -> list[str]:
@@ -555,42 +563,58 @@ def dominant_coordinate(e: EquationsOfMotion, mode: Array) -> str:
     return e.q_names[min(largest, key=lambda k: (e.coordinates[k].unit != "rad", k))]
 
 
-def _end_status(path: StagePath, system: LoadedEquations, control: str, is_rounded: bool) -> Status:
+def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Status:
     """Return the status of a path; if it ended early, with the last load factor.
 
-    A remedy is added if no step converges; `is_rounded` says that rounding errors may be the cause.
+    A remedy is added if no step converges.
     """
     if path.status.success:
         return path.status
     sentence = f"{path.status.sentence} (last converged load factor: {path.end.mu:.6g})"
     if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
-    if path.is_stuck and is_rounded:
-        sentence += (
-            "; rounding errors may prevent further steps, because the beams are too thin for "
-            "double precision, so use thicker beams or fewer elements"
-        )
     return Status(path.status.kind, sentence)
+
+
+def _may_end_by_rounding(path: StagePath) -> bool:
+    """Return True if rounding errors of thin beams may prevent further steps."""
+    ratio, end = _initial_rounding_ratio(path), path.end
+    if ratio <= _MIN_STUCK_ROUNDING_RATIO or ratio > _MAX_ROUNDING_RATIO:
+        return ratio > _MAX_ROUNDING_RATIO
+    is_soft = end.free_count > 0 or end.rounding_ratio > _MIN_END_ROUNDING_RATIO
+    return is_soft or len(path.points) == 1
 
 
 def _remedy(path: StagePath, e: EquationsOfMotion, control: str) -> str:
     """Return the end of a message: why steps probably fail, and a remedy; "" if unknown."""
+    rounding = ""
+    if _may_end_by_rounding(path):
+        rounding = (
+            "; rounding errors may prevent further steps, because the beams are too thin for "
+            "double precision, so use thicker beams or fewer elements"
+        )
     if control == DISPLACEMENT and len(path.points) == 1:
-        return "; check that the loads move the prescribed column"
+        return "; check that the loads move the prescribed column" + rounding
     if control == DISPLACEMENT:
-        return "; use control='arc length' to continue where a displacement reverses"
+        return "; use control='arc length' to continue where a displacement reverses" + rounding
     if control != LOAD:
-        return ""
+        return rounding
     if len(path.points) == 1:
-        return "; even a millionth of the largest step fails, so check the size of the loads"
+        size = "; even a millionth of the largest step fails, so check the size of the loads"
+        return size + rounding
     before, now = (_lowest_positive_eigenvalue(point) for point in (path.points[0], path.end))
     if not 0.0 < now < _SOFT_RATIO * before:
-        return "; use control='arc length' to continue past the maximum of a load"
+        return "; use control='arc length' to continue past the maximum of a load" + rounding
     stability = path.end.stability
     coordinate = dominant_coordinate(e, stability.mode(stability.negative_count))
-    return (
+    lost = (
         f", where {coordinate} has lost {100.0 * (1.0 - now / before):.0f} % of the initial "
-        "stiffness, which suggests a limit point; use control='arc length' to continue past "
+        "stiffness"
+    )
+    if rounding:
+        return f"{lost}{rounding}, or control='arc length' if this is a limit point"
+    return (
+        f"{lost}, which suggests a limit point; use control='arc length' to continue past "
         "this point"
     )
 
