@@ -90,10 +90,7 @@ def varying_columns(table: Columns) -> list[str]:
     values = {c: np.asarray(table[c], float) for c in columns}
     columns = [c for c in columns if not np.isnan(values[c]).all()]
     size = {c: float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in columns}
-    unit = {c: Header.of(c).unit for c in columns}
-    # Only columns with the same unit are comparable: a stress in Pa can be 1e10 times a
-    # displacement in m.
-    largest = {c: max(size[x] for x in columns if unit[x] == unit[c]) for c in columns}
+    largest = _largest_with_unit(size)
     rounding = _ROUNDING * max(size.values(), default=0.0)
     limits = {c: max(_MIN_RELATIVE_RANGE * largest[c], rounding) for c in columns}
     return [c for c in columns if size[c] > limits[c]] or columns
@@ -115,11 +112,20 @@ def characteristic_columns(table: Columns) -> list[str]:
     motions = [column for column in candidates if Header.of(column).unit in ("m", "rad")]
     columns = motions or candidates
     size = {c: _range(table[c]) for c in columns}
-    largest = dict[str, float]()
-    for column in columns:
-        unit = Header.of(column).unit
-        largest[unit] = max(largest.get(unit, 0.0), size[column])
-    return sorted(columns, key=lambda c: size[c] < _MINOR_RANGE * largest[Header.of(c).unit])[:3]
+    largest = _largest_with_unit(size)
+    return sorted(columns, key=lambda c: size[c] < _MINOR_RANGE * largest[c])[:3]
+
+
+def _largest_with_unit(size: Mapping[str, float]) -> dict[str, float]:
+    """Return the largest size of the columns with the same unit, for each column.
+
+    Others are not comparable: a stress in Pa can be 1e10 times a displacement in m.
+    """
+    of_unit: dict[str, list[float]] = {}
+    for column, x in size.items():
+        of_unit.setdefault(Header.of(column).unit, []).append(x)
+    largest = {unit: max(sizes) for unit, sizes in of_unit.items()}
+    return {column: largest[Header.of(column).unit] for column in size}
 
 
 def _range(values: Any) -> float:
