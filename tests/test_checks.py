@@ -12,6 +12,7 @@ import pytest
 from conformance import integrators
 from numpy.testing import assert_allclose
 from slider_crank import slider_crank
+from support import falling_portal
 
 import beamdae as bd
 from beamdae import checks
@@ -432,14 +433,7 @@ def test_regression_mesh_errors_of_impacts_are_measured():
 @pytest.mark.slow(reason="two runs with contacts")
 def test_regression_motions_that_vanish_by_symmetry_have_no_mesh_error():
     """Their rounding errors changed by 75 % and were the only mesh errors that were named."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    tube = bd.Section.pipe(bd.Material.of("aluminum"), diameter=0.03, wall=0.002, damping=2e-5)
-    points = {"A": (-0.2, 0.0), "B": (-0.2, 0.3), "M": (0.0, 0.3), "C": (0.2, 0.3), "D": (0.2, 0.0)}
-    bars = ["AB", "BM", "MC", "CD"]
-    portal = bd.frame(mech, "portal", points, bars, tube, elements=2, velocity=(0.0, -1.4))
-    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-    for foot in "AD":
-        mech.add(bd.Contact(f"foot {foot}", portal.corners[foot], floor, 1e6))
+    mech, portal = falling_portal()
     mech.observe("top", portal.corners["M"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.BeamdaeWarning)
