@@ -13,6 +13,7 @@ import typer
 from beamdae.catalog import INTEGRATORS
 from beamdae.cli import completion
 from beamdae.cli.output import record_results
+from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, short_repr, suggest
 
 if TYPE_CHECKING:
@@ -318,8 +319,6 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
         If an entry does not have this form, the parameter is unknown, or a unit is unknown or
         measures another quantity.
     """
-    from beamdae import model_parameters
-
     bounds = {}
     for name, text in parse_assignments(settings, "--bounds").items():
         info = model.parameter_info.get(name)
@@ -329,15 +328,13 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
                 f"--bounds {name}={text}: {model.name} has no parameter {name}"
                 f"{suggest(name, names)}; its parameters are {', '.join(names)}."
             )
-        ends = text.split(":")
-        match [model_parameters.parse_number(model.name, name, x, info.unit) for x in ends]:
-            case [float(low), float(high)]:
-                bounds[name] = low, high
-            case _:
-                raise BeamdaeError(
-                    f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers "
-                    "with or without units."
-                )
+        ends = parse_ends("--bounds", name, text, info.unit)
+        if ends is None:
+            raise BeamdaeError(
+                f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers with "
+                "or without units."
+            )
+        bounds[name] = ends
     return bounds
 
 

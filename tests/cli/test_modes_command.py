@@ -73,7 +73,8 @@ def test_speeds_may_be_a_range():
     assert parse_speeds("5.5") == [5.5]
     assert parse_speeds("0:6:3") == [0.0, 3.0, 6.0]
     assert_allclose(parse_speeds("0:3000rpm:3"), np.array([0.0, 50.0, 100.0]) * np.pi)
-    assert_allclose(parse_speeds("-30rpm:30rpm:3"), [-np.pi, 0.0, np.pi])
+    assert_allclose(parse_speeds("-30rpm:30rpm:3"), [-np.pi, 0.0, np.pi], rtol=1e-11)
+    assert parse_speeds("1:100:3:log") == [1.0, 10.0, 100.0]
 
 
 def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tables():
@@ -109,9 +110,11 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         ),
         (["--animate", "9"], "--animate must be"),
         (["--animate", "9", "--set", "weight=9.81"], "--animate must be"),
-        (["--speed", "0:12000rpm:x"], "a range must have the form START:STOP:COUNT"),
+        (["--speed", "0:12000rpm:x"], "values must have the form START:STOP:COUNT"),
         (["--speed", "10:3000rpm:4"], "one end has a unit and the other has none"),
-        (["--speed", "0:5:1"], "with a COUNT from 2 to 1000"),
+        (["--speed", "0:5:1"], "COUNT must be a whole number of at least 2"),
+        (["--speed", "0:5:1001"], "COUNT must be at most 1000, got 1001"),
+        (["--speed", "5:5:3"], "the ends of a range of 3 values must differ"),
         (["--speed", "0:5mm:3"], "the unit mm measures another quantity"),
         (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
         (["-n", "0"], "n must be"),

@@ -76,6 +76,7 @@ def test_regression_results_have_units_and_relative_margins(here):
         (["--by", "mass", "--minimize", "mass", "--at-most", "mass"], "QUANTITY=LIMIT"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1"], "LOW:HIGH"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mass=1:2 m"], "the unit m measures"),
+        (["--by", "mass", "--minimize", "mass", "--bounds", "mass=500:3kg"], "one end has a unit"),
         (["--by", "mass", "--minimize", "mass", "--bounds", "mas=1g:2g"], "has no parameter mas"),
         (["--by", "mass", "--minimize", "mass", "--at-most", "mass=2m"], "limit of mass is in m"),
         (["--by", "mas", "--minimize", "mass"], "did you mean 'mass'"),

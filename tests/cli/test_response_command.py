@@ -73,7 +73,7 @@ def test_json_of_an_angular_frequency(response):
 
 @pytest.mark.slow(reason="a curve")
 def test_a_constant_period_belongs_to_another_parameter(response):
-    result = response("--over", "force=0.1:200mN", "--period", "5", "--max-step", "1", "--json")
+    result = response("--over", "force=0.1N:200mN", "--period", "5", "--max-step", "1", "--json")
     points = json.loads(result.stdout)["points"]
     expected = [amplitude(0.4 * np.pi, point["force"]) for point in points]
     assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
@@ -92,6 +92,7 @@ def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
         (("--over", "frequency=1"), "form FIRST:LAST"),
         (("--over", "frequency=1Hz:2Hz"), "the model states no unit of this parameter"),
         (("--over", "force=0.1m:0.2m"), "force"),
+        (("--over", "force=0.1:200mN"), "one end has a unit and the other has none"),
         (("--over", "frequency=1:1"), "two different values"),
         (("--over", "frequncy=1:2"), "frequency"),
         (("--over", "frequency=1:2", "--angular", "--period", "1"), "mutually exclusive"),

@@ -310,6 +310,7 @@ def test_a_used_port_is_an_error(live):
     [
         (["--range", "radius=3"], "--range radius=3: the range must have the form FIRST:LAST."),
         (["--range", "radius=1 N:2"], "the unit N measures another quantity"),
+        (["--range", "radius=50cm:2"], "one end has a unit and the other has none"),
         (["--set", "radius=1 N"], "the unit N measures another quantity"),
         (["--port", "70000"], "view: port must be an integer from 0 to 65535, got 70000"),
     ],

@@ -25,11 +25,12 @@ from beamdae.cli.output import (
     record_results,
 )
 from beamdae.cli.output_paths import require_writable
+from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.errors import BeamdaeError, require_choice, require_count, short_repr
 
 _STATES = ("reference", "equilibrium")
 _MIN_SPEEDS = 2  # of a Campbell diagram
-_MAX_SPEEDS = 1000  # of a range
+_RANGE_COUNTS = (_MIN_SPEEDS, 1000)
 
 
 def parse_speeds(text: str) -> list[float]:
@@ -38,37 +39,15 @@ def parse_speeds(text: str) -> list[float]:
     Raises
     ------
     typer.BadParameter
-        If a number or its unit is invalid, or a range does not have the form START:STOP:COUNT.
+        If a number or its unit is invalid, or a range does not have one of the forms.
     """
     if ":" not in text:
         return [parse_number(text, "rad/s")]
-    ends, count = text.split(":")[:-1], text.split(":")[-1].strip()
-    if len(ends) != 2 or not count.isdecimal() or not _MIN_SPEEDS <= int(count) <= _MAX_SPEEDS:
-        raise typer.BadParameter(
-            f"{short_repr(text)}: a range must have the form START:STOP:COUNT with a COUNT from "
-            f"{_MIN_SPEEDS} to {_MAX_SPEEDS}, such as 0:3000rpm:16."
-        )
-    import numpy as np
-
-    start, stop = (parse_number(x, "rad/s") for x in ends)
-    if _has_mixed_units(*ends):
-        raise typer.BadParameter(
-            f"{short_repr(text)}: one end has a unit and the other has none; give both a unit."
-        )
-    return [float(x) for x in np.linspace(start, stop, int(count))]
-
-
-def _has_mixed_units(start: str, stop: str) -> bool:
-    """Return True if one end of a range has a unit and the other, not zero, has none."""
-
-    def read_plain(text: str) -> float | None:
-        try:
-            return float(text)
-        except ValueError:
-            return None
-
-    plain = [read_plain(x) for x in (start, stop)]
-    return (plain[0] is None) != (plain[1] is None) and 0.0 not in plain
+    try:
+        return parse_spaced_values("--speed", "", text, "rad/s", _RANGE_COUNTS, SPACED_FORMS)
+    except BeamdaeError as problem:
+        _, _, reason = str(problem).rpartition(": ")
+        raise typer.BadParameter(f"{short_repr(text)}: {reason}") from None
 
 
 def modes_command(

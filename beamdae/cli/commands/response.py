@@ -32,8 +32,8 @@ from beamdae.cli.output import (
     print_warnings,
 )
 from beamdae.cli.output_paths import plan_outputs
+from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_positive
-from beamdae.model_parameters import parse_number
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
@@ -131,14 +131,11 @@ def response_command(
 def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
     """Return the parameter and the range of --over NAME=FIRST:LAST, whose ends may have units."""
     ((name, text),) = parse_assignments([over], "--over").items()
-    ends = [x.strip() for x in text.split(":")]
-    if len(ends) != 2 or not all(ends):
-        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST.")
     info = model.parameter_info.get(name)
-    first, last = (parse_number("--over", name, x, info.unit if info else "") for x in ends)
-    if first is None or last is None:
-        raise BeamdaeError(f"--over {over}: the ends of the range must be numbers.")
-    return name, (first, last)
+    ends = parse_ends("--over", name, text, info.unit if info else "")
+    if ends is None:
+        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST, two numbers.")
+    return name, ends
 
 
 def _period_function(angular: bool, period: float | None) -> Callable[[float], float] | None:

@@ -30,6 +30,7 @@ from beamdae.cli.options import (
     parse_assignments,
 )
 from beamdae.cli.output import create_console, print_warnings, record_results
+from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
 from beamdae.cli.study_outputs import (
     MAX_SCREEN_ROWS,
     PAGE_FILE,
@@ -50,9 +51,7 @@ if TYPE_CHECKING:
     from beamdae.studies.execution.study_run import StudyResults
     from beamdae.studies.sweeps.sweep_results import SweepResults
 
-_VALUE_FORMS = "VALUE,VALUE,... or START:STOP:COUNT or START:STOP:COUNT:log"
-# Values of a range are rounded to this many digits, so that 0.3 is not 0.30000000000000004.
-_SIGNIFICANT_DIGITS = 12
+_VALUE_FORMS = f"VALUE,VALUE,... or {SPACED_FORMS}"
 _MAX_MEASURES = 100
 _RUN_OPTIONS = (
     "--integrator",
@@ -208,7 +207,11 @@ def parse_values(model: Model, name: str, text: str) -> list[Any]:
         If the parameter is unknown, a value has the wrong type, or a range has a wrong form.
     """
     if type(model.parameters.get(name)) in (int, float) and ":" in text:
-        return _parse_range(model, name, text)
+        from beamdae.studies.case import MAX_CASES
+
+        unit = model.parameter_info[name].unit
+        values = parse_spaced_values("--over", name, text, unit, (1, MAX_CASES), _VALUE_FORMS)
+        return [model.complete({name: value})[name] for value in values]
     return [model.complete({name: part.strip()})[name] for part in _split_at_commas(text)]
 
 
@@ -221,33 +224,6 @@ def _split_at_commas(text: str) -> list[str]:
         else:
             parts[-1] += character
     return parts
-
-
-def _parse_range(model: Model, name: str, text: str) -> list[Any]:
-    """Return the values of START:STOP:COUNT, equally spaced or, with :log, geometrically spaced."""
-    import numpy as np
-
-    from beamdae.model_parameters import parse_number
-    from beamdae.studies.case import MAX_CASES
-
-    start_text, stop_text, count_text, *rest = [*text.split(":"), ""]
-    is_geometric = rest == ["log", ""]
-    unit = model.parameter_info[name].unit
-    start, stop = (parse_number(model.name, name, x, unit) for x in (start_text, stop_text))
-    ends = (np.nan if start is None else start, np.nan if stop is None else stop)
-    try:
-        count = float(count_text)
-    except ValueError:
-        count = np.nan
-    if not np.isfinite([*ends, count]).all() or not (is_geometric or rest == [""]):
-        raise BeamdaeError(f"--over {name}={text}: values must have the form {_VALUE_FORMS}.")
-    if is_geometric and min(ends) <= 0.0:
-        raise BeamdaeError(f"--over {name}={text}: both ends must be positive for :log.")
-    n_values = require_count(f"--over {name}={text}", "COUNT", count, most=MAX_CASES)
-    values = np.geomspace(*ends, n_values) if is_geometric else np.linspace(*ends, n_values)
-    return [
-        model.complete({name: float(f"{value:.{_SIGNIFICANT_DIGITS}g}")})[name] for value in values
-    ]
 
 
 def _require_no_sweep_options(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,7 +18,11 @@ from beamdae.cli.options import (
     parse_seconds,
 )
 from beamdae.cli.output import create_console, record_results
+from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError
+
+if TYPE_CHECKING:
+    from beamdae.model_functions import Model
 
 
 def view_command(
@@ -56,7 +60,8 @@ def view_command(
     model = load_configured_model(ModelFile(path), model_name, settings)
     from beamdae.live.server import LiveView, create_session
 
-    ends = {x: _parse_range(x, text) for x, text in parse_assignments(ranges, "--range").items()}
+    texts = parse_assignments(ranges, "--range")
+    ends = {name: _parse_range(model, name, text) for name, text in texts.items()}
     live = LiveView(create_session(model, ends, t_end, time_limit), port, is_embedded=False)
     try:
         if problem := live.session.draw({}).get("error"):
@@ -75,8 +80,9 @@ def view_command(
         live.close()
 
 
-def _parse_range(name: str, text: str) -> tuple[str, str]:
-    first, colon, last = text.partition(":")
-    if not (colon and first.strip() and last.strip()) or ":" in last:
+def _parse_range(model: Model, name: str, text: str) -> tuple[float, float]:
+    info = model.parameter_info.get(name)
+    ends = parse_ends("--range", name, text, info.unit if info else "")
+    if ends is None:
         raise BeamdaeError(f"--range {name}={text}: the range must have the form FIRST:LAST.")
-    return first.strip(), last.strip()
+    return ends
