@@ -253,6 +253,20 @@ def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_nam
         bd.periodic(system, 3.0)
 
 
+@pytest.mark.parametrize(
+    ("period", "message"),
+    [
+        (2.0, r"^motor\.angle: loads or drivers .* do not repeat after the period of 2 s"),
+        (None, "^periodic: loads or drivers depend on time; pass their period"),
+    ],
+)
+def test_regression_loads_are_checked_although_the_first_period_cannot_be_run(period, message):
+    """After settling, the driver of the next period starts half a turn away, and the run fails."""
+    model = bd.load_model("example:slider_crank")
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.periodic(model(elements=2, speed=1.5), period, period_guess=None if period else 2.0)
+
+
 def test_steps_across_a_fold_report_it_once():
     # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
     # reverse three times.

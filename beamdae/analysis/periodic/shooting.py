@@ -284,8 +284,8 @@ class PeriodMap:
         later = [b for b in self.equations.breakpoints if b > self.begin]
         return np.array([self.begin, 0.5 * (self.begin + min([self.begin + 1.0, *later]))])
 
-    def require_periodic_loads(self, solution: Solution) -> None:
-        """Reject loads and drivers that differ one period later.
+    def require_valid_loads(self, solution: Solution, free_period: bool) -> None:
+        """Reject loads and drivers that differ one period later or, with `free_period`, ever.
 
         Raises
         ------
@@ -293,6 +293,12 @@ class PeriodMap:
             If a load or driver is not periodic; the message names the coordinate or joint, and the
             period if it is within 5 % of this one.
         """
+        if free_period:
+            if self.is_autonomous(solution):
+                return
+            raise BeamdaeError(
+                "periodic: loads or drivers depend on time; pass their period with period=."
+            )
         mismatch = self._find_mismatch(solution)
         if mismatch is None:
             return
@@ -310,8 +316,10 @@ class PeriodMap:
         e = self.equations
         form = formulate_first_order(e, "ggl")
         interval = solution.trajectory.intervals[0]
-        times = np.linspace(interval.t[0], interval.t[-1], _COMPARED_TIMES + 2)[1:-1]
-        state = interval.at(times)
+        # A run may end before the period does, because loads do not repeat.
+        end = max(interval.t[-1], self.begin + self.period)
+        times = np.linspace(interval.t[0], end, _COMPARED_TIMES + 2)[1:-1]
+        state = interval.at(np.minimum(times, interval.t[-1]))
         revolutions = np.zeros(form.size)
         revolutions[: e.n] = self.full_revolutions(solution)
         change, largest_force = np.zeros((_COMPARED_TIMES, form.size)), 0.0
@@ -351,7 +359,7 @@ class PeriodMap:
         size = excess[row, worst] + _REPETITION_TOLERANCE * sizes[worst]
         is_force = e.n <= worst < 2 * e.n
         return _Mismatch(
-            form.names[worst].removeprefix("velocity of "),
+            form.names[worst].removeprefix("velocity of ").removeprefix("correction of "),
             float(times[row]),
             f"{size / largest_force:.2g} of the largest force"
             if is_force
@@ -361,12 +369,10 @@ class PeriodMap:
 
     def is_autonomous(self, solution: Solution) -> bool:
         """Return True if loads and drivers do not depend on time."""
-        try:
-            for share in _TEST_PERIODS:
-                replace(self, period=share * self.period).require_periodic_loads(solution)
-        except BeamdaeError:
-            return False
-        return True
+        return all(
+            replace(self, period=share * self.period)._find_mismatch(solution) is None
+            for share in _TEST_PERIODS
+        )
 
     def full_revolutions(self, solution: Solution) -> Array:
         """Return 2 pi times the number of full revolutions of each angle in a period [rad], (n,).
@@ -585,13 +591,12 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    result = PeriodRun.from_state(period_map, q, v)
-    if not free_period:
-        period_map.require_periodic_loads(result.solution)
-    elif not period_map.is_autonomous(result.solution):
-        raise BeamdaeError(
-            "periodic: loads or drivers depend on time; pass their period with period=."
-        )
+    try:
+        result = PeriodRun.from_state(period_map, q, v)
+    except IncompleteRunError as error:
+        period_map.require_valid_loads(error.solution, free_period)
+        raise
+    period_map.require_valid_loads(result.solution, free_period)
     linearization: _Linearization | None = None
     best, last_halving, contraction = result, 0, np.inf
     for iteration in range(1, _MAX_ITERATIONS + 1):
