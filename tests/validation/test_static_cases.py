@@ -68,9 +68,9 @@ def test_table_contains_every_static_case():
 def test_error_is_independent_of_slenderness():
     rows = STORED[STORED["case"].str.startswith("quarter circle")]
     worst = rows.groupby(["setting", "case"])["relative"].max().unstack()
-    assert worst.shape == (2, 5)
-    # At R/h = 2500 entries of the linear system differ by 1e8: rounding errors are a few 1e-7.
-    assert (worst.max(axis=1) < 2.0 * worst.min(axis=1)).all()
+    assert worst.shape == (2, 6)
+    # Shear and extension, which are nearly exact, contribute 2 % at R/h = 4.
+    assert (worst.max(axis=1) < 1.05 * worst.min(axis=1)).all()
 
 
 def check_spin_up_rows(rows):
