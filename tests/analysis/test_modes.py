@@ -441,3 +441,26 @@ def test_table_names_the_moving_parts():
     assert list(table["mode"]) == [1, 2]
     assert table["moves"][0] == "bob 1 56 %, bob 0 44 %"
     assert set(table["kind"]) == {"vibration"}
+
+
+@pytest.mark.parametrize(("stiffness_ratio", "hides"), [(1.0, False), (1e5, False), (1e8, True)])
+def test_frequencies_hidden_by_rounding_errors_of_stiff_beams_are_announced(stiffness_ratio, hides):
+    """A strip with L/h = 100 carries an almost rigid link; its lowest mode is at 2.15 Hz."""
+    mech = bd.Mechanism()
+    sections = (
+        bd.Section.rectangle(bd.Material(210e9 * factor, 0.3, 7800.0), width=0.02, height=0.01)
+        for factor in (1.0, stiffness_ratio)
+    )
+    settings = {"elements": 4, "formulation": "exact"}
+    strip, link = (
+        mech.add(bd.Beam(name, bd.Line((x, 0.0), (x + 1.0, 0.0)), section, **settings))
+        for name, x, section in zip(("strip", "link"), (0.0, 1.0), sections, strict=True)
+    )
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Weld("joint", strip.end, link.start))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        modes = bd.modes(mech, n=3)
+    assert any("rounding errors of the stiffest parts" in str(w.message) for w in caught) == hides
+    if not hides:
+        assert np.all(modes.frequencies > 2.0)

@@ -11,9 +11,11 @@ import numpy as np
 from beamdae.analysis.eigenproblems.eigensolution import (
     UNSTABLE,
     VIBRATION,
+    EigenSolution,
     classify_modes,
     solve_eigenproblem,
 )
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import quadratic_form_rounding
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Linearization,
@@ -38,6 +40,9 @@ Array = np.ndarray
 _MIN_NAMED_SHARE = 0.005
 # Effective masses below this fraction of the moving mass are rounding errors.
 _MASS_ROUNDING = 1e-20
+# Largest bound on the rounding error of a squared frequency, relative to the square, without a
+# warning. Actual errors are below a tenth of the bound, as for free strips with L/h = 1e6.
+_MAX_SQUARE_ROUNDING = 0.05
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -69,7 +74,8 @@ class Modes(HasTable, HasPage):
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
         Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
-        or a run that ended early, or that there are no modes.
+        or a run that ended early, that there are no modes, or that rounding errors of the stiffness
+        hide slow modes.
     """
 
     about: str
@@ -309,6 +315,7 @@ def compute_modes(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
+    warnings.extend(_rounding_warnings(lin, solution))
     return Modes(
         lin.about,
         solution.values,
@@ -319,3 +326,23 @@ def compute_modes(
         tuple(warnings),
         lin,
     )
+
+
+def _rounding_warnings(lin: Linearization, solution: EigenSolution) -> list[str]:
+    """Return a warning if rounding errors of the stiffness hide slow modes, or none.
+
+    The stiffest parts determine these errors. A mode whose frequency they hide is found as a free
+    motion; its bound is compared with the slowest of the other modes.
+    """
+    squares = np.abs(solution.values) ** 2
+    bounds = quadratic_form_rounding(lin.tangent.stiffness, solution.shapes)
+    references = np.where(squares > 0.0, squares, np.min(squares[squares > 0.0], initial=np.inf))
+    is_hidden = bounds > _MAX_SQUARE_ROUNDING * references
+    if not np.any(is_hidden):
+        return []
+    limit = np.sqrt(np.max(bounds[is_hidden]) / _MAX_SQUARE_ROUNDING) / (2.0 * np.pi)
+    return [
+        f"frequencies below {limit:.2g} Hz can be inaccurate, and free motions can be slow "
+        "vibrations, because rounding errors of the stiffest parts reach the stiffness of the "
+        "softest ones; replace very stiff beams by rigid bodies, or very thin ones by thicker ones."
+    ]
