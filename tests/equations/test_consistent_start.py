@@ -195,6 +195,25 @@ def test_an_offset_rotates_a_slender_beam_almost_rigidly(variant):
     assert strain_energy_of_an_offset(variant, height=0.03, offset=0.05) < 1e-2
 
 
+@few_variants
+@pytest.mark.parametrize("offset", [-2.0, 4.7])
+def test_large_offsets_do_not_stretch_beams(variant, offset):
+    assert strain_energy_of_an_offset(variant, height=0.03, offset=offset) < 1e-2
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_regression_rods_follow_a_crank_that_starts_far_away(formulation):
+    """Rods became twice as long, or turned several times."""
+    mech = bd.load_model("example:slider_crank")(elements=2, formulation=formulation)
+    # The crank starts at 1.5 pi.
+    numeric, state = make_consistent(mech, t=1.75)
+    bending_energy = 919.0 / 4.6  # EI / length [J]
+    assert numeric.energies(state.q)[1] < 1e-2 * bending_energy
+    names = [x.name for x in numeric.equations.coordinates]
+    angles = [k for k, name in enumerate(names) if name in ("rod.theta", "rod.psi0")]
+    assert np.all(np.abs(state.q[angles]) < 0.5 * np.pi)
+
+
 def slider_crank(angle):
     """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
     mech = bd.Mechanism()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +29,10 @@ from beamdae.symbolic.sparse_operators import build_selection
 Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
+# Larger gaps [rad], or [m] relative to min(1, characteristic length), are closed in several steps:
+# the exact formulation stretches beams that turn by more than a radian at once.
+_MAX_CLOSED_GAP = 0.5
+_MAX_CLOSING_STEPS = 20
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
 _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequency above 1 / this
 # Bodies can begin to move rigidly if at most this fraction of the velocities at which the joints
@@ -225,20 +230,34 @@ class ConsistencySolver(StateEvaluator):
             )
 
     def _close_positions(self, time: Array, q: Array) -> Array:
-        closed_q = self._close_joints(time, q)
+        """Close large gaps in several steps, in which beams move without being stretched."""
+        gaps = self.position_gaps(time, q)
+        size = np.max(np.abs(gaps), initial=0.0) / min(1.0, self.equations.length)
+        if not _MAX_CLOSED_GAP < size < np.inf:
+            return self._close_gaps(time, q, q, np.zeros_like(gaps))
+        n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
+        closed_q = q
+        for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
+            closed_q = self._close_gaps(time, closed_q, q, share * gaps)
+        return closed_q
+
+    def _close_gaps(self, time: Array, q: Array, drawn: Array, gaps: Array) -> Array:
+        """Return positions near `q`, with least strain, at which these gaps (m,) remain."""
+        closed_q = self._close_joints(time, q, gaps)
         if closed_q is q:
             return q
 
         def constraints(positions: Array) -> tuple[Array, sp.csc_array]:
-            return self.position_gaps(time, positions), self.constraint_matrix(time, positions)
+            open_gaps = self.position_gaps(time, positions) - gaps
+            return open_gaps, self.constraint_matrix(time, positions)
 
-        return minimize_strain(self, time, q, closed_q, q, constraints, _RIGID_TIME**2)
+        return minimize_strain(self, time, q, closed_q, drawn, constraints, _RIGID_TIME**2)
 
-    def _close_joints(self, time: Array, q: Array) -> Array:
+    def _close_joints(self, time: Array, q: Array, gaps: Array) -> Array:
         e = self.equations
         zeros = np.zeros(e.n)
         for _ in range(_MAX_POSITION_ITERATIONS):
-            g = self.position_gaps(time, q)
+            g = self.position_gaps(time, q) - gaps
             if not np.all(np.isfinite(g)):
                 name = e.lam_names[int(np.flatnonzero(~np.isfinite(g))[0])]
                 raise BeamdaeError(
