@@ -83,6 +83,16 @@ def multiply_lanes(lanes: Array, begin: int, count: int, factors: Array, k: int)
     _lane_range(lanes, begin, count).reshape(-1, LANES)[:] *= _lane_range(factors, k, 1)
 
 
+def set_entry(out: Array, k: int, lanes: Array, j: int, factor: float) -> None:
+    """Set entry `k` of all lanes of `out` to `factor` times entry `j` of `lanes`."""
+    _lane_range(out, k, 1)[:] = factor * _lane_range(lanes, j, 1)
+
+
+def add_entry(out: Array, k: int, lanes: Array, j: int, factor: float) -> None:
+    """Add `factor` times entry `j` of `lanes` to entry `k` of all lanes of `out`."""
+    _lane_range(out, k, 1)[:] += factor * _lane_range(lanes, j, 1)
+
+
 def subtract_lanes(lanes: Array, begin: int, count: int, column: Array, first: int, k: int) -> None:
     """Subtract `count` entries of `column`, from `first` on, times entry `k` of `lanes`."""
     products = _lane_range(column, first, count).reshape(-1, LANES) * _lane_range(lanes, k, 1)

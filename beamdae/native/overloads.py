@@ -580,6 +580,49 @@ def _multiply_lanes(lanes, begin, count, factors, k):
     return loop
 
 
+def _move_entry(join):
+    """Return an operation on (out, k, lanes, j, factor).
+
+    `join(builder, out, k, parts)` returns the new entry `k` of `out` from the scaled entry `j`.
+    """
+
+    def write(context, builder, kinds, values):
+        out = _LaneArray(context, builder, kinds[0], values[0])
+        parts = _LaneArray(context, builder, kinds[2], values[2]).load(values[3])
+        first = builder.insert_element(
+            ir.Constant(_LANE_VECTOR, ir.Undefined), values[4], ir.IntType(32)(0)
+        )
+        factor = builder.shuffle_vector(first, first, _index_vector([0] * lane_operations.LANES))
+        scaled = [builder.fmul(factor, part) for part in parts]
+        out.store(values[1], join(builder, out, values[1], scaled))
+
+    return _lane_operation(write)
+
+
+def _add_to_entry(builder, out, k, parts):
+    return [builder.fadd(*pair) for pair in zip(out.load(k), parts, strict=True)]
+
+
+_set_entry_ir = _move_entry(lambda builder, out, k, parts: parts)
+_add_entry_ir = _move_entry(_add_to_entry)
+
+
+@overload(lane_operations.set_entry)
+def _set_entry(out, k, lanes, j, factor):
+    def loop(out, k, lanes, j, factor):
+        _set_entry_ir((out, k, lanes, j, factor))
+
+    return loop
+
+
+@overload(lane_operations.add_entry)
+def _add_entry(out, k, lanes, j, factor):
+    def loop(out, k, lanes, j, factor):
+        _add_entry_ir((out, k, lanes, j, factor))
+
+    return loop
+
+
 @_lane_operation
 def _subtract_lanes_ir(context, builder, kinds, values):
     lanes = _LaneArray(context, builder, kinds[0], values[0])
@@ -712,8 +755,8 @@ def _pick_tiles(out, start, stride, vector, tiles, begin, end):
     return loop
 
 
-@_lane_operation
-def _add_tiles_ir(context, builder, kinds, values):
+def _store_tiles(context, builder, kinds, values, join):
+    """Store the rows of tiles in the runs of their lanes; `join(pointer, run)` returns new runs."""
     out, vector = (context.make_array(kinds[k])(context, builder, values[k]).data for k in (0, 1))
     stride, begin, end = (values[k] for k in (2, 4, 5))
     with cgutils.for_range(builder, builder.sub(end, begin)) as loop:
@@ -733,7 +776,28 @@ def _add_tiles_ir(context, builder, kinds, values):
         ]
         pointers = tile.runs(out)
         for pointer, run in zip(pointers, runs, strict=True):
-            builder.store(builder.fadd(builder.load(pointer, align=8), run), pointer, align=8)
+            builder.store(join(pointer, run), pointer, align=8)
+
+
+@_lane_operation
+def _add_tiles_ir(context, builder, kinds, values):
+    def add(pointer, run):
+        return builder.fadd(builder.load(pointer, align=8), run)
+
+    _store_tiles(context, builder, kinds, values, add)
+
+
+@_lane_operation
+def _set_tiles_ir(context, builder, kinds, values):
+    _store_tiles(context, builder, kinds, values, lambda pointer, run: run)
+
+
+@overload(loop_functions.set_tiles)
+def _set_tiles(out, vector, stride, tiles, begin, end):
+    def loop(out, vector, stride, tiles, begin, end):
+        _set_tiles_ir((out, vector, stride, tiles, begin, end))
+
+    return loop
 
 
 @overload(loop_functions.add_tiles)

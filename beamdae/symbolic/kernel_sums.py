@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 from weakref import finalize
 
 import casadi as ca
@@ -116,6 +116,20 @@ class Kernel:
         """The function, evaluated for many copies at a time."""
         return RowFunction(self.function)
 
+    @cached_property
+    def with_local_time(self) -> Kernel:
+        """The same kernel, with the time as a further, last local input if it depends on it."""
+        function = self.function
+        starts = function.jac_sparsity(0, 0).colind()
+        if starts[SHARED_T] == starts[SHARED_T + 1]:
+            return self
+        shared, local = SX.sym("shared", function.numel_in(0)), SX.sym("local", self.n_local + 1)
+        at_time = SX(shared)
+        at_time[SHARED_T] = local[-1]
+        value = function(at_time, local[:-1])
+        timed = ca.Function(f"{function.name()}_timed", [shared, local], [ca.densify(value)])
+        return Kernel(timed, self.outputs)
+
     @property
     def native(self) -> LaneKernel | None:
         """Machine code of the kernel; None if machine code is switched off or cannot be built."""
@@ -214,6 +228,12 @@ class Sum:
     code_owners: tuple[Any, ...]
 
 
+class SharedInputs(Protocol):
+    """A `Sum`, or another object with its `shared` inputs."""
+
+    shared: Array
+
+
 class Batch(NamedTuple):
     """Copies of a kernel that are evaluated together; their inputs begin at `start` in `local`."""
 
@@ -293,12 +313,13 @@ class SumPlan:
         """
         kernels: Any
         code_owners: tuple[Any, ...] = ()
-        entries = self._layout(self._tiled_entries if native else self._untiled_entries)
+        build = SumPlan._tiled_entries if native else SumPlan._untiled_entries
+        entries = self.cache_layout(build)
         if native:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
             kernels = np.array([kernel.address for kernel in code_owners], np.int64)
         else:
-            kernels = [_InterpretedKernel(batch) for batch in self.batches]
+            kernels = [InterpretedKernel(batch) for batch in self.batches]
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
@@ -337,10 +358,11 @@ class SumPlan:
         """Set the data of a model in a sum of this plan."""
         total.local[self.data_targets] = p[self.data_sources]
 
-    def _layout(self, build: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+    def cache_layout(self, build: Callable[[SumPlan], dict[str, Array]]) -> dict[str, Array]:
+        """Return the arrays that `build` returns for this plan; they must not depend on weights."""
         key = build.__name__
         if key not in self._layouts:
-            self._layouts[key] = build()
+            self._layouts[key] = build(self)
         return self._layouts[key]
 
     def _tiled_entries(self) -> dict[str, Array]:
@@ -448,7 +470,7 @@ def _entry_batches(ends: Array, count: int) -> Array:
     return np.searchsorted(ends, np.arange(count), "right")
 
 
-class _InterpretedKernel:
+class InterpretedKernel:
     """Kernel of a batch, evaluated for all copies by CasADi's virtual machine."""
 
     def __init__(self, batch: Batch) -> None:
@@ -465,6 +487,7 @@ class _InterpretedKernel:
         self._linear_from = kernel.linear_from
 
     def __call__(self, shared: Array, local: Array, out: Array) -> None:
+        """Write the outputs of all copies to `out`, from the inputs in `local`."""
         count = self._count
         inputs = local[self._input_range].reshape(self._input_shape)[:, :count]
         if self._linear_from is not None and not inputs[self._linear_from :].any():
@@ -477,14 +500,14 @@ class _InterpretedKernel:
         out[self._output_range].reshape(self._output_shape)[:, :count] = self._outputs
 
 
-def set_time(total: Sum, t: float, branch: float) -> None:
+def set_time(total: SharedInputs, t: float, branch: float) -> None:
     """Set the time at which laws are evaluated, and the time that selects the pieces of laws."""
     total.shared[SHARED_T] = t
     total.shared[SHARED_BRANCH] = branch
 
 
 def set_matrix_factors(
-    total: Sum, c_q: float, c_v: float, c_a: float, c_l: float, c_h: float, c_r: float
+    total: SharedInputs, c_q: float, c_v: float, c_a: float, c_l: float, c_h: float, c_r: float
 ) -> None:
     """Set the factors of the parts of a matrix, see `local_symbols.MatrixFactors`."""
     total.shared[C_Q] = c_q

@@ -9,13 +9,12 @@ from beamdae.linear.lane_operations import LANES
 from beamdae.linear.pivots import propose_plans
 from beamdae.native.batch_elimination import (
     BatchSolver,
-    factorize_staged,
+    factorize_batch,
     select_factors,
-    stage_matrix,
 )
 from beamdae.native.return_codes import DONE, NEW_PIVOTS, SINGULAR
 
-# In plain Python, unsuitable pivots and unused lanes cause warnings of NumPy.
+# In plain Python, unsuitable pivots cause warnings of NumPy.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 
@@ -29,10 +28,10 @@ def chain_pattern(blocks: int) -> sp.csc_array:
     return sp.csc_array(pattern.astype(float))
 
 
-def random_matrices(pattern: sp.csc_array, count: int) -> list[np.ndarray]:
+def random_matrices(pattern: sp.csc_array) -> list[np.ndarray]:
     random = np.random.default_rng(0)
     diagonal = pattern.indices == np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-    return [random.uniform(-1, 1, pattern.nnz) + 8.0 * diagonal for _ in range(count)]
+    return [random.uniform(-1, 1, pattern.nnz) + 8.0 * diagonal for _ in range(LANES)]
 
 
 def solver_for(pattern: sp.csc_array, nonzeros: np.ndarray, proposal: int = 0) -> BatchSolver:
@@ -41,16 +40,21 @@ def solver_for(pattern: sp.csc_array, nonzeros: np.ndarray, proposal: int = 0) -
     return linear
 
 
+def factorize(linear: BatchSolver, matrices: list[np.ndarray], is_tested: bool) -> int:
+    lanes = np.stack(matrices, axis=1).ravel()
+    linear.batch.entries[: len(lanes)] = lanes
+    return factorize_batch(linear, is_tested)
+
+
 @pytest.mark.parametrize("proposal", [0, 1, -1])
-@pytest.mark.parametrize("count", [LANES, 3])
-def test_factors_are_those_of_single_matrices(proposal, count):
+def test_factors_are_those_of_single_matrices(proposal):
     pattern = chain_pattern(11)
-    matrices = random_matrices(pattern, count)
+    matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0], proposal)
-    for lane, nonzeros in enumerate(matrices):
-        stage_matrix(linear.batch, lane, nonzeros)
-    assert factorize_staged(linear, np.zeros(pattern.nnz), count, True) == DONE
-    assert linear.factorizations == count
+    # Twice: the second factorization does not depend on the arrays of the first.
+    assert factorize(linear, matrices[::-1], True) == DONE
+    assert factorize(linear, matrices, True) == DONE
+    assert linear.factorizations == 2 * LANES
     expected = allocate_factors(linear.plan, float)
     for lane, nonzeros in enumerate(matrices):
         assert refactorize(linear.plan, expected, nonzeros)
@@ -64,47 +68,34 @@ def test_factors_are_those_of_single_matrices(proposal, count):
         np.testing.assert_allclose(matrix @ right, np.ones(len(right)), rtol=0, atol=1e-12)
 
 
-def test_the_first_unsuitable_matrix_is_returned():
+def test_one_unsuitable_matrix_needs_new_pivots():
     pattern = chain_pattern(11)
-    matrices = random_matrices(pattern, LANES)
+    matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0])
-    matrices[5] = np.zeros(pattern.nnz)
-    for lane, nonzeros in enumerate(matrices):
-        stage_matrix(linear.batch, lane, nonzeros)
-    failed = np.ones(pattern.nnz)
-    assert factorize_staged(linear, failed, LANES, True) == NEW_PIVOTS
-    assert linear.needs_pivots == 1
-    np.testing.assert_array_equal(failed, matrices[5])
-    # Lanes beyond the number of matrices do not count, whatever they contain.
-    assert factorize_staged(linear, failed, 5, True) == DONE
+    singular = [*matrices[:5], np.zeros(pattern.nnz), *matrices[6:]]
+    assert factorize(linear, singular, True) == NEW_PIVOTS
+    assert factorize(linear, matrices, True) == DONE
     linear.singular = 1
-    assert factorize_staged(linear, failed, 5, True) == SINGULAR
+    assert factorize(linear, matrices, True) == SINGULAR
 
 
 def test_inaccurate_factors_need_new_pivots():
     pattern = chain_pattern(11)
-    matrices = random_matrices(pattern, LANES)
+    matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0])
     # The pivots of the first plan, which are on the diagonal, are tiny beside the other entries.
     diagonal = pattern.indices == np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-    bad = np.where(diagonal, 1e-14, matrices[0])
-    stage_matrix(linear.batch, 0, bad)
-    for lane in range(1, LANES):
-        stage_matrix(linear.batch, lane, matrices[lane])
-    failed = np.ones(pattern.nnz)
-    assert factorize_staged(linear, failed, LANES, False) == DONE
-    assert factorize_staged(linear, failed, LANES, True) == NEW_PIVOTS
-    np.testing.assert_array_equal(failed, bad)
+    matrices[0] = np.where(diagonal, 1e-14, matrices[0])
+    assert factorize(linear, matrices, False) == DONE
+    assert factorize(linear, matrices, True) == NEW_PIVOTS
 
 
 def test_refinement_uses_the_matrix_of_the_lane():
     pattern = chain_pattern(11)
-    matrices = random_matrices(pattern, LANES)
+    matrices = random_matrices(pattern)
     linear = solver_for(pattern, matrices[0])
-    for lane, nonzeros in enumerate(matrices):
-        stage_matrix(linear.batch, lane, nonzeros)
-    assert factorize_staged(linear, np.zeros(pattern.nnz), LANES, True) == DONE
     linear.factors.refinements[0] = 1
+    assert factorize(linear, matrices, False) == DONE
     for lane, nonzeros in enumerate(matrices):
         select_factors(linear.plan, linear.factors, linear.batch, lane)
         expected = allocate_factors(linear.plan, float)

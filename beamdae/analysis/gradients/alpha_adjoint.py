@@ -41,6 +41,7 @@ from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.lane_sums import LaneSum
 from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.transposed_sums import transposed_plan
 
@@ -53,9 +54,9 @@ class AdjointWorkspace:
 
     Attributes
     ----------
-    form, linear, nonzeros
-        Equations of a step, with a sum for the transposed matrix; linear solver and non-zeros of
-        this matrix.
+    form, lanes, linear, nonzeros
+        Equations of a step, with a sum for the transposed matrix; the same sum at several steps;
+        linear solver and non-zeros of this matrix.
     transposed, inputs, outputs
         Gradient of weights . residual, its inputs (motion, weights) and its result (derivatives
         with respect to the motion and to p).
@@ -87,11 +88,12 @@ class AdjointWorkspace:
         Number of steps before the steps of equal length that are transposed together.
     step
         Number of steps that remain.
-    max_batch, tested, next_batch, staged, lane
+    max_batch, tested, staged, lane
         See `ReplayWorkspace`.
     """
 
     form: StepMatrix
+    lanes: LaneSum
     linear: Any
     nonzeros: Array
     transposed: Sum
@@ -127,7 +129,6 @@ class AdjointWorkspace:
     step: int
     max_batch: int
     tested: int = 0
-    next_batch: int = 1
     staged: int = 0
     lane: int = 0
 
@@ -245,10 +246,13 @@ def transpose_alpha_steps(
 
     def make_workspace(native: bool) -> AdjointWorkspace:
         q, v, ddq, a, a_predicted = np.zeros((5, n))
-        linear, max_batch = make_step_solver(native, matrix)
+        linear, max_batch, lanes = make_step_solver(
+            native, matrix, transposed_matrix, 4 * n + 2 * m, steps_of.p
+        )
         transposed = plan.sum(native, equations.p)
         return AdjointWorkspace(
             form=form.matrix_buffers(native, transposed_matrix),
+            lanes=lanes,
             linear=linear,
             nonzeros=matrix.nonzeros,
             transposed=transposed,

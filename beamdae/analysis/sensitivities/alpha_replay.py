@@ -25,9 +25,11 @@ from beamdae.equations.formulations.step_equations import (
     StepEquations,
     StepMatrix,
     StepPrediction,
+    evaluate_matrices,
     evaluate_matrix_at_state,
     formulate_step,
     plan_step_sums,
+    set_lane,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
@@ -43,14 +45,14 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.lane_operations import LANES
 from beamdae.native.batch_elimination import (
     BatchSolver,
-    factorize_staged,
+    factorize_batch,
     select_factors,
-    stage_matrix,
 )
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
+from beamdae.symbolic.lane_sums import LaneSum, create_lane_sum, empty_lane_sum, has_lane_code
 
 Array = np.ndarray
 
@@ -75,8 +77,9 @@ class ReplayWorkspace:
 
     Attributes
     ----------
-    form, linear, nonzeros
-        Equations of a step, and the linear solver and non-zeros of their matrix.
+    form, lanes, linear, nonzeros
+        Equations of a step, their matrices at several steps, and the linear solver and non-zeros of
+        the matrix.
     directional, local, inputs
         Directional derivative of the residual, its local inputs by direction, see
         `direction_inputs`, and its inputs (motion, its direction).
@@ -104,17 +107,18 @@ class ReplayWorkspace:
     results
         Derivatives of (q, v, q'', lam) after the steps, (steps * k, 3n + m).
     max_batch
-        Number of steps whose matrices are factorized together.
+        Number of steps whose matrices are factorized together, 1 or `LANES`.
     step
         Number of completed steps.
     tested
         Number of steps since the last test of the factors; 0 if the next factors are tested.
-    next_batch, staged, lane
-        Number of matrices that are factorized together next, number of those factorized last, and
-        index of the next one of these.
+    staged, lane
+        Number of matrices that were factorized last, 0 if there are no pivots, and index of the
+        next one of these.
     """
 
     form: StepMatrix
+    lanes: LaneSum
     linear: Any
     nonzeros: Array
     directional: Sum
@@ -150,7 +154,6 @@ class ReplayWorkspace:
     max_batch: int
     step: int = 0
     tested: int = 0
-    next_batch: int = 1
     staged: int = 0
     lane: int = 0
 
@@ -256,39 +259,52 @@ def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
         Number of steps of equal length that remain.
     """
     if run.lane == run.staged:
-        count = min(run.next_batch, remaining)
-        for lane in range(count):
-            k = step + direction * lane
-            copy_state(run, k, run.row)
+        count = run.max_batch if run.max_batch <= remaining else 1
+        # The first pivots, and others that do not suit a batch, are tried for one matrix.
+        if count == 1 or run.staged == 0 or _factorize_lanes(run, step, direction) != DONE:
+            count = 1
+            copy_state(run, step, run.row)
             evaluate_matrix_at_state(
-                run.form, run.times[k], run.branch, run.coefficients, run.row, run.nonzeros
+                run.form, run.times[step], run.branch, run.coefficients, run.row, run.nonzeros
             )
-            if count > 1:
-                stage_matrix(run.linear.batch, lane, run.nonzeros)
-        if count > 1:
-            code = factorize_staged(run.linear, run.nonzeros, count, run.tested == 0)
-            run.tested += count
-        else:
             code = factorize_step(run)
-        if code != DONE or run.tested >= _STEPS_PER_BATCH_TEST:
-            run.tested = 0
-        if code != DONE:
-            # New pivots are tried for one matrix.
-            run.next_batch = 1
-            return code
-        run.next_batch, run.staged, run.lane = run.max_batch, count, 0
+            if code != DONE:
+                run.staged = run.lane = 0
+                return code
+        run.staged, run.lane = count, 0
     elif run.staged > 1:
         select_factors(run.linear.plan, run.linear.factors, run.linear.batch, run.lane)
     run.lane += 1
     return DONE
 
 
-def make_step_solver(native: bool, matrix: FactorizedMatrix) -> tuple[Any, int]:
-    """Return the linear solver of a loop over known steps, and its `max_batch`."""
-    if not native:
-        return matrix.make_solver(native, "auto"), 1
+def _factorize_lanes(run: Any, step: int, direction: int) -> int:
+    """Factorize the matrices of `LANES` steps; return DONE, NEW_PIVOTS or SINGULAR."""
+    first, size, lam_factor = run.first_column, run.row.size, run.coefficients[2]
+    for lane in range(LANES):
+        k = step + direction * lane
+        row = run.states[k][first : first + size]
+        set_lane(run.lanes, lane, run.times[k], row, run.form.n, lam_factor)
+    evaluate_matrices(run.lanes, run.branch, run.coefficients, run.linear.batch.entries)
+    code = factorize_batch(run.linear, run.tested == 0)
+    run.tested += LANES
+    if code != DONE or run.tested >= _STEPS_PER_BATCH_TEST:
+        run.tested = 0
+    return code
+
+
+def make_step_solver(
+    native: bool, matrix: FactorizedMatrix, plan: SumPlan, n_inputs: int, p: Array
+) -> tuple[Any, int, LaneSum]:
+    """Return the linear solver of a loop over known steps, its `max_batch`, and its `lanes`.
+
+    `plan` is that of the matrix, with `n_inputs` inputs, and `p` are the numbers of the model.
+    """
     is_small = len(matrix.nonzeros) <= _MAX_BATCH_NONZEROS
-    return BatchSolver.empty(float), LANES if is_small else 1
+    if native and is_small and has_lane_code(plan):
+        return BatchSolver.empty(float), LANES, create_lane_sum(plan, n_inputs, native, p)
+    linear = BatchSolver.empty(float) if native else matrix.make_solver(native, "auto")
+    return linear, 1, empty_lane_sum()
 
 
 def factorize_step(run: Any) -> int:
@@ -387,10 +403,13 @@ def differentiate_alpha_steps(
     results[:count] = [np.concatenate(x) for x in starts]
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        linear, max_batch = make_step_solver(native, matrix)
+        linear, max_batch, lanes = make_step_solver(
+            native, matrix, form.sums[2], 4 * n + 2 * m, equations.p
+        )
         directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
             form=form.matrix_buffers(native),
+            lanes=lanes,
             linear=linear,
             nonzeros=matrix.nonzeros,
             directional=directional,

@@ -22,6 +22,7 @@ from beamdae.equations.formulations.sums import (
     select_holonomic,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
+from beamdae.linear.lane_operations import LANES
 from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
 from beamdae.symbolic.kernel_sums import (
@@ -31,6 +32,7 @@ from beamdae.symbolic.kernel_sums import (
     set_matrix_factors,
     set_time,
 )
+from beamdae.symbolic.lane_sums import LaneSum, evaluate_lanes
 
 Array = np.ndarray
 
@@ -247,6 +249,27 @@ def evaluate_matrix_at_state(
     combine(form.motion[: 3 * n], (1.0,), (row[: 3 * n],))
     combine(form.motion[3 * n : row.size], (c[2],), (row[3 * n :],))
     evaluate_sum(form.matrix, form.motion, result)
+
+
+def set_lane(total: LaneSum, lane: int, t: float, row: Array, n: int, lam_factor: float) -> None:
+    """Set the time and the state (q, v, a, lam) of one lane of a sum of `matrix_lanes`."""
+    x = total.x
+    total.times[lane] = t
+    for i in range(3 * n):
+        x[LANES * i + lane] = row[i]
+    for i in range(3 * n, row.size):
+        x[LANES * i + lane] = lam_factor * row[i]
+
+
+def evaluate_matrices(total: LaneSum, branch: float, coefficients: Array, result: Array) -> None:
+    """Write the non-zeros of the iteration matrices of all lanes, see `evaluate_matrix_at_state`.
+
+    The lanes are set by `set_lane`, with lam_factor = coefficients[2].
+    """
+    c = coefficients
+    set_time(total, 0.0, branch)
+    set_matrix_factors(total, c[2], c[2] * c[0], c[2] * c[1], 1.0, 1.0 / c[0], 1.0 / c[2])
+    evaluate_lanes(total, result)
 
 
 @cache_on_owner
