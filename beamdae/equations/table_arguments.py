@@ -12,6 +12,7 @@ import numpy as np
 from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.symbolic.signals import find_signals
 from beamdae.symbolic.statements import Local, Quantity, TableArgument, Variable
 
 Array = np.ndarray
@@ -132,8 +133,12 @@ def _list_constants(argument: TableArgument) -> tuple[float | None, ...]:
 
 
 def _depends_on_motion(argument: TableArgument, axis: int) -> bool:
-    motion = ca.vertcat(argument.local.q, argument.local.v)
-    return bool(ca.depends_on(argument.call.arguments[axis], motion))
+    motion, expression = (
+        ca.vertcat(argument.local.q, argument.local.v),
+        argument.call.arguments[axis],
+    )
+    has_measured = any(signal.rows for signal in find_signals(expression))
+    return has_measured or bool(ca.depends_on(expression, motion))
 
 
 def _list_quantities(argument: TableArgument) -> Iterator[tuple[int, Quantity]]:

@@ -215,7 +215,9 @@ def _evaluate_piece(piece: Callable[[Any], Any], t: SX) -> Any:
 def _evaluate_at(piece: Callable[[Any], Any], t: float) -> float:
     """Return the value of a piece at the number t, also if the piece accepts only expressions."""
     try:
-        return float(with_references(as_expression(piece(t))))
+        value = with_references(as_expression(piece(t)))
+        # float() of an expression that looks up a table is nan.
+        return float(ca.evalf(value) if isinstance(value, SX) else value)
     except Exception as problem:
         # Some functions of CasADi, such as the steps of a `table`, accept symbols only.
         try:
@@ -616,7 +618,8 @@ def _require_formula_in_time(part: str, piece: Callable[[Any], Any], t: SX, star
         raise BeamdaeError(
             f"{part}: {_law_label(piece)} must return one number, got {short_repr(value)}."
         )
-    known = {t.element_hash(), *(x.value_symbol.element_hash() for x in find_signals(value))}
+    symbols = ca.vertcat(t, *(x.value_symbol for x in find_signals(value)))
+    known = {x.element_hash() for x in ca.vertsplit(symbols)}
     other_symbols = [x.name() for x in ca.symvar(value) if x.element_hash() not in known]
     if other_symbols:
         raise BeamdaeError(

@@ -369,5 +369,6 @@ def require_formula(part: str, name: str, value: Any) -> SX:
 
 
 def _has_others(expression: SX) -> bool:
-    known = {signal.value_symbol.element_hash() for signal in find_signals(expression)}
+    symbols = ca.vertcat(*(signal.value_symbol for signal in find_signals(expression)))
+    known = {symbol.element_hash() for symbol in ca.vertsplit(symbols)}
     return any(symbol.element_hash() not in known for symbol in ca.symvar(expression))

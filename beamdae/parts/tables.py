@@ -31,9 +31,14 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import parse_unit, split_unit, standardize_header, suggest_unit
 from beamdae.read_only import read_only
-from beamdae.symbolic.signals import Signal, as_expression
+from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import SX, Local
-from beamdae.symbolic.table_calls import record_call, uses_symbols_for_numbers
+from beamdae.symbolic.table_calls import (
+    TableCall,
+    is_inside_formula,
+    record_call,
+    uses_symbols_for_numbers,
+)
 from beamdae.symbolic.table_lookups import find_row, pick_numbers
 
 Array = np.ndarray
@@ -87,9 +92,10 @@ class _TableNumbers(Signal):
 
     # No input or state can have this name.
     name = "=table"
+    table_call: TableCall | None = None
 
-    def __init__(self, data: Array) -> None:
-        self._data = data.tolist()
+    def __init__(self, data: list[float]) -> None:
+        self._data = data
 
     @property
     def size(self) -> int:
@@ -224,8 +230,8 @@ class Table:
         BeamdaeError
             If the number of arguments differs from the number of axes, or an argument is neither a
             number nor an array of numbers nor a symbol; if `outside` is "error", also if a number
-            is outside the table, or if the table is evaluated with a symbol elsewhere than in a
-            time law or the formula of a force.
+            is outside the table, or if the table is evaluated with a symbol that is not a signal
+            elsewhere than in a time law or the formula of a force.
         """
         if len(arguments) != len(self.axes):
             raise BeamdaeError(
@@ -293,21 +299,42 @@ class Table:
         return np.where(x >= knots[-1], self.values[-1], self.values[k] + change)
 
     def _express(self, arguments: tuple[SX, ...]) -> SX:
-        lock, x = _LOCK.get(), self._numbers
+        lock = _LOCK.get()
         if lock is not None:
-            return self._express_piece(x, arguments, *lock)
+            return self._express_piece(self._numbers, arguments, *lock)
+        if not is_inside_formula() and (signals := find_signals(*arguments)):
+            return self._express_signals(arguments, signals)
+        return record_call(self, arguments, self._express_value(self._numbers, arguments))
+
+    def _express_signals(self, arguments: tuple[SX, ...], signals: Sequence[Signal]) -> SX:
+        """Return the value of the table for arguments that contain signals, outside formulas.
+
+        The formula of the value is known only to its numbers: these are a signal of this call.
+        """
+        numbers = _TableNumbers(self._signal.data)
+        value = self._express_value(self._split_numbers(numbers.value_symbol), arguments)
+        numbers.table_call = TableCall(self, arguments, value)
+        signals[0].keep(numbers)
+        return value
+
+    def _express_value(self, x: _Numbers, arguments: tuple[SX, ...]) -> SX:
         # Outside the table, the value at its edge.
         inside = [
             ca.fmin(ca.fmax(argument, limits[0]), limits[1])
             for argument, limits in zip(arguments, x.limits, strict=True)
         ]
         places = [_Place.find(*pair, find_row(*pair)) for pair in zip(inside, x.axes, strict=True)]
-        return record_call(self, arguments, self._interpolate(x, places))
+        return self._interpolate(x, places)
 
     @property
     def _numbers(self) -> _Numbers:
         """Numbers of the table, or symbols in their place."""
-        data = self._signal.value_symbol if uses_symbols_for_numbers() else SX(self._signal.data)
+        uses_symbols = uses_symbols_for_numbers()
+        return self._split_numbers(
+            self._signal.value_symbol if uses_symbols else SX(self._signal.data)
+        )
+
+    def _split_numbers(self, data: SX) -> _Numbers:
         n, corners = len(self.axes), self._corners
         sizes = [*map(len, self.axes), *map(len, corners), *[2] * (n + 1)]
         columns = ca.vertsplit(data, np.cumsum([0, *sizes]).tolist())
@@ -318,9 +345,8 @@ class Table:
     def _signal(self) -> _TableNumbers:
         # Limits are separate numbers, so that derivatives with respect to an axis are lookups.
         limits = [axis[[0, -1]] for axis in self.axes]
-        return _TableNumbers(
-            np.concatenate([*self.axes, *self._corners, *limits, self.values.flat[[0, -1]]])
-        )
+        columns = [*self.axes, *self._corners, *limits, self.values.flat[[0, -1]]]
+        return _TableNumbers(np.concatenate(columns).tolist())
 
     @cached_property
     def _corners(self) -> list[Array]:

@@ -127,22 +127,50 @@ def _separate_numbers(kernel: AnyKernel) -> tuple[_KernelRecipe | None, Array]:
     cache = vars(kernel)
     if _SEPARATED not in cache:
         function = ca.Function("kernel", kernel.inputs, [ca.densify(x) for x in kernel.outputs])
-        numbers = np.array(read_constants(function), float)
-        cache[_SEPARATED] = _read_recipe(kernel, function), read_only(numbers)
+        steps, constants = _separate_tables(function)
+        numbers = np.array(constants, float)
+        cache[_SEPARATED] = _form_recipe(kernel, steps), read_only(numbers)
     separated: tuple[_KernelRecipe | None, Array] = cache[_SEPARATED]
     return separated
 
 
-def _read_recipe(kernel: AnyKernel, function: ca.Function) -> _KernelRecipe | None:
+def _form_recipe(kernel: AnyKernel, steps: tuple[Instruction, ...]) -> _KernelRecipe | None:
     local = kernel.local
-    steps = tuple(
-        (x if isinstance(x, int) else x.which_function().name(), operands, results)
-        for x, operands, results in read_instructions(function)
-    )
     if any(isinstance(operation, str) and operation not in LOOKUPS for operation, _, _ in steps):
         return None
     shapes = tuple(output.shape for output in kernel.outputs)
     return _KernelRecipe(type(kernel), local.size, local.n_data, local.n_multipliers, shapes, steps)
+
+
+def _separate_tables(function: ca.Function) -> tuple[tuple[Instruction, ...], list[float]]:
+    """Return instructions with names of calls, and the constants in the order of OP_CONST.
+
+    CasADi stores equal constants of an expression once. Machine code of lookups needs the numbers
+    of a table in successive rows, so each different column of constants is stored as a whole.
+    """
+    columns: dict[tuple[float, ...], list[int]] = {}
+    known: dict[int, float] = {}  # constants in slots of the work vector
+    next_slot, unread = function.sz_w(), iter(read_constants(function))
+    steps: list[Instruction] = []
+    constants: list[float] = []
+    for operation, operands, results in read_instructions(function):
+        name = operation if isinstance(operation, int) else operation.which_function().name()
+        if name in LOOKUPS and all(slot in known for slot in operands[1:]):
+            numbers = tuple(known[slot] for slot in operands[1:])
+            if numbers not in columns:
+                columns[numbers] = list(range(next_slot, next_slot + len(numbers)))
+                next_slot += len(numbers)
+                steps += [(ca.OP_CONST, (), (slot,)) for slot in columns[numbers]]
+                constants += numbers
+            operands = (operands[0], *columns[numbers])
+        steps.append((name, operands, results))
+        if name == ca.OP_CONST:
+            known[results[0]] = next(unread)
+            constants.append(known[results[0]])
+        elif name != ca.OP_OUTPUT:
+            for slot in results:
+                known.pop(slot, None)
+    return tuple(steps), constants
 
 
 @cache_kernels

@@ -59,6 +59,11 @@ class Signal:
         return 0.0
 
     @property
+    def table_call(self) -> Any:
+        """Call of a table whose numbers the signal consists of; None for other signals."""
+        return None
+
+    @property
     def rows(self) -> int:
         """Number of local coordinates on which the signal depends."""
         return 0
@@ -72,6 +77,10 @@ class Signal:
     def data(self) -> Sequence[float]:
         """Numbers of the signal in each statement that contains it."""
         return ()
+
+    def keep(self, other: Signal) -> None:
+        """Keep a signal that occurs only in expressions, which do not keep their signals."""
+        vars(self).setdefault("_kept", []).append(other)
 
     def express(self, local: Local) -> SX:
         """Return the value in terms of `local`, which has the sizes of `pieces` and `data`."""
@@ -136,6 +145,12 @@ def find_signals(*expressions: Any) -> tuple[Signal, ...]:
     symbols = ca.symvar(ca.vertcat(*columns))
     signals = (_SIGNALS.get(symbol.element_hash()) for symbol in symbols)
     return tuple(dict.fromkeys(signal for signal in signals if signal is not None))
+
+
+def select_table_calls(*expressions: Any) -> list[Any]:
+    """Return the calls of tables in expressions of signals that were formed outside formulas."""
+    calls = (signal.table_call for signal in find_signals(*expressions))
+    return [call for call in calls if call is not None]
 
 
 def with_references(expression: Any) -> Any:

@@ -28,6 +28,7 @@ from beamdae.symbolic.signals import (
     bind_laws,
     bind_signals,
     find_signals,
+    select_table_calls,
 )
 from beamdae.symbolic.table_calls import TableCall
 
@@ -118,7 +119,10 @@ class ForceStatement:
     tables: tuple[TableArgument, ...] = ()
 
     def __post_init__(self) -> None:
-        if calls := self.kernel.table_calls:
+        calls = self.kernel.table_calls
+        if self.kernel.signal_binding is not None:
+            calls = (*calls, *select_table_calls(*self.kernel.outputs))
+        if calls:
             local, pieces, data = self.kernel.local, self.pieces, self.data
             tables = (TableArgument(self.part, call, local, pieces, data) for call in calls)
             set_fields(self, tables=tuple(tables))

@@ -62,10 +62,15 @@ def uses_symbols_for_numbers() -> bool:
     return recorder is not None and recorder.has_numbers_as_symbols
 
 
+def is_inside_formula() -> bool:
+    """Return True if calls of tables are recorded."""
+    return _RECORDER.get() is not None
+
+
 @contextmanager
 def inside_formula() -> Iterator[None]:
     """Mark the evaluation of a formula, even if its tables are not recorded."""
-    if _RECORDER.get() is not None:
+    if is_inside_formula():
         yield
         return
     with record_calls():
@@ -78,8 +83,9 @@ def record_call(table: Any, arguments: tuple[SX, ...], value: SX) -> SX:
     if recorder is None:
         if table.outside == "error":
             raise BeamdaeError(
-                f"{table.name}: outside='error' requires that the table is evaluated by a time law "
-                "or inside the formula of a force, where runs can be stopped; pass outside='hold'."
+                f"{table.name}: outside='error' requires that the table is evaluated by a time "
+                "law, with sensors, states or inputs, or inside the formula of a force, where runs "
+                "can be stopped; pass outside='hold'."
             )
         return value
     if recorder.as_symbols:

@@ -1,11 +1,16 @@
 """Inputs and sensors in laws and formulas, in all integrators, linear models and observables."""
 
+import gc
 import pickle
 
 import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.equations.formulations.first_order import formulate_first_order
+from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.native.lane_code import write_lane_module
+from beamdae.symbolic.signal_pickling import pickle_with_signals
 
 INERTIA, T_END = 0.5, 1.0
 
@@ -168,3 +173,58 @@ def test_power_of_a_driver_that_follows_an_input():
     # Moment J 3 t, rate 1.5 t^2.
     assert run["driver.M"].iloc[-1] == pytest.approx(3.0 * INERTIA, rel=1e-6)
     assert run["driver.power"].iloc[-1] == pytest.approx(4.5 * INERTIA, rel=1e-6)
+
+
+def build_table_spring(moment=0.5, outside="hold", axis=(-0.2, 0.0, 0.2)):
+    """Return a wheel with a moment that is a number plus a table of the angle, -3 N m/rad."""
+    mech, wheel = build_wheel()
+    angle = mech.sensor("angle", wheel.at(0.0, 0.0), "angle")
+    # Nothing but the law refers to the table.
+    spring = bd.table(axis, [-3.0 * x for x in axis], kind="linear", outside=outside)(angle)
+    mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), moment + spring))
+    return mech
+
+
+def test_regression_tables_of_sensors_have_machine_code():
+    """Equal numbers of a table were one number of the kernel; runs took 13 times as long."""
+    mech = build_table_spring(axis=(-0.2, -0.1, 0.0, 0.1, 0.2))
+    equations = bd.equations_of_motion(mech)
+    for form in (formulate_step(equations, False), formulate_first_order(equations, "index1")):
+        for total in form.sums:
+            for batch in total.batches:
+                assert write_lane_module(batch.kernel.function)
+
+
+def test_regression_sensors_outside_a_table_are_reported():
+    """Runs held the last value of the table without a warning."""
+    message = r"motor: x = .* leaves the range -0.2 to 0.2 of table"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(build_table_spring(), bd.Radau(), t_end=1.0)
+    with pytest.warns(bd.BeamdaeWarning, match=f"stopped at .* {message}"):
+        run = bd.simulate(build_table_spring(outside="error"), bd.Radau(), t_end=1.0)
+    # 0.2 = 0.5 / 3 (1 - cos(w t))
+    end = np.arccos(-0.2) / np.sqrt(3.0 / INERTIA)
+    assert run.trajectory.end == pytest.approx(end, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_sensors_inside_a_table_have_no_warning():
+    run = bd.simulate(build_table_spring(moment=0.2), bd.Radau(rtol=1e-8), t_end=T_END)
+    expected = 0.2 / 3.0 * (1.0 - np.cos(np.sqrt(3.0 / INERTIA) * T_END))
+    assert run["angle"].iloc[-1] == pytest.approx(expected, rel=1e-7)
+
+
+def test_regression_tables_of_sensors_are_linearized():
+    """The value of the law was nan: "motor: law must be finite"."""
+    model = bd.linearize(build_table_spring(moment=0.0, axis=(-0.3, -0.1, 0.2)))
+    np.testing.assert_allclose(np.abs(model.poles), np.sqrt(3.0 / INERTIA), rtol=1e-9)
+
+
+def test_copies_of_mechanisms_keep_tables_of_sensors():
+    mech = pickle.loads(pickle_with_signals(build_table_spring()))
+    gc.collect()
+    with pytest.warns(bd.BeamdaeWarning, match="leaves the range"):
+        copied = bd.simulate(mech, bd.Radau(), t_end=1.0)
+    with pytest.warns(bd.BeamdaeWarning, match="leaves the range"):
+        run = bd.simulate(build_table_spring(), bd.Radau(), t_end=1.0)
+    np.testing.assert_array_equal(copied["angle"], run["angle"])

@@ -101,3 +101,18 @@ def test_tables_without_local_numbers_have_no_c_code():
     function = ca.Function("f", [shared, X], [find_row(X, shared)])
     with pytest.raises(UnsupportedOperationError, match="table_find"):
         write_kernel("f", function)
+
+
+def test_regression_tables_in_equations_of_casadi_have_machine_code():
+    """Equal numbers of a table were one number of the kernel, which lookups cannot read."""
+    q, v = ca.SX.sym("q", 1), ca.SX.sym("v", 1)
+    spring = bd.table([-2.0, -1.0, 0.0, 1.0, 2.0], [2.0, 1.0, 0.0, -1.0, -3.0], kind="linear")
+    mass, g = ca.SX.eye(1), ca.SX(0, 1)
+    system = bd.ConstrainedSystem(
+        t=X, q=q, v=v, mass=mass, force=spring(q[0]), constraints=g, q0=[0.5], v0=[0.0]
+    )
+    run = bd.simulate(system, bd.Radau(1e-8), t_end=1.0)
+    assert_allclose(run.q[-1], 0.5 * np.cos(1.0), rtol=1e-7)
+    for total in formulate_step(run.equations, False).sums:
+        for batch in total.batches:
+            assert write_lane_module(batch.kernel.function)
