@@ -5,13 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formula_forces import compile_formula_forces, name_formula_forces
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.errors import list_first
 
 Array = np.ndarray
 
-_NEARLY_SINGULAR_RATIO = 5e-2  # smallest singular value of the scaled G, with rows of length one
+_NEARLY_SINGULAR = 5e-2  # smallest singular value of the scaled G, with rows of length one
+# That value, relative to its value at the start: linkages with short bars have small values.
+_NEARLY_SINGULAR_RATIO = 0.25
+# Deviation of a force from a linear change over a step, relative to the largest force: friction
+# that reverses within a step reaches 0.3 and more.
+_ABRUPT_CHANGE = 0.1
+_STEP_SAMPLES = 9
 _SIGNIFICANT_RESIDUAL = 1e-6  # relative to the size of the terms of the equation
+_MAX_NAMES = 3
 _MIN_FORCE = 1e-300  # avoids division by zero
 
 
@@ -20,6 +29,7 @@ def diagnose_failure(
     time: Array,
     state: State,
     ahead: float,
+    step: float,
     residual: Array | None = None,
 ) -> str:
     """Describe the likely causes of the failure of a run that stopped after `state`.
@@ -34,6 +44,8 @@ def diagnose_failure(
         Last state of the run.
     ahead
         A slightly later time [s], at which forces may no longer be finite.
+    step
+        Length of the step that failed [s], or 0 if the method shortens its steps.
     residual
         Residual of a first-order form where the run stopped, or None: the entries of q' = v, then
         of the forces and of the constraints.
@@ -49,6 +61,7 @@ def diagnose_failure(
             return not_finite
         causes = [
             describe_singular_position(equations, time, state),
+            _describe_abrupt_forces(equations, time, state, step),
             _describe_largest_residual(equations, state, residual),
             _describe_fastest_coordinate(equations, state),
         ]
@@ -74,13 +87,36 @@ def describe_singular_position(e: EquationsOfMotion, time: Array, state: State) 
         return ""
     jacobian = build_constraint_jacobian(e)
     smallest = jacobian.smallest_singular_values(time[None], state.q[None])[0]
-    if not smallest < _NEARLY_SINGULAR_RATIO:
+    if not smallest < _NEARLY_SINGULAR:
+        return ""
+    at_start = jacobian.smallest_singular_values(time[None], e.q0[None])[0]
+    if smallest > _NEARLY_SINGULAR_RATIO * at_start:
         return ""
     names = ", ".join(jacobian.singular_joints(time, state.q))
     return (
         f"the mechanism is near a singular position of {names}; check that it can pass "
         "this position"
     )
+
+
+def _describe_abrupt_forces(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
+    """Return a phrase naming the formulas that change abruptly within a step, or ""."""
+    if not step:
+        return ""
+    share = np.linspace(0.0, 1.0, _STEP_SAMPLES)[:, None]
+    ahead = step * share
+    q = state.q + ahead * state.v + 0.5 * ahead**2 * state.a
+    v = state.v + ahead * state.a
+    names = []
+    for name, term in zip(name_formula_forces(e), compile_formula_forces(e), strict=True):
+        force = term.evaluate(time[0] + ahead[:, 0], time[1], q, v)
+        deviation = np.abs(force - force[0] - share * (force[-1] - force[0]))
+        if np.max(deviation) > _ABRUPT_CHANGE * np.max(np.abs(force)):
+            names.append(name)
+    if not names:
+        return ""
+    first = list_first(list(dict.fromkeys(names)), _MAX_NAMES)
+    return f"steps of {step:.2g} s are too long for changes of the force of {first}"
 
 
 def _describe_largest_residual(e: EquationsOfMotion, state: State, residual: Array | None) -> str:

@@ -370,5 +370,5 @@ class FixedStepMethod:
         # Steps before a failure are returned first; the next call fails again.
         code = self._step_loop()
         if run.filled == 0:
-            raise StepError(_FAILURES[code], run.residual)
+            raise StepError(_FAILURES[code], run.residual, self._step)
         return run.rows[: run.filled]

@@ -144,12 +144,16 @@ class StepError(ArithmeticError):
     Attributes
     ----------
     residual
-        Last residual of the first-order form, or None; used for the diagnosis of the failure.
+        Last residual of the first-order form, or None.
+    step
+        Length of the step that failed [s]; 0 for methods that shorten their steps. Both serve the
+        diagnosis of the failure.
     """
 
-    def __init__(self, message: str, residual: Array | None = None) -> None:
+    def __init__(self, message: str, residual: Array | None = None, step: float = 0.0) -> None:
         super().__init__(message)
         self.residual = residual
+        self.step = step
 
 
 def allocate_rows(size: int, steps_per_check: int = STEPS_PER_CHECK) -> Array:

@@ -7,6 +7,8 @@ import pytest
 from conformance import integrators
 
 import beamdae as bd
+from beamdae.equations.equations_of_motion import State
+from beamdae.equations.failure_diagnosis import describe_singular_position
 
 
 @integrators(1e-5, 1e-3)
@@ -38,3 +40,42 @@ def test_a_load_that_becomes_nan_names_the_coordinate(integrator):
         status = bd.simulate(mech, integrator, 1.0).status
     assert "the force on disk.angle is not finite after this time" in status.sentence
     assert "other" not in status.sentence
+
+
+@pytest.mark.parametrize("step", [0.01, 0.03, 0.1])
+def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 100.0, free_length=0.8))
+    mech.add(bd.Force("load", mass.point, (bd.sine(1.0, frequency=0.1), 0.0)))
+
+    def rub(at, t):
+        speed = at.velocity[0]
+        return -5.0 * speed / np.sqrt(speed**2 + 1e-8), 0.0
+
+    mech.add(bd.ForceLaw("rubber", mass.point, rub))
+    with pytest.warns(bd.BeamdaeWarning):
+        status = bd.simulate(mech, bd.GeneralizedAlpha(step), t_end=2.0).status
+    assert f"steps of {step} s are too long for changes of the force of rubber;" in status.sentence
+
+
+def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position():
+    """The smallest singular value of this linkage is below 0.05 in every position."""
+    mech = bd.Mechanism()
+    points = {"a": (0.0, 0.0), "b": (0.0, 0.01), "c": (0.245, 0.07), "d": (0.25, 0.0)}
+    bodies = {
+        name: mech.add(bd.RigidBody.rod(name, points[name[0]], points[name[1]], mass=1.0))
+        for name in ("ab", "bc", "dc")
+    }
+    for name, first, second in (("a", None, "ab"), ("b", "ab", "bc"), ("c", "bc", "dc")):
+        one = bodies[first] if first else mech.ground
+        mech.add(bd.Revolute(name, one.at(*points[name]), bodies[second].at(*points[name])))
+    ends = (mech.ground.at(*points["d"]), bodies["dc"].at(*points["d"]))
+    mech.add(bd.Revolute("d", *ends))
+
+    solution = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=0.05)
+    trajectory = solution.trajectory
+    times, state = trajectory.at(np.array([0.05]))
+    phrase = describe_singular_position(solution.equations, times[0], State(*(x[0] for x in state)))
+    assert phrase == ""

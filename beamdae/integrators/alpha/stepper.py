@@ -176,7 +176,7 @@ class AlphaStepper:
             # Steps before a failure are returned first; the next call reports the failure.
             self._code = code
         if run.filled == 0:
-            raise StepError(self._describe_failure(self._code))
+            raise StepError(self._describe_failure(self._code), step=run.current.h)
         return run.rows[: run.filled]
 
     def _begin(self, start: float, end: float, branch: float, state: State) -> None:
@@ -292,7 +292,8 @@ class FixedAlphaStepper(AlphaStepper):
             self._advance_through_samples(self.sampler)
         if run.filled == 0 and not self.awaits_sample:
             # Steps before a failure have been returned first.
-            raise self._problem or StepError(self._describe_failure(self._code))
+            description = self._describe_failure(self._code)
+            raise self._problem or StepError(description, step=run.current.h)
         return run.rows[: run.filled]
 
     def _advance_through_samples(self, sampler: Sampler) -> None:
