@@ -63,7 +63,7 @@ def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
 def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position():
     """The smallest singular value of this linkage is below 0.05 in every position."""
     mech = bd.Mechanism()
-    points = {"a": (0.0, 0.0), "b": (0.0, 0.01), "c": (0.245, 0.07), "d": (0.25, 0.0)}
+    points = {"a": (0.0, 0.0), "b": (0.0, 0.035), "c": (0.2436, 0.0697), "d": (0.25, 0.0)}
     bodies = {
         name: mech.add(bd.RigidBody.rod(name, points[name[0]], points[name[1]], mass=1.0))
         for name in ("ab", "bc", "dc")
@@ -71,8 +71,11 @@ def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position
     for name, first, second in (("a", None, "ab"), ("b", "ab", "bc"), ("c", "bc", "dc")):
         one = bodies[first] if first else mech.ground
         mech.add(bd.Revolute(name, one.at(*points[name]), bodies[second].at(*points[name])))
-    ends = (mech.ground.at(*points["d"]), bodies["dc"].at(*points["d"]))
-    mech.add(bd.Revolute("d", *ends))
+    pivot = (mech.ground.at(*points["d"]), bodies["dc"].at(*points["d"]))
+    mech.add(bd.Revolute("d", *pivot))
+    arm = mech.add(bd.RigidBody.rod("arm", points["d"], (0.25, 0.5), mass=1.0))
+    mech.add(bd.Weld("hub", bodies["dc"].at(*points["d"]), arm.at(*points["d"])))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), bodies["ab"].at(0.0, 0.0), lambda t: t))
 
     solution = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=0.05)
     trajectory = solution.trajectory
