@@ -30,6 +30,7 @@ from beamdae.results.diagnostics.beam_ranges import (
 )
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
@@ -245,6 +246,7 @@ class RunData:
             *self._row_warnings(),
             *table_range_warnings(self.equations, self.trajectory),
             *slow_sliding_warnings(self.equations, self.trajectory),
+            *impact_speed_warnings(self.equations, self.trajectory),
             *moving_load_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
             *self._step_warnings(),

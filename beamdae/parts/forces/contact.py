@@ -146,6 +146,22 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
     return 0.5 * (low + high) / speed
 
 
+def restitution_at(speed: float, restitution: float, impact_speed: float) -> float:
+    """Return the restitution of an impact at `speed` if it is `restitution` at `impact_speed`.
+
+    Speeds are in m/s; see `hysteresis_factor`.
+    """
+    factor = hysteresis_factor(restitution, impact_speed)
+    low, high = 0.0, 1.0
+    for _ in range(_MAX_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if middle > 0.0 and hysteresis_factor(middle, speed) > factor:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
 @dataclass(frozen=True, eq=False)
 class Contact(ObservableLoad):
     """Contact of a point with a surface, modeled by a penalty force that never pulls.

@@ -1,0 +1,72 @@
+"""Warnings about contacts whose restitution holds at another speed than that of their impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.parts.forces.contact import Contact, restitution_at
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+_MAX_SPEED_RATIO = 2.0  # or its reciprocal
+_MIN_RESTITUTION_CHANGE = 0.05
+_SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
+
+
+def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield one warning per contact whose fastest impact is far from its `impact_speed`.
+
+    The coefficient of restitution then differs from the given one by more than 0.05.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    """
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    contacts = {
+        name: part
+        for name, part in parts.items()
+        if isinstance(part, Contact) and part.impact_speed and part.restitution < 1.0
+    }
+    if not contacts:
+        return
+    for gap in compile_surface_gaps(equations):
+        contact = contacts.get(gap.part)
+        if contact is None or contact.impact_speed is None:
+            continue
+        speed = max(_fastest_impact(gap, interval) for interval in trajectory.intervals)
+        ratio = speed / contact.impact_speed
+        if not speed or 1.0 / _MAX_SPEED_RATIO <= ratio <= _MAX_SPEED_RATIO:
+            continue
+        restitution = restitution_at(speed, contact.restitution, contact.impact_speed)
+        if abs(restitution - contact.restitution) < _MIN_RESTITUTION_CHANGE:
+            continue
+        yield (
+            f"{gap.part}: the fastest impact is at {speed:.3g} m/s, where the restitution is "
+            f"{restitution:.2g}, because restitution={contact.restitution:g} holds at "
+            f"impact_speed={contact.impact_speed:g}; pass the expected speed of the impact."
+        )
+
+
+def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
+    """Return the largest speed [m/s] at which a gap closes at the beginning of a contact, or 0."""
+    configuration = interval.configuration
+    if configuration is not None and gap.part in configuration.inactive:
+        return 0.0
+    t, state = interval.t, interval.state
+    values = gap.evaluate(t, interval.branch, state.q)
+    (last_open,) = np.nonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if not len(last_open):
+        return 0.0
+    ahead = _SLOPE_SHARE * np.diff(t)[last_open]
+    q = state.q[last_open] + ahead[:, None] * state.v[last_open]
+    later = gap.evaluate(t[last_open], interval.branch, q)
+    return float(np.max((values[last_open] - later) / ahead, initial=0.0))

@@ -1,0 +1,51 @@
+"""Warnings about contacts whose restitution holds at another speed than that of their impacts."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+from beamdae.parts.forces.contact import hysteresis_factor, restitution_at
+
+SPEED = 3.7  # m/s
+
+
+def drop(impact_speed, restitution=0.6, exponent=1.5):
+    """Return the rebound of a ball that falls at 3.7 m/s, and the warnings about it."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, 0.01), velocity=(0.0, -SPEED)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    settings = {"restitution": restitution, "impact_speed": impact_speed}
+    mech.add(bd.Contact("bounce", ball.point, floor, 8e6, exponent, **settings))
+    mech.observe("ball", ball.point)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(mech, bd.Radau(1e-6), t_end=0.02, output_step=1e-4)
+    texts = [x for x in solution.warnings if "impact_speed" in x]
+    return np.asarray(solution["ball.y_dot"])[-1] / SPEED, texts
+
+
+@pytest.mark.parametrize("impact_speed", [1e-3, 1.0, 3.7e3])
+def test_regression_impacts_far_from_the_given_speed_have_a_warning(impact_speed):
+    """Rebounds of 0 or 100 % were silent where 60 % were specified at another speed."""
+    rebound, (text,) = drop(impact_speed)
+    assert_allclose(rebound, restitution_at(SPEED, 0.6, impact_speed), rtol=2e-3, atol=2e-4)
+    assert f"the restitution is {rebound:.2g}," in text
+    assert "bounce: the fastest impact is at 3.7 m/s" in text
+
+
+@pytest.mark.parametrize(
+    ("impact_speed", "restitution"), [(SPEED, 0.6), (2.0, 0.6), (7.0, 0.6), (1.0, 0.99)]
+)
+def test_impacts_near_the_given_speed_and_without_losses_have_no_warning(impact_speed, restitution):
+    assert not drop(impact_speed, restitution)[1]
+
+
+def test_restitution_at_other_speeds_has_the_same_hysteresis():
+    for speed in (1e-3, 1.0, 1e3):
+        restitution = restitution_at(speed, 0.6, SPEED)
+        # The series for small losses is accurate to their size, 2e-4 at the lowest speed.
+        factor = hysteresis_factor(restitution, speed)
+        assert_allclose(factor, hysteresis_factor(0.6, SPEED), rtol=2e-4)
