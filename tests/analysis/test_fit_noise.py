@@ -1,5 +1,7 @@
 """Fits to data whose noise is not white: outliers, correlated errors, unequal scatter."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -99,3 +101,49 @@ def test_regression_a_sigma_in_a_larger_unit_is_named(exact):
     assert 0.0 < low < wrong.parameters["damping"] < high
     right = bd.fit(oscillator, data, list(TRUE), METHOD, sigma="1 mm", **options)
     assert right.warnings == ()
+
+
+@bd.model(t_end=2.0)
+def scaled_oscillator(stiffness=30.0, damping=0.5, size=1.0):
+    """Masses and forces are proportional to `size`; the motion does not depend on it."""
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", size, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
+    ground = mech.ground.at(0.0, 0.0)
+    spring = bd.SpringDamper("spring", ground, body.point, size * stiffness, size * damping)
+    mech.observe("pull", mech.add(spring).force)
+    return mech
+
+
+@pytest.mark.parametrize("sigma", [None, 0.01])
+def test_regression_estimates_do_not_depend_on_the_unit_of_the_data(sigma):
+    """Strains of 1e-6 without sigma ended five standard deviations before the minimum."""
+    run = bd.simulate(scaled_oscillator(**TRUE), METHOD, t_end=2.0).at_times(TIMES)
+    values = run["pull"].to_numpy() + white(0.01)
+    fits = [
+        bd.fit(
+            scaled_oscillator,
+            {"t [s]": TIMES, "pull": size * values},
+            list(TRUE),
+            METHOD,
+            sigma=sigma and size * sigma,
+            parameters={"size": size},
+        )
+        for size in (1.0, 1e-9, 1e9)
+    ]
+    for scaled in fits[1:]:
+        assert scaled.status.success
+        assert scaled.parameters == pytest.approx(dict(fits[0].parameters), rel=1e-6)
+        deviations = fits[0].standard_deviations
+        np.testing.assert_allclose(scaled.standard_deviations, deviations, rtol=1e-5)
+        assert scaled.warnings == fits[0].warnings
+
+
+@pytest.mark.parametrize(("factor", "is_reported"), [(1.0, False), (1.2, False), (2.0, True)])
+def test_regression_a_sigma_twice_the_noise_is_reported(exact, factor, is_reported):
+    """Chi-square of 94 at 391 degrees of freedom had no warning."""
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        result = fit(exact + white(), sigma=factor * 1e-3)
+    assert any("sigma of mass.x is 2" in x for x in result.warnings) == is_reported
+    assert len(result.warnings) == is_reported

@@ -370,6 +370,21 @@ def test_constraints_state_their_relative_margin(limit, margin, relative, text):
     assert constraint.comparison == text
 
 
+@pytest.mark.parametrize("weight", [1e-9, 1.0, 1e9])
+def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at_zero(weight):
+    """Small objectives and limits that were zero at the first design ended the search there."""
+
+    def zero_at(first, second):
+        return weight * bd.ParameterFunction(lambda rise, **_: (rise - first) * (rise - second))
+
+    result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", bounds={"rise": (0.1, 0.5)})
+    assert result.parameters["rise"] == pytest.approx(0.25, rel=1e-6)
+    limit = bd.at_most(zero_at(0.2, 0.23), 0.0)
+    result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", limit, {"rise": (0.1, 0.5)})
+    assert result.status.success
+    assert result.parameters["rise"] == pytest.approx(0.23, rel=1e-6)
+
+
 @pytest.mark.slow(reason="half a second")
 def test_regression_limits_of_several_quantities_state_the_largest_one():
     """A stress of 673 MPa was "at its limit" of 700 MPa, and no result contained the 673 MPa."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import chdtrc, stdtrit
+from scipy.special import chdtr, chdtrc, stdtrit
 
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
@@ -52,10 +52,11 @@ _MAX_STEP_ERROR = 0.3
 _MIN_RELATIVE_SIGMA = 1e-6
 # From this share of the mean of the residuals in their root mean square, squared, offsets help.
 _MIN_MEAN_SHARE = 0.5
-# If larger values of chi-square are less probable, the model does not explain the data.
+# If larger values of chi-square are less probable, the model does not explain the data; if smaller
+# ones are, sigma is too large.
 _MIN_PROBABILITY = 1e-6
 # From this ratio of sigma to the residuals of a column, sigma is reported.
-_MAX_SIGMA_RATIO = 5.0
+_MAX_SIGMA_RATIO = 1.4
 # Larger shares of the variance that a fit without known errors leaves are reported.
 _MAX_UNEXPLAINED_SHARE = 0.5
 # Correlation of consecutive residuals up to which these are noise.
@@ -120,10 +121,11 @@ class Fit:
         tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
         do not explain the data (`sigma` is known, and larger values of chi-square have a
         probability below 1e-6, or, without `sigma`, more than half of the variance is left), on a
-        given `sigma` of more than five times the residuals of its column, on residuals that are no
-        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
-        without `sigma`, columns or experiments scatter differently), on estimates at a bound, or on
-        data that end after the end time of the model.
+        given `sigma` of more than 1.4 times the residuals of its column (if smaller residuals have
+        a probability below 1e-6), on residuals that are no white noise (consecutive ones have a
+        correlation above 0.5, single ones are outliers, or, without `sigma`, columns or experiments
+        scatter differently), on estimates at a bound, or on data that end after the end time of
+        the model.
     """
 
     parameters: Mapping[str, float]
@@ -621,7 +623,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         try:
             # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
             scatter = float(np.sqrt(np.mean(residuals**2)))
-            steps = _check_steps(problem, evaluation, max(estimate, scatter))
+            steps = _check_steps(problem, evaluation, estimate * max(1.0, scatter))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
@@ -692,7 +694,7 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
 
 
 def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
-    """Return a warning for each column with a given sigma far above its residuals.
+    """Return a warning for each column with a given sigma clearly above its residuals.
 
     Residuals that are small beside the data may be those of computed data without noise.
     """
@@ -711,15 +713,16 @@ def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str
         squares = np.sum(np.concatenate(parts, axis=1) ** 2, axis=1)
         freedom = sum(x.shape[1] for x in parts) - count
         left, variation = squares
-        if freedom < _MIN_NOISE_COUNT or left * _MAX_SIGMA_RATIO**2 >= freedom:
+        is_improbable = freedom >= _MIN_NOISE_COUNT and chdtr(freedom, left) < _MIN_PROBABILITY
+        if not is_improbable or left * _MAX_SIGMA_RATIO**2 >= freedom:
             continue
         if left > _MAX_NOISELESS_RATIO**2 * variation:
             column, unit = split_unit(name)
             ratio = float(np.sqrt(freedom / left))
             sentences.append(
                 f"sigma of {column} is {ratio:.2g} times as large as the residuals, so the "
-                "standard deviations are too large; check its unit, which is that of the column "
-                f"in the data{unit and f', {unit}'}."
+                "standard deviations are too large; reduce it, or check its unit, which is that "
+                f"of the column in the data{unit and f', {unit}'}."
             )
     return tuple(sentences)
 

@@ -18,6 +18,8 @@ Array = np.ndarray
 
 # Relative changes of the sum of squares and of the parameters at which a fit has converged.
 _TOLERANCE = 1e-8
+# Gradients below this ratio to the sum of squares of the first values are rounding errors.
+_ZERO_GRADIENT = 1e-15
 # Distance from a bound, in first values or logarithms, at which an estimate may be at the bound.
 _MAX_BOUND_DISTANCE = 1e-2
 # Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
@@ -109,7 +111,9 @@ def search(
 
     def residuals(x: Array) -> Array:
         evaluation = evaluate(x)
-        return np.full(problem.data.count, np.nan) if evaluation is None else evaluation.residuals
+        if evaluation is None:
+            return np.full(problem.data.count, np.nan)
+        return evaluation.residuals / size
 
     def jacobian(x: Array) -> Array:
         nonlocal accepted
@@ -118,7 +122,7 @@ def search(
         accepted = x.tobytes(), evaluation
         whole = first.copy()
         whole[free] = x
-        return (evaluation.projected_jacobian * scaling.derivatives(whole))[:, free]
+        return (evaluation.projected_jacobian * scaling.derivatives(whole))[:, free] / size
 
     begin = first[free]
     start = evaluate(begin)
@@ -133,6 +137,8 @@ def search(
         return SearchResult(start, 1, Status("ok", "all parameters are fixed"), is_at_bound)
     lower, upper = (limit[free] for limit in scaling.limits)
     at_bounds = np.zeros(len(first), bool)
+    # The search must not depend on the units of the data.
+    size = float(np.linalg.norm(start.residuals)) or 1.0
     try:
         # Kept within the bounds up to rounding, as the method requires.
         result = least_squares(
@@ -143,7 +149,7 @@ def search(
             x_scale="jac",
             ftol=_TOLERANCE,
             xtol=_TOLERANCE,
-            gtol=_TOLERANCE,
+            gtol=_ZERO_GRADIENT,
             max_nfev=max_evaluations,
         )
     except KeyboardInterrupt:

@@ -28,6 +28,8 @@ _STATIONARITY_TOLERANCE = 1e-3
 # Residual above which the end of a search is no optimum: steps also become short before designs
 # whose analyses fail, and at jumps.
 _MAX_RESIDUAL = 0.1
+# First values below this ratio to their change over the size of the numbers are rounding errors.
+_MIN_RELATIVE_VALUE = 1e-8
 # The search ends after this number of failed analyses in a row.
 _MAX_FAILURES = 15
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
@@ -143,10 +145,8 @@ class Search:
         problem = self._problem
         first = problem.design(problem.first)
         self._first_analyses = first.results
-        sizes = [abs(limit.bound) for limit in problem.limits]
-        self._scales = np.array(
-            [x or abs(y) or 1.0 for x, y in zip([0.0, *sizes], first.values, strict=True)]
-        )
+        bounds = [0.0, *(abs(limit.bound) for limit in problem.limits)]
+        self._scales = np.array([x or self._scale(first, k) for k, x in enumerate(bounds)])
         try:
             self._record(problem.first, first)
             # Errors of the gradient concern the model rather than a design.
@@ -163,6 +163,12 @@ class Search:
             failure = Status("failed", str(error))
             return replace(self._result(self._best(), failure), progress_error=error.problem)
         return self._finish(status)
+
+    def _scale(self, first: Design, index: int) -> float:
+        """Return the size of a value: that of the first design, or of its change if it is zero."""
+        value = abs(float(first.values[index]))
+        change = float(np.linalg.norm(first.gradient(index) * self._problem.sizes))
+        return value if value > _MIN_RELATIVE_VALUE * change else change or 1.0
 
     def _result(
         self, best: Trial, status: Status, stationarity: Stationarity | None = None
