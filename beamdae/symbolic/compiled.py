@@ -140,6 +140,7 @@ class RowFunction:
         self._mapped_functions: dict[tuple[int, ...], _EvaluatorPool] = {}
         self._programs: dict[Any, _EvaluatorPool] = {}
         self._derivatives: dict[int, RowFunction] = {}
+        self._outputs: dict[int, RowFunction] = {}
         self._weighted_gradient: RowFunction | None = None
         self._kernels = RowKernels(function)
 
@@ -242,6 +243,17 @@ class RowFunction:
             function = ca.Function(self._function.name(), inputs, [entries])
             self._derivatives[argument] = RowFunction(function)
         return self._derivatives[argument]
+
+    def output(self, index: int) -> RowFunction:
+        """Return a row function for one output entry, which takes less time than all of them."""
+        if self._function.numel_out(0) == 1:
+            return self
+        if index not in self._outputs:
+            inputs = self._function.sx_in()
+            entry = ca.densify(ca.vec(self._function(*inputs))[index])
+            function = ca.Function(f"{self._function.name()}_{index}", inputs, [entry])
+            self._outputs[index] = RowFunction(function)
+        return self._outputs[index]
 
     def is_linear_in(self, argument: int, output: int) -> bool:
         """Return True if this output entry is a linear function of argument number `argument`.

@@ -17,6 +17,7 @@ from beamdae.symbolic.directional_sums import group_by_batch
 from beamdae.symbolic.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan
 from beamdae.symbolic.powers import expand_powers
 from beamdae.symbolic.table_lookups import has_lookups, weighted_derivative
+from beamdae.symbolic.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX
@@ -153,6 +154,7 @@ def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     transposed = ca.Function(
         f"{function.name()}_transposed", [shared, ca.vertcat(local, weights)], [gradient]
     )
+    transposed = expand_sines(transposed, is_derivative=True) or transposed
     columns = (ca.Sparsity.dense(kernel.n_local, 1),)
     result = Kernel(transposed, columns, linear_from=kernel.n_local)
     kernel.rotated_kernels[key] = result

@@ -67,3 +67,13 @@ def test_rows_are_evaluated_with_shared_arguments():
 def test_single_row_has_two_dimensions():
     rows = np.array([[1.0, 2.0]])
     assert RowFunction(FUNCTION)(rows, np.ones((1, 1)), np.zeros(2)).shape == (1, 2)
+
+
+def test_one_output_has_the_values_of_its_entry():
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    whole = RowFunction(ca.Function("f", [x, y], [ca.vertcat(x[0] * y, ca.sin(x[1]), x[0] + y)]))
+    arguments = np.random.default_rng(0).uniform(size=(5, 2)), np.linspace(0.0, 1.0, 5)[:, None]
+    for k in range(3):
+        part = whole.output(k)
+        assert part is whole.output(k)
+        np.testing.assert_array_equal(part(*arguments), whole(*arguments)[:, [k]])

@@ -199,13 +199,12 @@ def add_term(
             "gradient: the objective must not contain accelerations, got "
             f"{o.headers[column]}; use a velocity, a force or bd.sensitivities."
         )
-    arguments = _column_arguments(o, numbers(o.data), rows, at)
-    value, derivatives = term.evaluate(o.function(*arguments)[:, column], weights)
+    arguments, function = _column_arguments(o, numbers(o.data), rows, at), o.function.output(column)
+    value, derivatives = term.evaluate(function(*arguments)[:, 0], weights)
     seeds.value += factor * value
-    by_columns = np.zeros((len(rows), len(o.columns)))
-    by_columns[:, column] = factor * derivatives
+    gradient = function.weighted_gradient()(*arguments, factor * derivatives[:, None])
     _add_gradient(
-        seeds, by_state, equations, lambda e: e.observables[number], arguments, at, by_columns
+        seeds, by_state, equations, lambda e: e.observables[number], arguments, at, gradient
     )
 
 
@@ -253,7 +252,8 @@ def add_columns(
     """
     o = select(equations)
     arguments = _column_arguments(o, equations.p[o.data], rows, at)
-    _add_gradient(seeds, by_state, equations, select, arguments, at, by_columns)
+    gradient = o.function.weighted_gradient()(*arguments, by_columns)
+    _add_gradient(seeds, by_state, equations, select, arguments, at, gradient)
 
 
 def _add_gradient(
@@ -263,18 +263,19 @@ def _add_gradient(
     select: Callable[[EquationsOfMotion], Observable],
     arguments: tuple[Array, Array, Array, Array, Array],
     at: State,
-    by_columns: Array,
+    gradient: Array,
 ) -> None:
-    """Do the work of `add_columns`, with the arguments of the observable."""
+    """Add the gradient with respect to the arguments of an observable, see `add_columns`."""
     o, n = select(equations), equations.n
-    gradient = o.function.weighted_gradient()(*arguments, by_columns)
     ends = np.cumsum([arguments[1].shape[1], arguments[2].shape[1], arguments[3].shape[-1]])
     by_q, by_v, by_p, by_lam = np.split(gradient, ends, axis=1)
     seeds.numbers[o.data] += by_p.sum(axis=0)
     seeds.operators.append(OperatorSeeds(select, by_q, by_v, at))
     acting, operator = o.active_columns
-    by_state[:, acting] += by_q @ operator
-    by_state[:, n + acting] += by_v @ operator
+    for first, part in ((0, by_q), (n, by_v)):
+        # Most columns depend either on positions or on velocities.
+        if part.any():
+            by_state[:, first + acting] += part @ operator
     by_state[:, 2 * n :][:, o.rows] += by_lam
 
 
