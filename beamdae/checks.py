@@ -37,7 +37,13 @@ from beamdae.equations.starts.mobility import (
     find_loose_groups,
 )
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
-from beamdae.errors import BeamdaeError, BeamdaeWarning, require_choice, require_positive
+from beamdae.errors import (
+    BeamdaeError,
+    BeamdaeWarning,
+    list_first,
+    require_choice,
+    require_positive,
+)
 from beamdae.integrators.auto import Auto
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import plan_run
@@ -73,6 +79,11 @@ _MAX_GOOD_MESH_ERROR = 5e-3
 # Columns that change more if all elements are halved have a warning.
 _MAX_MESH_ERROR = 0.03
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
+# Steps of a run, minutes of small models, from which on beams without damping have a warning. A
+# retardation time of 1e-5 s reduced the steps of a press with a steel frame from 2e5 to 1e4.
+_MIN_STEPS_OF_LONG_RUN = 5e4
+_EXAMPLE_DAMPING = 1e-5
+_MAX_NAMES = 3
 _MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
@@ -180,7 +191,8 @@ class Check:
     warnings
         Sentences about sections over three times as high as their beams are long, parts and event
         actions without effect, contacts that start inside a surface, damping laws that supply
-        energy, and columns that change by more than 3 % if all elements are halved.
+        energy, columns that change by more than 3 % if all elements are halved, and beams without
+        damping in runs with more than 50 000 predicted steps.
     mesh_errors
         Change of observed columns if all elements are halved (root mean square, relative to the
         deviation of the column from its mean), by header. Measured for accelerations, and with
@@ -314,7 +326,11 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
             findings = replace(findings, spectrum=spectrum)
     if predict and end is not None and not problem:
         prediction, errors = _predict_run(equations, end)
-        sentences = (*findings.warnings, *_mesh_warning(errors))
+        sentences = (
+            *findings.warnings,
+            *_mesh_warning(errors),
+            *_undamped_beam_warning(equations.mechanism, prediction),
+        )
         findings = replace(findings, prediction=prediction, mesh_errors=errors, warnings=sentences)
     return findings
 
@@ -499,6 +515,25 @@ def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
                 f"{100.0 * errors[column]:.0f} % of its deviation from the mean (root mean "
                 "square); use more elements."
             )
+
+
+def _undamped_beam_warning(
+    mechanism: Mechanism | None, prediction: RunPrediction | None
+) -> Iterator[str]:
+    """Yield a warning if a run is long and beams have no damping."""
+    if mechanism is None or prediction is None or prediction.steps < _MIN_STEPS_OF_LONG_RUN:
+        return
+    beams = [
+        part.name
+        for part in mechanism.parts.values()
+        if isinstance(part, Beam) and part.section.at(0.0).damping == 0.0
+    ]
+    if beams:
+        yield (
+            f"{list_first(beams, _MAX_NAMES)}: without damping, vibrations of beams do not decay, "
+            f"and steps that follow them (about {prediction.steps:.0e}) make runs long; set "
+            f"damping= of the sections, such as {_EXAMPLE_DAMPING:g} s."
+        )
 
 
 def _steps_after(run: Solution, reached: float, end: float) -> float:

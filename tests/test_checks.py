@@ -206,6 +206,17 @@ def test_regression_a_stopped_run_predicts_the_method_and_steps_of_the_complete_
     assert prediction.steps == pytest.approx(run.statistics.steps, rel=0.5)
 
 
+def test_long_runs_of_beams_without_damping_have_a_warning(monkeypatch):
+    def count_warnings(damping):
+        warnings = bd.check(bd.load_model("example:hub_beam")(elements=2, damping=damping)).warnings
+        return len([x for x in warnings if x.startswith("beam: without damping")])
+
+    assert count_warnings(0.0) == 0
+    monkeypatch.setattr(checks, "_MIN_STEPS_OF_LONG_RUN", 10.0)
+    assert count_warnings(0.0) == 1
+    assert count_warnings(1e-6) == 0
+
+
 def test_lowest_frequency_of_a_hinged_beam_is_that_of_a_pendulum():
     """A rigid rod has the same frequency: the stiffness is the geometric one of the reactions."""
     steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
