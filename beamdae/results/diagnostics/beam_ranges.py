@@ -45,6 +45,8 @@ _AXIAL_SAMPLE_COUNT = 2  # further times, of the largest axial displacements
 # 1e-4; the median estimate is 2.5 times the error.
 _ERROR_OF_MOTION = 4.0
 _ERROR_PER_OSCILLATION = 5.0
+# Smaller vibrations, relative to the largest deformation, are errors of the integration.
+_MIN_VIBRATION_RATIO = 1e-4
 # Error of deflections in equilibrium over that change, relative to the largest deflection. Measured
 # by validation/strain_validity/run.py on cantilevers.
 _ERROR_OF_EQUILIBRIUM = 1.1
@@ -378,13 +380,14 @@ def count_oscillations(motion: Array) -> float:
     widest = motion[:, np.argmax(np.ptp(motion, axis=0))]
     vibration = widest - np.mean(widest)
     amplitude = np.maximum.accumulate(np.abs(vibration)[::-1])[::-1]
-    if not amplitude[0] > 0.0:
+    largest = _largest_of_rows(motion)
+    if not amplitude[0] > _MIN_VIBRATION_RATIO * np.max(largest):
         return 0.0
     # Two sign changes are one oscillation.
     changes = np.diff(np.sign(vibration), prepend=np.sign(vibration[0])) != 0.0
     half_cycle = np.cumsum(changes)
     peaks = np.zeros(half_cycle[-1] + 1)
-    np.maximum.at(peaks, half_cycle, _largest_of_rows(motion))
+    np.maximum.at(peaks, half_cycle, largest)
     peaks[:-1] = np.maximum(peaks[:-1], peaks[1:])
     phase = np.cumsum(0.5 * changes * (peaks[half_cycle] / np.max(peaks)) ** 2)
     return float(np.max(phase * amplitude) / amplitude[0])
