@@ -67,19 +67,22 @@ class RangeTerm:
         """
         return np.max([self._largest_values(x) for x in self._column_blocks(q)], axis=0)
 
-    def largest_and_rotations(self, q: Array) -> tuple[Array, Array]:
-        """Return `largest_deformation` and `rotations` for the same rows of `q`."""
-        values, rotations, first = [], np.zeros((len(q), 0)), 0
+    def largest_and_motions(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return `largest_deformation`, `rotations` and `axial_displacements` for rows of `q`."""
+        along, _ = self._defect.displacements
+        values, motions, first = [], [], 0
         for columns in self._column_blocks(q):
             values.append(self._largest_values(columns))
-            block = self._rotations(columns)
+            blocks = [self._rotations(columns), self._nodal(columns, along)]
             if not first:
                 # Not joined at the end, which would take twice the memory. Stored by node, because
                 # NumPy reduces few long columns ten times as fast as many short rows.
-                rotations = np.empty((block.shape[1], len(q))).T
-            rotations[first : first + len(block)] = block
-            first += len(block)
-        return np.max(values, axis=0), rotations
+                motions = [np.empty((block.shape[1], len(q))).T for block in blocks]
+            for motion, block in zip(motions, blocks, strict=True):
+                motion[first : first + len(block)] = block
+            first += columns.shape[2]
+        rotations, axial_displacements = motions
+        return np.max(values, axis=0), rotations, axial_displacements
 
     def rotations(self, q: Array) -> Array:
         """Return the section rotations of all nodes [rad], one column each, for the rows of `q`.
@@ -447,9 +450,10 @@ class EquationsOfMotion:
     p
         Numbers of the model, such as quadrature data and section, mass and load values.
     length
-        Characteristic length of the mechanism [m], the scale of positions. For a constrained
-        system, the largest absolute initial value of the coordinates that are not angles. 1 if
-        this length is zero.
+        Characteristic length of the mechanism [m], the scale of positions: the largest distance
+        between points of bodies and joints or, if there is only one point, the length of the
+        shortest spring. For a constrained system, the largest absolute initial value of the
+        coordinates that are not angles. 1 if this length is zero.
     parts
         Coordinates and size of each part that has coordinates.
     breakpoints

@@ -209,8 +209,9 @@ def test_tall_truss_has_four_branch_points(settings):
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_closed_secondary_path_is_left_by_a_second_switch():
-    arguments = {"model": truss(rise=TALL), "to": {"crown.y": -3.5}, "step": 0.3}
+@pytest.mark.parametrize("step", [0.1, 0.2, 0.3, 0.5, 0.7])
+def test_closed_secondary_path_is_left_by_a_second_switch(step):
+    arguments = {"model": truss(rise=TALL), "to": {"crown.y": -3.5}, "step": step}
     low = SIDEWAYS[0]
     with pytest.warns(bd.BeamdaeWarning, match=r"the path is closed.*switch=\[1, 1\]"):
         around = bd.equilibrium(**arguments, switch=1)
@@ -222,7 +223,33 @@ def test_closed_secondary_path_is_left_by_a_second_switch():
     assert through.stable
     assert_allclose(branch_factors(through), [low, -low], rtol=1e-7)
     secondary = slice(through.critical[0].row + 1, through.critical[1].row)
-    assert np.all(np.abs(through.columns["crown.x [m]"][secondary]) > 0.1)
+    x, y = (through.columns[f"crown.{k} [m]"][secondary] for k in "xy")
+    assert np.all(np.abs(x) > 1e-3)
+    # Horizontal forces of the springs are in balance, relative to their stiffness.
+    pulls = [(1.0 - np.hypot(1.0, TALL) / np.hypot(x - foot, y)) * (x - foot) for foot in (-1, 1)]
+    assert_allclose(np.sum(pulls, axis=0), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-3, 1e3, 1e6])
+def test_regression_paths_of_point_masses_on_springs_do_not_depend_on_the_unit_of_length(unit):
+    """Their characteristic length was 1 m: small trusses left the path, large ones did not end."""
+
+    def solve(unit, **arguments):
+        mech = bd.Mechanism()
+        crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, TALL * unit)))
+        for name, x in (("left", -unit), ("right", unit)):
+            mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, STIFFNESS / unit))
+        mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+        mech.observe("crown", crown.point)
+        path = bd.equilibrium(mech, to={"crown.y": -3.5 * unit}, control="arc length", **arguments)
+        assert path.status.success, path.status.sentence
+        return path
+
+    for arguments in ({}, {"switch": [1, 1]}):
+        path, reference = (solve(x, **arguments) for x in (unit, 1.0))
+        assert [x.kind for x in path.critical] == [x.kind for x in reference.critical]
+        factors = [[x.factor for x in one.critical] for one in (path, reference)]
+        assert_allclose(*factors, rtol=1e-6)
 
 
 def test_path_exports_a_table_and_files(tmp_path):

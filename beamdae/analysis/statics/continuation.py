@@ -281,6 +281,12 @@ def _take_step(
             segment = PathSegment(
                 corrector, control, begin, end, (first_value, value), (direction, after)
             )
+            if (
+                settings.by_arc_length
+                and after
+                and norm.displacements_turn(direction, after, _MIN_COSINE_TO_GROW)
+            ):
+                segment.require_return()
             truncated = None
             if settings.by_arc_length:
                 truncated = segment.truncate(target_control, target)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.newton_loop import CORRECTION_ROUNDING
 from beamdae.analysis.statics.null_vectors import SingularityTest
 from beamdae.analysis.statics.path_controls import Control, PathDirection
 from beamdae.analysis.statics.stability import Stability
@@ -67,6 +68,8 @@ _WIDE_DISTANCE = 5e-2
 # does so by rounding errors or by the asymmetry of a coarse mesh, which separates or mixes modes
 # that begin to grow at the same load. Ranges of rings are up to 2e-4 at L/h = 1e5 (measured).
 _SAME_LOAD_RATIO = 1e-3
+# A step back returns to the begin if the distance is below this fraction of the motion.
+_MAX_RETURN_RATIO = 0.1
 # Maximum number of bisections of a segment that may contain several critical points.
 _MAX_SPLITS = 6
 # Roots of the interpolating polynomial with a smaller imaginary part are real.
@@ -138,6 +141,25 @@ class PathSegment:
         x = self.corrector.interpolate(a.x, b.x, position)
         mu = a.mu + position * (b.mu - a.mu)
         return self.corrector.correct(self.control, first + position * (last - first), x, mu)
+
+    def require_return(self) -> None:
+        """Require that a step back from the end leads to the begin.
+
+        Where paths cross, a step may end on another path.
+
+        Raises
+        ------
+        CorrectorError
+            If it leads to another point, or fails.
+        """
+        (first, last), back = self.control_values, self.directions[1]
+        assert back is not None
+        step = back.scale(first - last)
+        point, _ = self.corrector.follow(self.control, first, self.end, step)
+        n, farthest = point.system.equations.n, self.corrector.displacement_measure.farthest
+        deviation, motion = (farthest((x - self.begin.x)[:n]) for x in (point.x, self.end.x))
+        if deviation > _MAX_RETURN_RATIO * motion + CORRECTION_ROUNDING:
+            raise CorrectorError("paths cross within the step")
 
     def truncate(self, quantity: Control, target: float) -> PathSegment | None:
         """Return the segment up to `quantity` = `target`.

@@ -228,6 +228,16 @@ class StepNorm:
         sizes = self.inner_product(one, one) * self.inner_product(other, other)
         return self.inner_product(one, other) / float(np.sqrt(sizes))
 
+    def displacements_turn(self, one: PathDirection, other: PathDirection, cosine: float) -> bool:
+        """Return True if the angle between the displacements of two directions is too large.
+
+        `cosine` is that of the largest angle.
+        """
+        n = len(self.scale)
+        first, second = one.x[:n] / self.scale, other.x[:n] / self.scale
+        sizes = np.linalg.norm(first) * np.linalg.norm(second)
+        return bool(first @ second < cosine * sizes)
+
     def orthogonal_part(self, direction: PathDirection, other: PathDirection) -> PathDirection:
         """Return the part of `direction` that is orthogonal to `other`."""
         share = self.inner_product(other, direction) / self.inner_product(other, other)

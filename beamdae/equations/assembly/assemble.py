@@ -114,7 +114,8 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     forces: list[ForceStatement] = []
     constraints: list[ConstraintStatement] = []
     ranges: list[RangeStatement] = []
-    # The outlines of the bodies and the attachments of joints determine the size of the mechanism.
+    # The outlines of the bodies and the attachments of joints determine the size of the mechanism;
+    # a single point mass without joints has that of its springs.
     outlines = [np.asarray(part.outline, float) for part in parts]
     for part in parts:
         part_forces, part_constraints, part_ranges = collect_statements(
@@ -130,7 +131,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
             outlines += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
     for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
-    length = largest_distance(np.concatenate(outlines)) or 1.0
+    length = largest_distance(np.concatenate(outlines)) or _shortest_connection(parts) or 1.0
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_attachments(mechanism, coordinate_map, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
@@ -170,6 +171,19 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     if mechanism.build_warnings:
         equations = replace(equations, build_warnings=mechanism.build_warnings)
     return apply_initial_conditions(equations.without_loads_of(mechanism.removed), start)
+
+
+def _shortest_connection(parts: Sequence[Part]) -> float:
+    """Return the shortest distance between the attachments of a spring, or of a similar part.
+
+    It is 0 without such parts. A long spring may only approximate a force in one direction.
+    """
+    distances = [
+        largest_distance(np.array([attachment.point for attachment in part.attachments], float))
+        for part in parts
+        if part.acts_between_attachments
+    ]
+    return min((x for x in distances if x > 0.0), default=0.0)
 
 
 @lru_cache(maxsize=_MAX_CACHED_NAMES)
