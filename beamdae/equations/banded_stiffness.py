@@ -56,9 +56,8 @@ class BandedStiffness:
         """
         count, n, height = len(matrices), self.to_local.shape[1], 2 * self.bandwidth + 1
         values = np.take(matrices.reshape(count, -1), self.sources, axis=1) * self.factors
-        band = np.zeros((count, n * height))
-        for k in range(count):
-            band[k] = np.bincount(self.entries, values[k], n * height)
+        entries = self.entries + n * height * np.arange(count)[:, None]
+        band = np.bincount(entries.ravel(), values.ravel(), count * n * height)
         return band.reshape(count * n, height).T
 
 

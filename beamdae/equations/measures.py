@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
 from beamdae.equations.structure import Structure, share_plans
@@ -15,12 +15,14 @@ from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.loops import prepare_loop
 from beamdae.native.return_codes import DONE
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.sparse_operators import ConstantOperator
 
 Array = np.ndarray
 
 # Limits of the rows evaluated together, so that their data stay in the processor caches.
 _MAX_NUMBERS_AT_ONCE = 100_000
 _MAX_ROWS_AT_ONCE = 1024
+_MAX_CACHED_BYTES = 1e7  # of operators of observed columns
 
 ENERGIES = ("kinetic", "strain", "gravity")
 WORKS = ("work of loads", "work of drivers", "dissipated")
@@ -45,7 +47,8 @@ class ObservedRows:
     def __call__(self, times: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
         """Return rows of the columns, given rows of (t, branch) and of states (q, v, a, lam)."""
         e, blocks = self.equations, [np.zeros((len(times), 0))]
-        used, operator = self._operator
+        operators = tuple(ConstantOperator(o.operator) for o in e.observables)
+        used, operator = _stack_operators(operators)
         # Copied once: SciPy would copy all columns of all coordinates in each product.
         local = [np.asarray(operator @ np.ascontiguousarray(x.T[used])) for x in (q, v)]
         first = 0
@@ -57,19 +60,19 @@ class ObservedRows:
             first = here.stop
         return np.hstack(blocks)
 
-    @cached_property
-    def _operator(self) -> tuple[Array, sp.csr_array]:
-        """Indices of the coordinates in use, and the operators of all observables on them."""
-        operators = [o.operator for o in self.equations.observables]
-        if not operators:
-            return np.zeros(0, np.intp), sp.csr_array((0, 0))
-        used, indices = np.unique(
-            np.concatenate([x.indices for x in operators]), return_inverse=True
-        )
-        lengths = np.concatenate([np.diff(x.indptr) for x in operators])
-        ends = np.concatenate([[0], np.cumsum(lengths)])
-        data = np.concatenate([x.data for x in operators])
-        return used, sp.csr_array((data, indices, ends), shape=(len(lengths), len(used)))
+
+# Cached, because the runs of a sweep share operators, and each run evaluates columns several times.
+@bounded_cache(_MAX_CACHED_BYTES, lambda stacked: 4 * array_bytes(stacked[1].data))
+def _stack_operators(operators: tuple[ConstantOperator, ...]) -> tuple[Array, sp.csr_array]:
+    """Return the indices of the coordinates in use, and all operators as one on these."""
+    if not operators:
+        return np.zeros(0, np.intp), sp.csr_array((0, 0))
+    matrices = [x.matrix for x in operators]
+    used, indices = np.unique(np.concatenate([x.indices for x in matrices]), return_inverse=True)
+    lengths = np.concatenate([np.diff(x.indptr) for x in matrices])
+    ends = np.concatenate([[0], np.cumsum(lengths)])
+    data = np.concatenate([x.data for x in matrices])
+    return used, sp.csr_array((data, indices, ends), shape=(len(lengths), len(used)))
 
 
 @dataclass(frozen=True)

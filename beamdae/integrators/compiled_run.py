@@ -189,7 +189,7 @@ class StepLoop(Generic[W]):
         if any(len(linear.plan.rows) for linear, _ in self._matrices):
             for linear, matrix in self._matrices:
                 matrix.forget_pivots(linear)
-            self._loop.bind()
+            self._loop.bind(*(linear for linear, _ in self._matrices))
 
     def __call__(self) -> int:
         """Run the loop, renewing pivots whenever it requests new ones; return its code."""
@@ -201,11 +201,11 @@ class StepLoop(Generic[W]):
 
     def _renew_pivots(self) -> None:
         assert self._loop is not None
-        for linear, matrix in self._matrices:
-            if linear.needs_pivots:
-                matrix.renew_pivots(linear)
+        renewed = [(linear, matrix) for linear, matrix in self._matrices if linear.needs_pivots]
+        for linear, matrix in renewed:
+            matrix.renew_pivots(linear)
         # The arrays of the new pivots differ in size and address.
-        self._loop.bind()
+        self._loop.bind(*(linear for linear, _ in renewed))
 
 
 class RepeatedCall:

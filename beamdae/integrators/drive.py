@@ -47,7 +47,7 @@ from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepH
 from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.memory import release_freed_memory
+from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -110,6 +110,7 @@ def drive(
     Exception
         Any exception of `progress`, with the solution as the attribute `partial`.
     """
+    retain_freed_memory()
     solution = None
     try:
         # NumPy's warnings would be redundant: a state that is not finite ends the run.

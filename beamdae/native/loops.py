@@ -113,9 +113,9 @@ class CompiledLoop:
     def __init__(
         self, function: Any, work: Any, *, compiles: bool = True, **callbacks: tuple[Any, str]
     ) -> None:
-        layout = _TableLayout(work, [])
-        self._kind, self._addresses = layout.kind, layout.addresses
-        self._numbers = _group_numbers(layout.numbers)
+        layout = _TableLayout(work)
+        self._objects, self._numbers = layout.objects, _group_numbers(layout.numbers)
+        *_, self._kind = layout.objects[-1]
         self.table = np.array(layout.words, np.int64)
         self._views = {float: self.table.view(np.float64), int: self.table}
         entries = {"loop": (function, "@"), **callbacks}
@@ -132,16 +132,21 @@ class CompiledLoop:
         self.unload()
         return int(code)
 
-    def bind(self) -> None:
+    def bind(self, *owners: Any) -> None:
         """Update the table after arrays of the object have been replaced.
 
         The address of the table does not change, so that callbacks may call this method while the
-        loop runs.
+        loop runs. If only arrays of some nested objects have been replaced, `owners` are these
+        objects: a table has many more arrays.
         """
-        layout = _TableLayout(self._work, self._addresses)
-        assert layout.kind == self._kind
-        self._numbers, self._addresses = _group_numbers(layout.numbers), layout.addresses
-        self.table[:] = layout.words
+        for owner in owners or (self._work,):
+            start, kind = next((word, kind) for x, word, kind in self._objects if x is owner)
+            layout = _TableLayout(owner)
+            *_, new_kind = layout.objects[-1]
+            assert new_kind == kind
+            # Numbers of objects that have been replaced would not be copied.
+            assert all(any(x is y for y, *_ in self._objects) for x, *_ in layout.numbers)
+            self.table[start : start + len(layout.words)] = layout.words
         self.load()
 
     def load(self) -> None:
@@ -187,57 +192,55 @@ def _group_numbers(
 class _TableLayout:
     """Positions of the fields of an object in a table.
 
-    `known_addresses` are the `addresses` of an earlier layout of the object, or an empty list.
-
     Attributes
     ----------
     words
         The table, with zeros in place of numbers.
     numbers
         (owner, name, word, type) of the numbers.
-    kind
-        (class name, ((field, word, type), ...)): the part on which machine code depends.
-    addresses
-        (array, address) of the arrays, in the order of the words.
+    objects
+        (owner, first word, kind) of the nested objects, and last of the object; named tuples, which
+        contain no numbers, are omitted. The kind is (class name, ((field, word, type), ...)), the
+        part on which machine code depends.
     """
 
-    def __init__(self, work: Any, known_addresses: _Addresses) -> None:
-        # Reading the address of an array takes longer than all other operations on it here.
-        self.addresses: _Addresses = []
-        self._known_addresses = known_addresses
+    def __init__(self, work: Any) -> None:
         self.words: list[int] = []
         self.numbers: list[tuple[Any, str, int, type]] = []
-        self.kind = self._add_object(work)
+        self.objects: list[tuple[Any, int, tuple[str, tuple[Any, ...]]]] = []
+        self._add_object(work)
 
     def _add_object(self, owner: Any) -> tuple[str, tuple[Any, ...]]:
-        start, entries = len(self.words), []
+        words, entries = self.words, []
+        start = len(words)
         for name in _field_names(owner.__class__):
-            value, word = getattr(owner, name), len(self.words)
+            value, word = getattr(owner, name), len(words)
             kind: Any
             # Arrays first: most fields are arrays.
             if isinstance(value, np.ndarray):
-                self.words += (self._find_address(name, value), *value.shape)
-                kind = (_dtype_name(value.dtype), value.ndim)
+                assert value.flags.c_contiguous, name
+                words.append(_address_of(value))
+                words += value.shape
+                kind = _array_kind(value.dtype, value.ndim)
             elif type(value) is tuple:
                 continue
             elif isinstance(value, (bool, int, float)):
                 number = float if isinstance(value, float) else int
                 self.numbers.append((owner, name, word, number))
-                self.words.append(0)
+                words.append(0)
                 kind = number.__name__
             else:
                 kind = self._add_object(value)
             entries.append((name, word - start, kind))
-        return type(owner).__name__, tuple(entries)
+        result = type(owner).__name__, tuple(entries)
+        if not isinstance(owner, tuple):
+            self.objects.append((owner, start, result))
+        return result
 
-    def _find_address(self, name: str, array: Array) -> int:
-        position, earlier = len(self.addresses), self._known_addresses
-        known = earlier[position] if position < len(earlier) else None
-        if known is None or known[0] is not array:
-            assert array.flags.c_contiguous, name
-            known = array, _address_of(array)
-        self.addresses.append(known)
-        return known[1]
+
+@cache
+def _array_kind(dtype: np.dtype[Any], n_axes: int) -> tuple[str, int]:
+    return str(dtype), n_axes
 
 
 def _address_of(array: Array) -> int:
@@ -248,11 +251,6 @@ def _address_of(array: Array) -> int:
         # `array.ctypes` takes ten times as long.
         return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
     return int(array.ctypes.data)
-
-
-# Not by the id of the array: calls of `id` take longer where opened files are recorded.
-_Addresses = list[tuple[Array, int]]
-_dtype_name = cache(str)
 
 
 @cache

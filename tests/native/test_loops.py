@@ -132,6 +132,16 @@ def test_compiled_loop_agrees_with_plain_python(size):
         compiled.numbers[:] = plain.numbers[:] = 1.0
 
 
+def test_bind_replaces_the_arrays_of_one_nested_object():
+    plain, compiled = work(), work()
+    loop = compile_without_warnings(use_all_fields, compiled)
+    for one in (plain, compiled):
+        one.inner.numbers, one.inner.count, one.rate = np.linspace(-1.0, 1.0, 7), 2, 0.5
+    loop.bind(compiled.inner)
+    assert loop() == use_all_fields(plain)
+    assert_same(compiled, plain)
+
+
 def test_loops_of_one_function_have_separate_objects(cache):
     works = [work(size) for size in (2, 5)]
     plain = copy.deepcopy(works)

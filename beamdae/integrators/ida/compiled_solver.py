@@ -208,7 +208,7 @@ def _pivot_renewal(
             # The loop is running, so its current values are in the table.
             loop.unload()
             matrix.renew_pivots(linear)
-            loop.bind()
+            loop.bind(linear)
             success = 1
         except GeneratorExit:
             return

@@ -262,15 +262,14 @@ def _find_deformations(
     """Return the deformations at q (k, n); `error_factor` is a function of the motion."""
     if term.statement.defect is None:
         return _Deformations(term.largest_deformation(q))
-    largest, motion = term.largest_and_rotations(q)
+    largest, rotations, axial = term.largest_and_motions(q)
     if _is_stretched(*largest[:2]):
         motion = term.displacements(q)
         return _Deformations(largest, error_factor(motion), q[_select_samples(motion)])
-    bending = (error_factor(motion), q[_select_samples(motion)])
+    bending = (error_factor(rotations), q[_select_samples(rotations)])
     # Axial vibrations are faster than those of bending: their phase error can be larger.
-    motion = term.axial_displacements(q)
-    axial_samples = q[_select_samples(motion)[-_AXIAL_SAMPLE_COUNT:]]
-    return _Deformations(largest, *bending, error_factor(motion), axial_samples)
+    axial_samples = q[_select_samples(axial)[-_AXIAL_SAMPLE_COUNT:]]
+    return _Deformations(largest, *bending, error_factor(axial), axial_samples)
 
 
 def _is_stretched(deflection: float, rotation: float) -> bool:

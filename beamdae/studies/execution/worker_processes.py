@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from beamdae.errors import format_message
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.memory import retain_freed_memory
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.tasks import Outcome
 
@@ -236,7 +235,6 @@ def _describe_exit(code: int | None) -> str:
 def _serve_tasks(connection: Connection) -> None:
     """Main function of a worker process: run tasks from the connection until it is closed."""
     _isolate_process()
-    retain_freed_memory()
     pid = os.getpid()
     try:
         threading.Thread(target=_exit_with_parent, daemon=True).start()
