@@ -146,3 +146,20 @@ def test_mechanism_with_a_start_in_rotation():
 def test_rotation_that_contradicts_a_joint_is_rejected(start):
     with pytest.raises(bd.BeamdaeError, match=r"does not allow a rotation at .* use the speed of"):
         bd.simulate(driven_beam(strain="exact"), t_end=0.1, start=start)
+
+
+@pytest.mark.parametrize("typed", [1256.64, 1256.637, 1256.637061])
+def test_regression_speeds_rounded_to_six_digits_are_those_of_the_driver(typed):
+    """A speed of 1256.637 for 12000 rpm was rejected, without the speed of the driver."""
+    speed = 12000.0 * np.pi / 30.0
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), lambda t: speed * t))
+    mech.observe("hub", hub.at(0.1, 0.0))
+    run = bd.simulate(mech, t_end=1e-4, start=bd.rotation(typed))
+    assert run["hub.angle_dot"].iloc[0] == pytest.approx(speed, rel=1e-12)
+    with pytest.raises(
+        bd.BeamdaeError, match=r"at 1257 rad/s .* speed of the drivers, 1256\.637061"
+    ):
+        bd.simulate(mech, t_end=1e-4, start=bd.rotation(1257.0))

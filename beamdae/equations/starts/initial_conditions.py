@@ -29,6 +29,8 @@ _RATE_SUFFIX = "_dot"
 _MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method convergent
 _CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to max(1, characteristic length)
 _VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
+# A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
+_MAX_SPEED_ROUNDING = 5e-6
 _MAX_ITERATIONS = 30
 _MAX_NAMES = 4  # in a sentence
 
@@ -109,24 +111,54 @@ def _rotate_steadily(e: EquationsOfMotion, time: Array, rotation: Rotation) -> t
     solver = ConsistencySolver(e)
     # Checked first: about another center or at another speed, no steady state may exist.
     q = solver.state(time, e.q0, np.zeros(e.n)).q
-    _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation))
+    driven = _driven_speed(solver, time, rotation, q)
+    if driven and abs(driven - rotation.speed) <= _MAX_SPEED_ROUNDING * abs(driven):
+        rotation = replace(rotation, speed=driven)
+    _require_rotation(solver, time, rotation, q, rotation_velocities(e, q, rotation), driven)
     state, _ = find_steady_rotation(e, time, rotation, q, frozen_forces=True)
-    _require_rotation(solver, time, rotation, state.q, state.v)
+    _require_rotation(solver, time, rotation, state.q, state.v, driven)
     return state.q, state.v
 
 
+def _driven_speed(
+    solver: ConsistencySolver, time: Array, rotation: Rotation, q: Array
+) -> float | None:
+    """Return the speed at which drivers turn the mechanism about the center, or None.
+
+    The rates of the constraints are a linear function of the speed.
+    """
+    e = solver.equations
+    v = rotation_velocities(e, q, replace(rotation, speed=1.0))
+    at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
+    slope = solver.constraint_levels(time, q, v)[1] - at_rest
+    tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
+    if np.max(np.abs(slope), initial=0.0) <= tolerance:
+        return None
+    speed = -float(slope @ at_rest / (slope @ slope))
+    remaining = np.max(np.abs(at_rest + speed * slope))
+    return speed if remaining <= tolerance * max(1.0, abs(speed)) else None
+
+
 def _require_rotation(
-    solver: ConsistencySolver, time: Array, rotation: Rotation, q: Array, v: Array
+    solver: ConsistencySolver,
+    time: Array,
+    rotation: Rotation,
+    q: Array,
+    v: Array,
+    driven: float | None,
 ) -> None:
     """Reject a rotation that joints or drivers do not allow."""
     e = solver.equations
     g_dot = solver.constraint_levels(time, q, v)[1]
     worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
     if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * velocity_size(e, v):
+        remedy = "use the speed of the driver and its center"
+        if driven:
+            remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
         raise BeamdaeError(
-            f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:g} rad/s "
+            f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
             f"about {rotation.center} (the velocities differ by {abs(g_dot[worst]):.3g} m/s or "
-            "rad/s); use the speed of the driver and its center."
+            f"rad/s); {remedy}."
         )
 
 
