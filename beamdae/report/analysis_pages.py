@@ -325,7 +325,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
     rows = [_plain_values(row) for row in table.to_dict("records")]
     moving = _sample_evenly(count, _MAX_RESPONSE_MOTIONS)
     max_rows = compute_row_limit(count * len(observed))
-    peaks = find_response_peaks(response)
+    peaks = response.peak_table()
     return {
         "title": title,
         "subtitle": f"periodic motions over {response.parameter}: {response.status.sentence}",
@@ -347,11 +347,14 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
         "overlays": [
             {
                 "x": response.parameter,
-                "y": _half_range_column(name),
+                "y": _half_range_column(str(name)),
                 "lines": [],
-                "marks": [{"label": f"{x:.4g}", "x": x, "y": y} for x, y in points],
+                "marks": [
+                    {"label": f"{x:.4g}", "x": x, "y": y}
+                    for x, y in points[[response.parameter, "half range"]].to_numpy().tolist()
+                ],
             }
-            for name, points in peaks.items()
+            for name, points in peaks.groupby("observed", sort=False)
         ],
         "sliders": [
             {
@@ -365,14 +368,13 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
             {"title": "Response", "rows": list(response_facts(response).items())},
             {
                 "title": "Peaks",
-                "head": ["column", response.label, "half range"],
+                "head": ["column", response.label, "half range", "largest magnitude"],
                 "rows": [
-                    [name, f"{x:.7g}", f"{y:.7g}"]
-                    for name, points in peaks.items()
-                    for x, y in points
+                    [name, *(f"{x:.7g}" for x in numbers)]
+                    for name, *numbers in peaks.itertuples(index=False)
                 ],
             },
-        ][: 1 + any(peaks.values())],
+        ][: 1 + (not peaks.empty)],
         "cases": [
             {
                 "id": str(k),
@@ -394,11 +396,6 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
             for k, point in enumerate(response.points)
         ],
     }
-
-
-def find_response_peaks(response: FrequencyResponse) -> dict[str, list[tuple[float, float]]]:
-    """Return (parameter, half range) at the peaks of the observed columns that vary."""
-    return {name: response.peaks(name) for name in response.varying_columns}
 
 
 def _half_range_column(header: str) -> str:

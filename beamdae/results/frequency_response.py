@@ -13,7 +13,12 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import UNITS_OF_TRANSLATIONS, Header, select_column
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import half_range, largest_modulus, mean
+from beamdae.results.periodic_motion import (
+    half_range,
+    largest_magnitude,
+    largest_modulus,
+    mean,
+)
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -122,10 +127,12 @@ class FrequencyResponse(HasTable, HasPage):
         return tuple(first.values())
 
     def table(self) -> pd.DataFrame:
-        """Return one row per motion: parameter, period, mean and half range of observed columns.
+        """Return one row per motion: parameter, period, and sizes of the observed columns.
 
-        The last columns are "stable", "largest multiplier" (the largest modulus) and "fold", which
-        is true at the first motion after the parameter reverses its direction.
+        These are the mean, the half range and the largest magnitude over one period. The half range
+        is half the difference between maximum and minimum: the amplitude of a sine, but half of it
+        for its magnitude. The last columns are "stable", "largest multiplier" (the largest modulus)
+        and "fold", which is true at the first motion after the parameter reverses its direction.
         """
         import pandas as pd
 
@@ -139,6 +146,7 @@ class FrequencyResponse(HasTable, HasPage):
             row |= {
                 f"{name} mean [{unit}": mean(values),
                 f"{name} half range [{unit}": half_range(values),
+                f"{name} largest magnitude [{unit}": largest_magnitude(values),
             }
         fold = k > 0 and point.forward != self.points[k - 1].forward
         return row | {
@@ -211,8 +219,30 @@ class FrequencyResponse(HasTable, HasPage):
         if not self.points:
             return []
         values, sizes = self.curve(column)
-        (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
-        return [self._peak(k, values, sizes) for k in (inner + 1).tolist()]
+        return [self._peak(k, values, sizes) for k in _find_maxima(sizes)]
+
+    def peak_table(self) -> pd.DataFrame:
+        """Return one row per peak of the observed columns that vary, see `peaks`.
+
+        The columns are "observed", the parameter, "half range" and "largest magnitude" (in the unit
+        of the observed column). At a peak, the largest magnitude is a linear function of the half
+        range, through the highest point and the lower one of its neighbors: exact for sines with a
+        constant mean and for their magnitudes.
+        """
+        import pandas as pd
+
+        rows = []
+        for name in self.varying_columns:
+            values, sizes = self.curve(name)
+            magnitudes = [largest_magnitude(x.solution.columns[name]) for x in self.points]
+            for k in _find_maxima(sizes):
+                parameter, size = self._peak(k, values, sizes)
+                lower = k - 1 if sizes[k - 1] < sizes[k + 1] else k + 1
+                slope = (magnitudes[k] - magnitudes[lower]) / (sizes[k] - sizes[lower])
+                magnitude = magnitudes[k] + slope * (size - sizes[k])
+                rows.append((name, parameter, size, float(magnitude)))
+        names = ["observed", self.parameter, "half range", "largest magnitude"]
+        return pd.DataFrame(rows, columns=names)
 
     def _peak(self, k: int, values: Array, sizes: Array) -> tuple[float, float]:
         """Return (parameter, half range) of the peak next to the point `k`."""
@@ -289,6 +319,12 @@ class FrequencyResponse(HasTable, HasPage):
         x, y = self._arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
         a, b, _ = np.polyfit(x - x[1], y, 2)
         return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])
+
+
+def _find_maxima(sizes: Array) -> list[int]:
+    """Return the indices of the inner local maxima of a curve (k,)."""
+    (inner,) = np.nonzero((sizes[1:-1] >= sizes[:-2]) & (sizes[1:-1] > sizes[2:]))
+    return (inner + 1).tolist()
 
 
 def _interpolate_parabola(at: float, k: int, arc_length: Array, values: Array) -> float:

@@ -154,6 +154,11 @@ def half_range(values: Array) -> float:
     return 0.5 * (maximum - minimum)
 
 
+def largest_magnitude(values: Array) -> float:
+    """Return the largest absolute value, see `extrema`."""
+    return max(map(abs, extrema(values)))
+
+
 def _maximum(values: Array) -> float:
     if len(values) < 3:
         return float(np.max(values))

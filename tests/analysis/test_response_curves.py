@@ -315,3 +315,35 @@ def test_regression_peaks_of_few_points_are_not_extrapolated_far(ratio):
             response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
             for _, size in response.peaks("tip"):
                 assert sizes.max() <= size <= limit * 0.5 / ratio
+
+
+def sine_response(mean, factor):
+    """Return the response of a linear resonance and of the magnitude of its column."""
+    phase = 2.0 * np.pi * np.linspace(0.0, 1.0, 201)
+    points = []
+    for speed in np.linspace(0.9, 1.1, 9):
+        values = mean + factor / np.hypot(1.0 - speed**2, 0.04) * np.sin(phase)
+        columns = {"stress [Pa]": values, "largest [Pa]": np.abs(values)}
+        solution = SimpleNamespace(columns=columns, warnings=())
+        points.append(ResponsePoint(speed, 1.0, solution, np.ones(1)))
+    return FrequencyResponse("speed", tuple(points), Status("ok", "reached the end"))
+
+
+@pytest.mark.parametrize("mean", [0.0, 30.0])
+def test_regression_responses_state_the_largest_magnitude(mean):
+    """The half range of a largest stress was half of the stress, without a remark."""
+    response = sine_response(mean, 1.0)
+    peaks = response.peak_table().set_index("observed")
+    expected = mean + 1.0 / 0.04
+    assert peaks["largest magnitude"].to_list() == pytest.approx([expected, expected], rel=2e-3)
+    assert peaks["half range"]["stress [Pa]"] == pytest.approx(25.0, rel=2e-3)
+    table = response.table()
+    for name in ("stress", "largest"):
+        largest = table[f"{name} largest magnitude [Pa]"].max()
+        assert largest == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(("column", "is_drawn"), [("stress", False), ("largest", True)])
+def test_regression_pictures_of_magnitudes_show_their_largest_values(column, is_drawn):
+    (axis,) = sine_response(0.0, 1.0).plot(column).figure.axes
+    assert (axis.get_legend() is not None) == is_drawn

@@ -154,30 +154,19 @@ def _print_results(result: FrequencyResponse, name: str) -> None:
     from beamdae.report.analysis_pages import response_facts
     from beamdae.report.terminal import text_tables
 
-    peaks = _find_peaks(result)
-    console = print_facts(name, response_facts(result), lambda: _json_results(result, peaks))
-    if peaks:
+    peaks = result.peak_table()
+    console = print_facts(name, response_facts(result), lambda: _json_results(result))
+    if not peaks.empty:
         console.print(text_tables.peaks_table(result.parameter, result.label, peaks))
     print_warnings(console, result.warnings)
 
 
-def _find_peaks(result: FrequencyResponse) -> list[dict[str, Any]]:
-    """Return the column, the parameter and the half range at each peak of observed columns."""
-    from beamdae.report.analysis_pages import find_response_peaks
-
-    return [
-        {"observed": column, result.parameter: value, "half range": amplitude}
-        for column, points in find_response_peaks(result).items()
-        for value, amplitude in points
-    ]
-
-
-def _json_results(result: FrequencyResponse, peaks: list[dict[str, Any]]) -> dict[str, Any]:
+def _json_results(result: FrequencyResponse) -> dict[str, Any]:
     return {
         "status": result.status.kind,
         "reason": result.status.sentence,
         "points": result.table().to_dict("records"),
         "folds": result.folds,
-        "peaks": peaks,
+        "peaks": result.peak_table().to_dict("records"),
         "warnings": list(result.warnings),
     }

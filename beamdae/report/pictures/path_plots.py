@@ -32,13 +32,19 @@ from beamdae.results.columns import (
 from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
+from beamdae.results.periodic_motion import largest_magnitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Array = np.ndarray
+
 # Columns with smaller ranges are not plotted; relative to the length of the mechanism, or in rad.
 _MIN_RANGE = 1e-9
+# Largest magnitudes are drawn if they are within these multiples of the half ranges: about equal
+# ones look the same, and those of columns with a large mean hide the response.
+_MIN_MAGNITUDE_RATIO, _MAX_MAGNITUDE_RATIO = 1.02, 3.0
 _UNSTABLE_DASHES = (0, (3, 2))
 _CRITICAL_MARKERS = {"limit point": "o", "branch point": "s", "flutter point": "^"}
 
@@ -229,12 +235,27 @@ def _draw_response(
             points = slice(rows[0], rows[-1] + 2)
             dashes = "-" if is_stable[rows[0]] else "--"
             axis.plot(values[points], amplitudes[points], dashes, color=COLORS[0], lw=1.6)
+    _draw_magnitudes(axis, response, column, values, amplitudes)
     for value, amplitude in response.peaks(column) if x is None else ():
         axis.plot(value, amplitude, "o", color=COLORS[1], ms=4)
     axis.set_xlabel(horizontal)
     axis.set_ylabel(vertical)
     axis.grid(color="0.9", lw=0.6)
     axis.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_magnitudes(
+    axis: Axes, response: FrequencyResponse, column: str, values: Array, amplitudes: Array
+) -> None:
+    """Draw largest magnitudes where they differ from half ranges but have their size."""
+    if not response.points:
+        return
+    header = select_column("frequency_response", response.points[0].solution.columns, column)
+    magnitudes = np.array([largest_magnitude(x.solution.columns[header]) for x in response.points])
+    ratio = magnitudes.max() / (amplitudes.max() or np.inf)
+    if _MIN_MAGNITUDE_RATIO < ratio < _MAX_MAGNITUDE_RATIO:
+        axis.plot(values, magnitudes, ":", color=COLORS[2], lw=1.6, label="largest magnitude")
+        axis.legend(frameon=False)
 
 
 def _label_half_range(response: FrequencyResponse, name: str) -> str:

@@ -312,12 +312,17 @@ def amplitudes_table(table: pd.DataFrame) -> ResponsiveTable:
     return ResponsiveTable("observed", columns, rows, "--json")
 
 
-def peaks_table(parameter: str, label: str, peaks: Iterable[Mapping[str, Any]]) -> ResponsiveTable:
-    """Return a table of the peaks of response curves: observed column, parameter, half range."""
-    columns = [Column(label), Column("half range")]
+def peaks_table(parameter: str, label: str, peaks: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of the peaks of response curves, given `FrequencyResponse.peak_table()`."""
+    names = ["half range", "largest magnitude"]
+    columns = [Column(label), *(Column(name.replace(" ", "\n")) for name in names)]
     rows = [
-        (x["observed"], format_number(x[parameter], 6), format_number(x["half range"], 5))
-        for x in peaks
+        (
+            str(x["observed"]),
+            format_number(x[parameter], 6),
+            *(format_number(x[name], 5) for name in names),
+        )
+        for _, x in peaks.iterrows()
     ]
     return ResponsiveTable("peak of", columns, rows, "--json")
 
