@@ -139,8 +139,9 @@ def as_expression(value: Any) -> Any:
 
 def find_signals(*expressions: Any) -> tuple[Signal, ...]:
     """Return the signals whose symbols occur in expressions; other objects are ignored."""
-    columns = [ca.vec(x) for x in expressions if isinstance(x, SX)]
-    if not _SIGNALS or not columns:
+    # Most models have no signals.
+    columns = [ca.vec(x) for x in expressions if isinstance(x, SX)] if _SIGNALS else []
+    if not columns:
         return ()
     symbols = ca.symvar(ca.vertcat(*columns))
     signals = (_SIGNALS.get(symbol.element_hash()) for symbol in symbols)

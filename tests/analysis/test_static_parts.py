@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import beamdae as bd
-from beamdae.analysis.statics import stability
+from beamdae.analysis.statics import load_scaling, stability
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import DisplacementControl, PathDirection, StepNorm
 from beamdae.analysis.statics.stability import assess_stability
+from beamdae.equations.assembly.building import remove_forces
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
@@ -112,6 +113,34 @@ def test_linear_columns_control_paths_as_other_columns_do(monkeypatch):
     assert_allclose(path.factors, other.factors, rtol=1e-6, atol=1e-6)
     assert [one.kind for one in path.critical] == [one.kind for one in other.critical]
     assert path.critical
+
+
+def test_equations_without_loads_are_those_of_a_mechanism_without_loads(state, monkeypatch):
+    mech = mechanism_with_all_forces()
+    equations, stages = bd.equations_of_motion(mech), [["rope"], ["follower", "wind"]]
+    systems = build_loading(mech, equations, stages, 0.2).systems
+    assert all(system.unloaded.equations.p is equations.p for system in systems)
+    monkeypatch.setattr(load_scaling, "remove_forces", lambda equations, parts: None)
+    for system, assembled in zip(
+        systems, build_loading(mech, equations, stages, 0.2).systems, strict=True
+    ):
+        for factor in (0.0, 0.6):
+            residual, by_factor = system.residual(state, factor)
+            assert np.max(np.abs(by_factor)) > 0.1
+            assert_array_equal(np.array([residual, by_factor]), assembled.residual(state, factor))
+            assert_array_equal(system.tangent(state, factor), assembled.tangent(state, factor))
+
+
+def test_loads_that_share_a_kernel_with_other_loads_are_removed_by_assembly():
+    mech = mechanism_with_all_forces()
+    mech.add(bd.Force("second", mech.parts["leaf 2"].end, (1.0, 0.0), axes="body"))
+    equations = bd.equations_of_motion(mech)
+    assert remove_forces(equations, {"follower"}) is None
+    rest = remove_forces(equations, {"follower", "second"})
+    assert len(rest.structure.forces) == len(equations.structure.forces) - 1
+    (system,) = build_loading(mech, equations, ["follower"], 0.2).systems
+    assert "second" in system.unloaded.equations.mechanism.parts
+    assert "follower" not in system.unloaded.equations.mechanism.parts
 
 
 def test_arc_length_along_its_own_direction_is_one():

@@ -153,12 +153,12 @@ def test_regression_ida_without_sparse_solver_checks_memory(monkeypatch):
 def test_mechanism_that_exceeds_memory_is_rejected(monkeypatch):
     monkeypatch.setattr(
         "beamdae.memory._free_physical_memory",
-        lambda: 10.0 * assemble._BYTES_PER_COORDINATE,
+        lambda: 100.0 * assemble._BYTES_PER_COORDINATE,
     )
     mech = bd.Mechanism()
-    for k in range(10):
+    for k in range(100):
         mech.add(bd.PointMass(f"ball {k}", 1.0, at=(float(k), 0.0)))
-    with pytest.raises(bd.BeamdaeError, match=r"^Mechanism: a run with 20 coordinates needs"):
+    with pytest.raises(bd.BeamdaeError, match=r"^Mechanism: a run with 200 coordinates needs"):
         bd.equations_of_motion(mech)
 
 

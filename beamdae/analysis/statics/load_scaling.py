@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from beamdae.analysis.statics.bordered_system import BorderedSystem
 from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.formulations.static_equations import StaticEquations
@@ -334,12 +335,7 @@ def build_loading(
     else:
         stages = resolve_load_stages(model, loads, caller)
         remaining = [set().union(*stages[k:]) for k in range(len(stages) + 1)]
-        models = [equations_of_motion(_remove_loads(model, names)) for names in remaining[:-1]]
-        # Parts that are inactive at the start are removed. Otherwise, the equations with all loads
-        # are known, and assembling them takes longer than a few load steps.
-        is_known = full_equations.configurations is None
-        with_all = _remove_loads(model, set())
-        models.append(full_equations if is_known else equations_of_motion(with_all))
+        models = [_equations_without(model, full_equations, names) for names in remaining]
     reduction = None
     if full_equations.redundant:
         reduction = remove_redundant_constraints(models[-1], time)
@@ -355,6 +351,21 @@ def build_loading(
     rows = {name: k for k, name in enumerate(full_equations.lam_names)}
     multiplier_rows = np.array([rows[name] for name in models[-1].lam_names], int)
     return Loading(full_equations, stages, systems, multiplier_rows, reduction)
+
+
+def _equations_without(
+    mechanism: Mechanism, full_equations: EquationsOfMotion, names: set[str]
+) -> EquationsOfMotion:
+    """Return the equations without the named loads and without initially inactive parts."""
+    # Assembling equations takes longer than a few load steps. The known ones contain inactive parts
+    # and weight, and may begin at other positions.
+    equations = None
+    if full_equations.configurations is None:
+        if not names:
+            return full_equations
+        if full_equations.start is None and GRAVITY not in names:
+            equations = remove_forces(full_equations, names)
+    return equations or equations_of_motion(_remove_loads(mechanism, names))
 
 
 def _remove_loads(mechanism: Mechanism, names: set[str]) -> Mechanism:

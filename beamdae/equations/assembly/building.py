@@ -195,6 +195,32 @@ def build_equations(
     )
 
 
+def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMotion | None:
+    """Return the equations of a mechanism without the forces and observables of some parts.
+
+    The numbers remain. The result is None if a force of another part shares a kernel with them.
+    """
+    laws_of_inputs = select_input_laws({} if e.mechanism is None else e.mechanism.inputs)
+    owned = [
+        (s.part.name, force.with_laws(laws_of_inputs)) for s in e.statements for force in s.forces
+    ]
+    kept = []
+    groups = group_by_kernel([force for _, force in owned])
+    for term, group in zip(e.structure.forces, groups, strict=True):
+        is_removed = {owned[k][0] in parts for k in group.members}
+        if len(is_removed) > 1:
+            return None
+        if is_removed == {False}:
+            kept.append(term)
+    return replace(
+        e,
+        structure=intern_structure(replace(e.structure, forces=tuple(kept))),
+        statements=tuple(s for s in e.statements if s.part.name not in parts),
+        observables=(),
+        events=(),
+    )
+
+
 def select_input_laws(inputs: Mapping[str, Input]) -> dict[str, Law]:
     """Return the laws of the inputs that are not numbers, by name of the input."""
     return {name: x.law for name, x in inputs.items() if x.law is not None}
