@@ -215,6 +215,14 @@ def test_regression_branch_points_of_thin_structures_are_interpolated(name, slen
     check_path(name, slenderness, elements, "exact")
 
 
+@pytest.mark.slow(reason="paths of thin frames with fine meshes, 2 s each")
+@pytest.mark.parametrize("slenderness", [1e5, 1.1e5, 1.2e5])
+def test_regression_thin_frames_with_fine_meshes_reach_their_load(slenderness):
+    # Symmetric elimination was given up for pivots chosen by size, which are less accurate there:
+    # the path ended at 0.97 of the load at L / h = 1e5, and at zero load at 1.2e5.
+    check_path("frame, portal, hinged, stiff beam", slenderness, 32, "exact")
+
+
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):
     case = BY_NAME["rigid bars, two bars, dead load"]
     first, second = case.reference(1e1, "exact")
