@@ -25,6 +25,7 @@ from beamdae.beams.kinematics import (
 )
 from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh, intern_mesh
 from beamdae.beams.sections import Section, SectionLaw, Taper, VaryingSection, require_section
+from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import (
     LargestStress,
     fiber_strain,
@@ -89,6 +90,15 @@ _BENDING_ERROR_OF_MOMENTS = {4: 0.6, 3: 0.6, 2: 2.0}
 _SLOPE_OF_MOMENT_ERROR = 3.6
 _MAX_ATTACHMENT_ERROR = 2e-4  # relative error of deflections above which `prepare` warns
 
+# Error of the bending flexibility above which `prepare` warns of sections that change within
+# elements. Deflections of stepped cantilevers have errors of up to 2.5 times this estimate.
+_MAX_SECTION_ERROR = 4e-3
+# Differences of the integral of 1 / EI between two quadratures, relative to its sum, and of 1 / EI
+# at the ends of an element from its extrapolation, above which more sections are evaluated.
+_RESOLVED_FLEXIBILITY = 1e-3
+_EXTRAPOLATED_FLEXIBILITY = 0.05
+_SECTIONS_PER_ELEMENT = 64  # evaluated where the section changes
+
 # Winkler & Bach: the bending stiffness of a curved rectangle whose axis keeps its length is
 # EI (1 + 0.15 (h/R)^2); without a normal force, the factor is 0.067.
 _WINKLER_BACH_STIFFNESS = 0.15
@@ -129,7 +139,8 @@ class Beam(Part):
         another `PlaneCurve`.
     section
         Cross-section. For a section that varies along the beam, a `taper` or a function of arc
-        length s [m] that returns a `Section`.
+        length s [m] that returns a `Section`. Where it jumps, elements must end (`elements=[...]`):
+        sections that change within elements, with an error of more than 0.4 %, have a warning.
     elements
         Number of elements, or the arc lengths of the element ends [m], ascending from 0 to the
         length of the curve. With a number n, the elements have equal arc length, unless a joint, a
@@ -305,7 +316,7 @@ class Beam(Part):
         The mesh does not change if it is final already (after an earlier assembly, with given
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
-        deflections.
+        deflections, or sections that change within elements cause an error of more than 0.4 %.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not self._has_final_mesh and not has_fixed_coordinates:
@@ -315,6 +326,7 @@ class Beam(Part):
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
+        _warn_about_sections_inside_elements(self.name, self.mesh, self.section)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
 
     @property
@@ -962,6 +974,73 @@ def attachment_errors(
             errors[k] += _BENDING_ERROR_OF_MOMENTS[mesh.nodes] * size * place
         errors[k] /= len({x for x in located if x[0] == element})
     return errors
+
+
+def _warn_about_sections_inside_elements(
+    part: str, mesh: Mesh, section: Section | VaryingSection
+) -> None:
+    if isinstance(section, Section):
+        return
+    error = section_error(mesh, section)
+    if error > _MAX_SECTION_ERROR:
+        message = (
+            f"{part}: the section changes within elements, which causes a relative error of about "
+            f"{error:.1g} in deflections; end elements where it jumps (elements=[...]), and use "
+            "shorter elements where it changes fast."
+        )
+        warn_user(message)
+
+
+def section_error(mesh: Mesh, section: VaryingSection) -> float:
+    """Estimate the relative error of deflections by sections that change within elements.
+
+    It is the sum of the absolute errors of the integral of 1 / EI over each element by its reduced
+    quadrature. Towards an end at which the section is thinnest, such as the tip of a wedge, bending
+    moments are assumed to vanish with the square of the distance.
+
+    Parameters
+    ----------
+    mesh, section
+        Mesh and section of a beam.
+    """
+    starts, sizes, length = mesh.element_bounds[:-1], mesh.element_lengths, mesh.curve.length
+
+    def flexibility(s: Array) -> Array:
+        return np.array([1.0 / section.at(x).EI for x in s.ravel().tolist()]).reshape(s.shape)
+
+    def points_at(places: Array, of: Array | slice = slice(None)) -> Array:
+        return starts[of, None] + np.outer(sizes[of], places)
+
+    xi, weights = gauss_points(mesh.nodes - 1)
+    s = points_at(0.5 * (1.0 + xi))
+    halves = np.array_split(flexibility(s).ravel(), 2)
+    at_ends = flexibility(np.array([0.0, length]))
+    thin_ends = [
+        end
+        for end, value, half in zip((0.0, length), at_ends, halves, strict=True)
+        if value > np.max(half)
+    ]
+
+    def weighted(s: Array) -> Array:
+        distances = [(s - end) / length for end in thin_ends]
+        return np.asarray(flexibility(s) * np.prod([x**4 for x in distances], axis=0))
+
+    values = weighted(s)
+    integrals = 0.5 * sizes * (values @ weights)
+    more_xi, more_weights = gauss_points(mesh.nodes)
+    others = 0.5 * sizes * (weighted(points_at(0.5 * (1.0 + more_xi))) @ more_weights)
+    total = float(np.sum(integrals))
+    # A jump near an end of an element may lie beyond the points of both quadratures.
+    extrapolation = np.linalg.solve(np.vander(xi).T, np.vander([-1.0, 1.0], len(xi)).T)
+    at_bounds = weighted(points_at(np.array([_END_GAP, 1.0 - _END_GAP])))
+    jumps = np.max(np.abs(at_bounds - values @ extrapolation), axis=1) * sizes
+    sizes_of_jumps = np.minimum(np.max(values, axis=1) * sizes, total)
+    changes = np.abs(integrals - others) > _RESOLVED_FLEXIBILITY * total
+    changes |= jumps > _EXTRAPOLATED_FLEXIBILITY * sizes_of_jumps
+    places = (np.arange(_SECTIONS_PER_ELEMENT) + 0.5) / _SECTIONS_PER_ELEMENT
+    accurate = sizes[changes] * np.mean(weighted(points_at(places, changes)), axis=1)
+    errors = accurate - integrals[changes]
+    return float(np.sum(np.abs(errors)) / (total + np.sum(errors)))
 
 
 def _measure_curvature(mesh: Mesh, section: Section | VaryingSection) -> Mapping[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -310,3 +311,50 @@ def test_the_section_at_each_point_is_evaluated_once():
     mech.add(bd.Weld("clamp", mech.ground.at(*beam.start.point), beam.start))
     bd.equations_of_motion(mech)
     assert len(arguments) == len(set(arguments))
+
+
+def stepped(s):
+    return bd.Section.rectangle(ALLOY, width=0.02, height=0.01 if s < 0.37 else 0.005)
+
+
+def notched(s):
+    depth = 2.0 * (0.005 - np.sqrt(max(0.005**2 - (s - 0.05) ** 2, 0.0)))
+    return bd.Section.rectangle(ALLOY, width=0.01, height=0.0005 + depth)
+
+
+@pytest.mark.parametrize(
+    ("section", "length", "elements", "rotation_error"),
+    [
+        (stepped, 1.0, 4, 0.065),
+        (stepped, 1.0, [0.0, 0.25, 0.37, 0.7, 1.0], 0.0),
+        (notched, 0.1, 8, 0.36),
+        (notched, 0.1, [0.0, 0.045, *np.linspace(0.0455, 0.0545, 19), 0.055, 0.1], 0.0),
+        (bd.taper(bd.Section.rectangle, ALLOY, width=0.02, height=(0.01, 1e-6)), 1.0, 4, 0.0),
+    ],
+)
+def test_regression_sections_that_change_within_elements_warn_of_the_error(
+    section, length, elements, rotation_error
+):
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), section, elements=elements))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        bd.equations_of_motion(mech)
+    messages = [str(x.message) for x in caught if "the section changes" in str(x.message)]
+    if not rotation_error:
+        assert messages == []
+        return
+    # The end of a cantilever rotates by the integral of M / EI under a moment M.
+    moment = 1e-4
+    mech.add(bd.Moment("moment", beam.end, moment))
+    mech.observe("end", beam.end)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        rotation = bd.equilibrium(mech)["end.angle"].iloc[-1]
+    s = (np.arange(20_000) + 0.5) / 20_000 * length
+    exact = moment * length * np.mean([1.0 / section(x).EI for x in s.tolist()])
+    error = abs(rotation / exact - 1.0)
+    assert error == pytest.approx(rotation_error, rel=0.05)
+    (message,) = messages
+    assert f"relative error of about {error:.1g} in deflections" in message
