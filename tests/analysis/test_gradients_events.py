@@ -250,3 +250,14 @@ def test_regression_sweeps_keep_no_chain_of_matrices(monkeypatch):
     monkeypatch.setattr(run_adjoint, "transpose_alpha_steps", transpose_steps)
     bd.gradient(swing, bd.EndValue("tip.x"), "torque", ALPHA, estimate_error=False)
     assert sources == [None, None, None]
+
+
+@pytest.mark.parametrize(
+    ("exponent", "step", "match"),
+    [(50.0, 0.1, "is estimated at 22 %"), (300.0, 0.01, "changes by a factor of .* or more")],
+)
+def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step, match):
+    """Gradients were 91 and 66 % wrong, which runs by twice the step did not show."""
+    objective, method = bd.SmoothMaximum("ball.y_dot", exponent), bd.GeneralizedAlpha(step=step)
+    with pytest.warns(bd.BeamdaeWarning, match=match):
+        bd.gradient(bounce, objective, ["height", "gravity", "restitution"], method, 0.9)

@@ -4,9 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.optimization import search
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint
@@ -303,6 +305,29 @@ def test_regression_parameters_whose_neighbors_are_rejected_have_gradients(quant
 
     result = bd.optimize(strip, quantity, "height", bounds={"height": (0.01, 0.02)})
     assert result.parameters["height"] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "is_advised"), [(ALPHA, False), (bd.GeneralizedAlpha(rtol=1e-3), True)]
+)
+def test_regression_searches_that_end_early_name_their_cause(integrator, is_advised, monkeypatch):
+    """They ended with "Positive directional derivative for linesearch"."""
+    message = "Positive directional derivative for linesearch"
+
+    def fail(function, begin, **options):
+        function(begin)
+        return OptimizeResult(x=begin, success=False, status=8, message=message)
+
+    monkeypatch.setattr(search, "minimize", fail)
+    with pytest.warns(bd.BeamdaeWarning, match="no step along the search direction"):
+        result = bd.optimize(
+            truss,
+            bd.EndValue("crown.y"),
+            "rise",
+            bounds={"rise": (0.1, 0.3)},
+            integrator=integrator,
+        )
+    assert ("use a fixed step" in result.status.sentence) is is_advised
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -33,6 +33,8 @@ Array = np.ndarray
 _POINTS_PER_STEP = 8
 # Powers of larger exponents of a smooth maximum are dominated by rounding errors of single rows.
 _MAX_EXPONENT = 1000.0
+# Largest difference of times, relative to the times, of samples before and after a jump.
+_JUMP = 4.0 * float(np.finfo(float).eps)
 
 
 class Summand:
@@ -322,6 +324,23 @@ class SmoothMaximum(ColumnObjective):
         norm = mean ** (1.0 / p)
         derivative = norm / mean * weights * ratios ** (p - 1.0) * np.sign(y)
         return largest * norm, derivative
+
+    def change_between_samples(self, t: Array, y: Array, weights: Array) -> float:
+        """Return the change of ln |y|^p between neighboring samples at which |y|^p is large.
+
+        It is a mean with the weights of the samples in the value; `weights` are those of integrals.
+        Samples at the times t [s] (k,) that differ by rounding, as at jumps, are not compared.
+        """
+        sizes = np.abs(y)
+        largest = float(np.max(sizes))
+        if largest == 0.0 or len(t) < 2:
+            return 0.0
+        logarithms = self.exponent * np.log(np.maximum(sizes / largest, np.finfo(float).tiny))
+        shares = weights * np.exp(logarithms)
+        is_jump = np.diff(t) <= _JUMP * np.abs(t[1:])
+        changes = np.where(is_jump, 0.0, np.abs(np.diff(logarithms)))
+        largest_changes = np.maximum(np.append(0.0, changes), np.append(changes, 0.0))
+        return float(shares @ largest_changes / np.sum(shares))
 
     def end_derivative(self, value: float, y: float, rate: float, duration: float) -> float:
         """See `ColumnObjective`."""

@@ -167,6 +167,13 @@ class DesignProblem:
             names |= dict.fromkeys(x for x in columns if isinstance(x, str))
         return tuple(names)
 
+    @property
+    def has_adaptive_steps(self) -> bool:
+        """True if quantities of runs with adaptive steps are used."""
+        method = self._settings.integrator or DEFAULT_METHOD
+        leaves = (leaf for quantity in self._quantities for leaf in quantity.leaves)
+        return method.accuracy.name == "rtol" and any(isinstance(x, RunQuantity) for x in leaves)
+
     def without_designs(self) -> DesignProblem:
         """Return the problem without stored analyses, which need much memory."""
         other = copy.copy(self)

@@ -32,6 +32,13 @@ _MAX_RESIDUAL = 0.1
 _MIN_RELATIVE_VALUE = 1e-8
 # The search ends after this number of failed analyses in a row.
 _MAX_FAILURES = 15
+# SciPy's message if no step along the search direction of SLSQP reduces the objective, and ours.
+_LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
+_NO_DECREASE = "no step along the search direction reduces the objective"
+_ADAPTIVE_STEPS = (
+    "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "
+    "GeneralizedAlpha(step=1e-3)"
+)
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
 
@@ -208,6 +215,8 @@ class Search:
         is_stationary = stationarity and stationarity.residual <= _STATIONARITY_TOLERANCE
         if status.kind == "limited" and is_feasible and is_stationary:
             status = Status("ok", "converged to the accuracy of the analyses")
+        elif self._problem.has_adaptive_steps and self._is_stuck(best, status):
+            status = Status(status.kind, f"{status.sentence}; {_ADAPTIVE_STEPS}")
         count = sum(bool(x.failure) for x in trials)
         if count and status.kind != "ok":
             last = [x.failure for x in trials if x.failure][-1]
@@ -215,6 +224,12 @@ class Search:
                 status.kind, f"{status.sentence}; {count} analyses failed, the last one: {last}"
             )
         return self._result(best, status, stationarity)
+
+    def _is_stuck(self, best: Trial, status: Status) -> bool:
+        """Return True if a search ended, or made no progress in its second half."""
+        trials = list(self._trials.values())
+        is_early = 2 * next(k for k, x in enumerate(trials) if x is best) < len(trials)
+        return status.kind == "limited" and (is_early or _NO_DECREASE in status.sentence)
 
     def _minimize(self) -> Status:
         problem = self._problem
@@ -260,7 +275,8 @@ class Search:
                 options=options,
             )
         if not result.success or (self._method != "SLSQP" and result.status == 0):
-            return Status("limited", str(result.message).rstrip("."))
+            message = str(result.message).rstrip(".")
+            return Status("limited", _NO_DECREASE if message == _LINE_SEARCH_FAILURE else message)
         self._end = self._trials.get(self._numbers(result.x).tobytes())
         return Status("ok", "converged")
 

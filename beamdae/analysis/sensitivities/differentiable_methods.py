@@ -30,9 +30,8 @@ _RTOL_RATIO = 10.0
 # used. A difference of 1.6 % was the smallest for an error above 5 %.
 _MIN_SUSPECT_ERROR_OF_RADAU = 0.01
 # Estimate from the difference of single numbers, such as gradients, by a fixed step and twice this
-# step, above which half the step is used, too. With 12 steps per period, it was 3 % for gradients
-# that were 124 times too large.
-_MIN_SUSPECT_ERROR_OF_NUMBERS = 0.01
+# step, above which half the step is used, too. It was 0.8 % for gradients that were 91 % wrong.
+_MIN_SUSPECT_ERROR_OF_NUMBERS = 0.001
 # Reason of interrupts after which only the estimate of the error is missing.
 INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
 # Fraction of the rows that are not compared: those with the largest differences. Columns that jump
