@@ -124,7 +124,7 @@ def test_solutions_by_symmetric_elimination_agree_with_chosen_pivots(monkeypatch
     assert_allclose(eliminated, expected, atol=1e-9 * np.max(np.abs(expected)))
 
 
-def largest_eigenvalues_of(matrix, count):
+def largest_eigenvalues_of(matrix, count, with_vectors=True):
     """Return the eigenvalues of largest magnitude of a symmetric matrix, and their vectors."""
     space = KrylovSpace.allocate(len(matrix))
 
@@ -135,7 +135,7 @@ def largest_eigenvalues_of(matrix, count):
                 space.images[k] = matrix @ space.basis[k]
             end_block(space)
 
-    return largest_eigenvalues(space, extend, count, 1e-12)
+    return largest_eigenvalues(space, extend, count, 1e-12, with_vectors)
 
 
 def test_krylov_subspaces_find_double_eigenvalues():
@@ -146,6 +146,9 @@ def test_krylov_subspaces_find_double_eigenvalues():
     values, found = largest_eigenvalues_of(matrix, 4)
     assert_allclose(values, [-9.0, 5.0, 5.0, 2.0], rtol=1e-10)
     assert_allclose(matrix @ found, found * values, atol=1e-5)
+    alone, nothing = largest_eigenvalues_of(matrix, 4, with_vectors=False)
+    assert_allclose(alone, values, rtol=1e-13)
+    assert nothing.shape == (40, 0)
 
 
 def test_krylov_subspaces_end_at_the_rank_of_the_operator():

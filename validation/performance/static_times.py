@@ -87,11 +87,11 @@ def time_path(mechanism: bd.Mechanism, steps: int) -> PathTimes:
     active: list[str] = []
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
             begin = time.process_time()
             active.append(part)
             try:
-                return function(*arguments)
+                return function(*arguments, **options)
             finally:
                 active.pop()
                 # Calls within calls are not counted twice.

@@ -374,7 +374,7 @@ class BorderedSystem:
         self._follows: bool | None = None
         # Tests compare symmetric elimination with pivots chosen by size.
         self._eliminates = True
-        self._initial_x = np.append(loaded.q0, np.zeros(loaded.m))
+        self._initial_q = loaded.q0
         self.increments = StrainIncrements.of(loaded)
         self.measure = DisplacementMeasure.of(loaded)
         loop = self._take_idle_loop() or self._make_loop(compiles=False)
@@ -405,11 +405,8 @@ class BorderedSystem:
                 plan.set_data(total, p)
                 set_time(total, *self._time)
         run.points[:], run.distance_weights[:] = self.measure.point, self.measure.scale**-2.0
-        run.held[:] = 0.0
+        run.reference[: self._n], run.needs_scales = self._initial_q, 1
         self._evaluated_x[:] = np.nan
-        self._run(self._initial_x, 0.0, EVALUATE_TANGENT)
-        run.saddle.scale_by_reference(run.nonzeros)
-        run.held[:] = (run.saddle.size or 1.0) / self._scales[self._held] ** 2
         if loop.is_native:
             weakref.finalize(self, self._idle_loops.append, loop).atexit = False
 
@@ -450,8 +447,10 @@ class BorderedSystem:
                 residual=np.zeros(size + 1),
                 change=np.zeros(size + 1),
                 response=np.zeros(size),
+                reference=np.zeros(self._n + size),
                 held_targets=self._held_targets,
                 held=np.zeros(len(self._held)),
+                held_squares=self._scales[self._held] ** 2,
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),
                 weights=np.append(1.0 / self._scales, np.zeros(size + 1 - self._n)),
@@ -620,7 +619,7 @@ class BorderedSystem:
         )[:n]
 
     def nearest_modes(
-        self, x: Array, mu: float, count: int, tolerance: float
+        self, x: Array, mu: float, count: int, tolerance: float, with_vectors: bool = True
     ) -> NearestModes | None:
         """Return the eigenvalues of the stiffness nearest to zero, or None.
 
@@ -633,7 +632,7 @@ class BorderedSystem:
             Equilibrium.
         count
             Number of eigenvalues; all of them if there are fewer.
-        tolerance
+        tolerance, with_vectors
             See `krylov_eigenvalues.largest_eigenvalues`.
         """
         if not self.is_native:
@@ -649,12 +648,16 @@ class BorderedSystem:
             self._loop()
 
         try:
-            inverse, vectors = largest_eigenvalues(run.space, extend, min(count, n - m), tolerance)
+            inverse, vectors = largest_eigenvalues(
+                run.space, extend, min(count, n - m), tolerance, with_vectors
+            )
         except ArithmeticError:
             return None
         eigenvalues = 1.0 / inverse - saddle.last_shift
-        order = np.argsort(eigenvalues)
-        return NearestModes(eigenvalues[order], vectors[:, order], negative_count, saddle.size)
+        order = eigenvalues.argsort()
+        if with_vectors:
+            vectors = vectors[:, order]
+        return NearestModes(eigenvalues[order], vectors, negative_count, saddle.size)
 
     def correct(
         self,

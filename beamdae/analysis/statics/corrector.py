@@ -78,10 +78,11 @@ class EquilibriumPoint:
     @cached_property
     def eigenvalue_ratio(self) -> float:
         """Ratio of the two smallest eigenvalues by magnitude; infinity if not applicable."""
-        modes = self.system.bordered.nearest_modes(self.x, self.mu, 2, _RATIO_TOLERANCE)
+        bordered = self.system.bordered
+        modes = bordered.nearest_modes(self.x, self.mu, 2, _RATIO_TOLERANCE, with_vectors=False)
         zero = 0.0 if modes else self.stability.zero_tolerance
         eigenvalues = modes.eigenvalues if modes else self.stability.eigenvalues
-        sizes = np.sort(np.abs(eigenvalues))[:2]
+        sizes = sorted(map(abs, eigenvalues.tolist()))[:2]
         # A motion without stiffness has none on any mesh.
         if len(sizes) < 2 or sizes[0] <= zero:
             return np.inf

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg.lapack import dsyevd
+from scipy.linalg.lapack import dsyev, dsyevd
 
 from beamdae.native.loop_functions import combine, inner_product
 
@@ -104,7 +104,11 @@ def end_block(space: KrylovSpace) -> None:
 
 
 def largest_eigenvalues(
-    space: KrylovSpace, extend: Callable[[int], None], count: int, tolerance: float
+    space: KrylovSpace,
+    extend: Callable[[int], None],
+    count: int,
+    tolerance: float,
+    with_vectors: bool = True,
 ) -> tuple[Array, Array]:
     """Return the eigenvalues of largest magnitude and their orthonormal vectors, (n, k).
 
@@ -121,7 +125,9 @@ def largest_eigenvalues(
     tolerance
         Largest permitted relative change of the eigenvalues by each of the last two blocks.
         (Residuals are not used: rounding errors of a nearly singular operator exceed its small
-        eigenvalues.)
+        small eigenvalues.)
+    with_vectors
+        False to return no vectors, (n, 0).
 
     Raises
     ------
@@ -138,20 +144,24 @@ def largest_eigenvalues(
             extend(1)
             projected = _project(space)
         previous, size = space.ends[block - 1 : block + 1].tolist()
-        # `numpy.linalg.eigh` takes twice as long for matrices of this size.
-        eigenvalues, shares, failure = dsyevd(projected[:size, :size])
+        # `numpy.linalg.eigvalsh` takes twice as long for matrices of this size.
+        eigenvalues, _, failure = dsyev(projected[:size, :size], compute_v=False)
         if failure:
             break
-        all_values = eigenvalues.tolist()
-        order = sorted(range(size), key=lambda k: -abs(all_values[k]))[:count]
-        values = [all_values[k] for k in order]
+        values = sorted(eigenvalues.tolist(), key=abs, reverse=True)[:count]
         is_unchanged = len(last) == count and all(
             abs(value - before) <= tolerance * abs(value)
             for value, before in zip(values, last, strict=True)
         )
         confirmations = confirmations + 1 if is_unchanged else 0
         if size == previous or confirmations == _CONFIRMATIONS:
-            return np.array(values), space.basis[:size].T @ shares[:, order]
+            if not with_vectors:
+                return np.array(values), np.zeros((space.basis.shape[1], 0))
+            eigenvalues, shares, failure = dsyevd(projected[:size, :size])
+            if failure:
+                break
+            order = np.argsort(-np.abs(eigenvalues), kind="stable")[:count]
+            return eigenvalues[order], space.basis[:size].T @ shares[:, order]
         last = values
     raise ArithmeticError("the eigenvalues do not converge")
 

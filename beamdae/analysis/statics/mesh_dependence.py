@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -154,10 +155,9 @@ def recheck_stability(model: object, loading: Loading, path: EquilibriumPath) ->
     unstable = np.array([point.unstable_count for point in points])
     unchanged = StabilityRecheck(unstable, path.critical, ())
     rows = [one.row for one in path.critical]
-    sections = np.split(np.arange(len(points)), rows)
     doubtful = set[int]()
-    for part in sections:
-        doubtful.update(_doubtful_rows(points, [k for k in part.tolist() if k not in rows]))
+    for first, last in pairwise([-1, *rows, len(points)]):
+        doubtful.update(_doubtful_rows(points, range(first + 1, last)))
     # The end of a failed path, for example just before a limit point, is no result.
     last = len(points) - 1
     is_small = last not in rows and points[last].eigenvalue_ratio < _SMALL_EIGENVALUE_RATIO

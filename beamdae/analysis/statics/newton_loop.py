@@ -24,6 +24,7 @@ from beamdae.analysis.statics.saddle_elimination import (
     SaddlePoint,
     count_signs,
     factorize_saddle_point,
+    scale_by_reference,
     serve_solutions,
     solve_saddle_point,
 )
@@ -183,8 +184,11 @@ class BorderedWorkspace:
     response, denominator, has_response
         Solution of the tangent for `column`, (n + m,), and the pivot of the control equation; and 1
         if the solution depends on them, else 0.
-    held_targets, held
-        Springs in the tangent: nonzeros[held_targets] += held.
+    reference
+        (q, 0, lam) in the reference configuration, whose tangent scales `saddle` and `held`.
+    held_targets, held, held_squares
+        Springs in the tangent: nonzeros[held_targets] += held; squares of the natural sizes of
+        their coordinates.
     rows, columns
         Rows and columns of `nonzeros`.
     weights
@@ -206,6 +210,8 @@ class BorderedWorkspace:
         `EXTEND_SPACE` to add blocks to `space` with the last factors of `saddle`; `CORRECT` to
         find the equilibrium at which the control has its target value; `FOLLOW_LOAD` to take load
         steps.
+    needs_scales
+        1 if the numbers of the model have changed since the scales were set, else 0.
     has_forces, has_tangent, has_signs
         1 if forces, tangent or signs of pivots have been evaluated at `inputs` and `mu`, else 0.
     has_factors
@@ -274,8 +280,10 @@ class BorderedWorkspace:
     residual: Array
     change: Array
     response: Array
+    reference: Array
     held_targets: Array
     held: Array
+    held_squares: Array
     rows: Array
     columns: Array
     weights: Array
@@ -311,6 +319,7 @@ class BorderedWorkspace:
     max_step: float = 0.0
     load_target: float = 0.0
     task: int = EVALUATE_FORCES
+    needs_scales: int = 1
     has_forces: int = 0
     has_tangent: int = 0
     has_signs: int = 0
@@ -336,6 +345,8 @@ class BorderedWorkspace:
 
 def perform_task(run: BorderedWorkspace) -> int:
     """Perform the task; return DONE, another code of this module or that of the linear solver."""
+    if run.needs_scales == 1:
+        _set_scales(run)
     if run.task == EXTEND_SPACE:
         _extend_space(run)
         return DONE
@@ -344,6 +355,28 @@ def perform_task(run: BorderedWorkspace) -> int:
     if run.task == FOLLOW_LOAD:
         return _follow_load(run)
     return _solve_bordered(run, run.task)
+
+
+def _set_scales(run: BorderedWorkspace) -> None:
+    """Set the scales of `saddle` and `held` by the tangent in the reference configuration."""
+    _evaluate_tangent(run, run.reference)
+    combine(run.nonzeros, (1.0, 1.0), (run.common.nonzeros, run.unloaded.nonzeros))
+    scale_by_reference(run.saddle, run.nonzeros)
+    for k in range(run.held.size):
+        run.held[k] = run.saddle.joint_size / run.held_squares[k]
+    run.needs_scales, run.has_tangent = 0, 1
+    for k in range(run.inputs.size):
+        if run.inputs[k] != run.reference[k]:
+            run.has_tangent = 0
+
+
+def _evaluate_tangent(run: BorderedWorkspace, inputs: Array) -> None:
+    common, unloaded, loaded = run.common, run.unloaded, run.loaded
+    evaluate_sum(common.tangent, inputs, common.nonzeros)
+    evaluate_sum(unloaded.tangent, inputs, unloaded.nonzeros)
+    evaluate_sum(loaded.tangent, inputs, loaded.nonzeros)
+    combine(run.nonzeros, (1.0, -1.0), (loaded.nonzeros, unloaded.nonzeros))
+    run.load_stiffness = max_norm(run.nonzeros, run.nonzeros)
 
 
 def _extend_space(run: BorderedWorkspace) -> None:
@@ -643,11 +676,7 @@ def _solve_bordered(run: BorderedWorkspace, task: int) -> int:
     if task == EVALUATE_FORCES:
         return DONE
     if run.has_tangent == 0:
-        evaluate_sum(common.tangent, run.inputs, common.nonzeros)
-        evaluate_sum(unloaded.tangent, run.inputs, unloaded.nonzeros)
-        evaluate_sum(loaded.tangent, run.inputs, loaded.nonzeros)
-        combine(run.nonzeros, (1.0, -1.0), (loaded.nonzeros, unloaded.nonzeros))
-        run.load_stiffness = max_norm(run.nonzeros, run.nonzeros)
+        _evaluate_tangent(run, run.inputs)
         run.has_tangent = 1
     parts = (common.nonzeros, unloaded.nonzeros, loaded.nonzeros)
     combine(run.nonzeros, (1.0, 1.0 - mu, mu), parts)

@@ -219,17 +219,21 @@ class SaddlePoint:
             ones=np.ones(count),
         )
 
-    def scale_by_reference(self, tangent: Array) -> None:
-        """Set scales and `reference` by the tangent in the reference configuration, unloaded."""
-        n = len(self.shift)
-        values = np.abs(self.weights * tangent[self.entries])
-        self.size = self.reference = float(np.max(values, initial=0.0))
-        columns = self.scales[self.joint_columns]
-        largest = np.zeros(len(self.scales))
-        np.maximum.at(largest, self.joint_rows, np.abs(columns * tangent[self.joint_entries]))
-        self.joint_size = self.size or 1.0
-        self.scales[n:] = self.joint_size / np.where(largest[n:] > 0.0, largest[n:], 1.0)
-        self.joint_weights[:] = columns * self.scales[self.joint_rows]
+
+def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
+    """Set scales and `reference` by the tangent in the reference configuration, unloaded."""
+    n, largest, scales, count = run.shift.size, run.work, run.scales, run.entries.size
+    gather(run.values, run.counting, run.weights, tangent, run.entries, 0, count)
+    run.size = run.reference = max_norm(run.values, run.ones)
+    run.joint_size = run.size if run.size > 0.0 else 1.0
+    fill(largest, 0.0)
+    for k in range(run.joint_rows.size):
+        entry = abs(scales[run.joint_columns[k]] * tangent[run.joint_entries[k]])
+        largest[run.joint_rows[k]] = max(largest[run.joint_rows[k]], entry)
+    for k in range(n, scales.size):
+        scales[k] = run.joint_size / (largest[k] if largest[k] > 0.0 else 1.0)
+    for k in range(run.joint_rows.size):
+        run.joint_weights[k] = scales[run.joint_columns[k]] * scales[run.joint_rows[k]]
 
 
 def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:

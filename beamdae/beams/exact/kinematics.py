@@ -111,7 +111,7 @@ class GeometricallyExact(FormulationKinematics):
         """Matrix that maps beam coordinates to element coordinates, (elements * size, n)."""
         return self._select_nodes(self.mesh.element_nodes)
 
-    @property
+    @geometric_property
     def axis_nodes(self) -> Array:
         """Indices of the coordinates (x, y, psi) of element nodes, (elements, nodes, 3)."""
         return NODE_SIZE * self.mesh.element_nodes[..., None] + np.arange(NODE_SIZE)
@@ -165,7 +165,8 @@ class GeometricallyExact(FormulationKinematics):
 
     def largest_strain(self, q: Array) -> float:
         """Return the largest axial strain of outer fibers [-] in the states q (k, n)."""
-        element = np.asarray(self.operator @ q.T).T.reshape(-1, self.element.size)
+        # The operator selects the coordinates of each element.
+        element = q[:, self.operator.indices].reshape(-1, self.element.size)
         data = np.tile(self.data(np.zeros(2)).T, (len(q), 1))
         return float(np.max(strain_function(self.element)(element, data)))
 
