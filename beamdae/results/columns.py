@@ -31,6 +31,12 @@ _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 ra
 # Accelerations of symmetric frames in impacts reach 5.3e-7.
 _VANISHING_TO_OTHERS_RATIO = 8e-7
 
+# Columns whose half range is at or below these are constant but for errors of the integration.
+# Stresses of a rotating blade vary by up to 10 times rtol, its deflections by up to 3e-3 times.
+_ERROR_TO_VALUE_RATIO = 10.0  # relative to rtol and the largest value
+_MAX_ERROR_TO_VALUE_RATIO = 1e-3  # for all rtol
+_ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, or 1 rad
+
 # Units of rotations: the unit of the same quantity of translations, and the power of a length [m]
 # with which values are multiplied to compare them.
 UNITS_OF_TRANSLATIONS = {
@@ -326,3 +332,32 @@ def mark_resting_columns(
         _REST_TO_SIZE_RATIO * size,
     )
     return np.asarray(half_range <= np.maximum.reduce(limits))
+
+
+def mark_constant_columns(
+    headers: Sequence[str], values: np.ndarray, half_range: np.ndarray, length: float, rtol: float
+) -> np.ndarray:
+    """Return the mask of the columns that vary by no more than errors of the integration.
+
+    Parameters
+    ----------
+    headers
+        Headers of the columns.
+    values
+        Values of the columns (k, columns).
+    half_range
+        Half the range of each column, (columns,).
+    length
+        Length of the mechanism [m].
+    rtol
+        Tolerance of the run; 0 for fixed steps.
+    """
+    by_value = min(_ERROR_TO_VALUE_RATIO * rtol, _MAX_ERROR_TO_VALUE_RATIO)
+    limits = by_value * np.max(np.abs(values), axis=0)
+    # Values of positions and angles depend on the origin.
+    sizes = {"m": length, "rad": 1.0}
+    for k, header in enumerate(headers):
+        size = sizes.get(Header.of(header).unit)
+        if size is not None:
+            limits[k] = _ERROR_TO_SIZE_RATIO * rtol * size
+    return np.asarray(half_range <= limits)

@@ -36,7 +36,6 @@ from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
     StepExtremes,
     find_missed_peaks,
-    may_have_short_peaks,
     measure_step_extremes,
     missed_peak_warnings,
     unknown_peak_warnings,
@@ -157,13 +156,18 @@ class RunData:
 
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:
-        """Peaks between the rows of columns that abrupt forces change within a step, by header.
+        """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
+        rtol = self.integrator.get("rtol") or 0.0
+        return find_missed_peaks(
+            self.columns, self.step_extremes, self.equations.length, rtol, self._find_drift
+        )
 
-        Positions, velocities and works are excluded. Empty for models without abrupt forces.
-        """
-        if not may_have_short_peaks(self.equations):
-            return {}
-        return find_missed_peaks(self.columns, self.step_extremes, self.equations.length)
+    def _find_drift(self) -> tuple[float, float]:
+        """Return the largest drift [m, m/s] at the steps and the output times."""
+        at_rows = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
+        at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift
+        position, velocity = map(max, at_rows, at_steps)
+        return position, velocity
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""

@@ -38,17 +38,17 @@ def test_regression_small_vibrations_of_a_travelling_part_have_a_warning(integra
         solution = bd.simulate(train(), integrator, t_end=8.0, output_step=0.05)
     exact = AMPLITUDE * (np.cos(FREQUENCY * solution.t) - 1.0)
     assert np.max(np.abs(solution["sensor.x"] - exact)) > 0.01 * AMPLITUDE
-    (text,) = [str(x.message) for x in caught]
+    (text,) = [str(x.message) for x in caught if "amplitude of its parts" in str(x.message)]
     assert re.match(r"sensor\.x: half its range, 0\.00\d+ m, is only 1e-05", text)
     rtol = float(re.search(r"use rtol=([-e\d]+)\.", text).group(1))
     accurate = bd.simulate(train(), bd.Auto(rtol), t_end=8.0, output_step=0.05)
-    assert not accurate.warnings
+    assert not small_motion_warnings(accurate)
     assert np.max(np.abs(accurate["sensor.x"] - exact)) < 5e-3 * AMPLITUDE
 
 
 @pytest.mark.parametrize("setting", [{"speed": 0.0}, {"is_coupled": False}])
 def test_vibrations_at_rest_and_motions_that_joints_prescribe_have_no_warning(setting):
-    assert not bd.simulate(train(**setting), t_end=2.0, output_step=0.05).warnings
+    assert not bd.simulate(train(**setting), t_end=2.0, output_step=0.02).warnings
 
 
 @pytest.mark.parametrize("torque", [1.0, 10.0])
@@ -78,6 +78,18 @@ def test_the_warning_names_further_columns():
     assert not small_motion_warnings(bd.simulate(mech, bd.Radau(1e-9), t_end=60.0))
     fixed = bd.simulate(mech, bd.GeneralizedAlpha(0.01), t_end=60.0)
     assert not small_motion_warnings(fixed)  # The step does not refer to amplitudes.
+
+
+@pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5)])
+def test_regression_small_motions_that_the_steps_resolve_have_no_warning(integrator):
+    """Errors of several percent were announced for columns that are far more accurate."""
+    stage = bd.load_model("example:voice_coil_stage")()
+    solution = bd.simulate(stage, integrator, t_end=0.1)
+    reference = bd.simulate(stage, bd.Radau(1e-8), t_end=0.1)
+    angle, exact = solution["platform.angle"], reference["platform.angle"]
+    assert np.ptp(exact) < 1e-6
+    assert np.max(np.abs(angle - exact)) < 1e-3 * np.ptp(exact)
+    assert not small_motion_warnings(solution)
 
 
 def flexible_slider():

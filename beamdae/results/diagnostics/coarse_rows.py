@@ -7,7 +7,12 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from beamdae.errors import list_first
-from beamdae.results.columns import UNITS_OF_TRANSLATIONS, Header, remove_unit
+from beamdae.results.columns import (
+    UNITS_OF_TRANSLATIONS,
+    Header,
+    mark_constant_columns,
+    remove_unit,
+)
 
 Array = np.ndarray
 
@@ -74,6 +79,7 @@ def coarse_row_warnings(
     min_half_range = max(_MIN_HALF_RANGE, _ERROR_PER_RTOL * rtol)
     duration = float(t[-1] - t[0])
     moves = _find_moving(headers, half_range, magnitude, length, duration, min_half_range)
+    moves &= ~mark_constant_columns(headers, rows, half_range, length, rtol)
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     exceeds = excess > _MIN_EXCESS * half_range

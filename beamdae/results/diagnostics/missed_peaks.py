@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +13,9 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
 from beamdae.results.columns import (
+    UNITS_OF_TRANSLATIONS,
     Header,
+    mark_constant_columns,
     mark_resting_columns,
     mark_vanishing_columns,
     remove_unit,
@@ -21,8 +24,7 @@ from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
-# Units of positions, velocities and works, which abrupt forces change gradually; forces, powers,
-# accelerations, stresses, strains, and signals of controllers in any unit may change within a step.
+# Units of positions, velocities and works, which abrupt forces change gradually.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 _ROUNDING_OF_STRAINS = 1e-12
@@ -30,6 +32,8 @@ _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
+_MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
+_DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 
 
 @dataclass(frozen=True)
@@ -52,20 +56,52 @@ class MissedPeak:
 
     Attributes
     ----------
+    column
+        Header of the column.
     time
         Time of the peak [s].
+    side
+        "smallest" or "largest".
+    value, row_value
+        The peak, and the smallest or largest value of the rows, in the unit of the column.
     half_range
         Half the range of the column, including the steps.
-    error
-        Difference of the peak from the rows relative to half the range [-].
-    description
-        Column, peak and time; the beginning of a sentence.
     """
 
+    column: str
     time: float
+    side: str
+    value: float
+    row_value: float
     half_range: float
-    error: float
-    description: str
+
+    @property
+    def error(self) -> float:
+        """Difference of the peak from the rows relative to half the range [-]."""
+        return abs(self.value - self.row_value) / self.half_range
+
+    @property
+    def description(self) -> str:
+        """Column, peak and time; the beginning of a sentence."""
+        value, row_value = self._format_values()
+        return (
+            f"{remove_unit(self.column)}: the output rows miss its {self.side} value, {value} at "
+            f"t = {self.time:.6g} s, and reach only {row_value}"
+        )
+
+    @property
+    def comparison(self) -> str:
+        """Column, peak and value of the rows in brackets."""
+        value, row_value = self._format_values()
+        return f"{remove_unit(self.column)} ({value}, rows {row_value})"
+
+    def _format_values(self) -> tuple[str, str]:
+        """Return both values with as many digits as show their difference."""
+        values, unit = (self.value, self.row_value), Header.of(self.column).unit
+        largest = max(map(abs, values))
+        digits = math.ceil(-math.log10(abs(values[0] - values[1]) / largest)) + _DIGITS_OF_MISS
+        digits = max(digits, _MIN_DIGITS)
+        return f"{values[0]:.{digits}g} {unit}", f"{values[1]:.{digits}g} {unit}"
 
 
 def measure_step_extremes(
@@ -98,6 +134,8 @@ def measure_step_extremes(
     extremes: tuple[Array, Array] | None = None
     intervals_of_rows = trajectory.interval_index(row_times)
     for number, interval in enumerate(trajectory.intervals):
+        if interval.t[0] == interval.t[-1] and begin < end:
+            continue  # between simultaneous events, where states have no duration
         evaluate = ObservedRows(equations.with_loads_of(interval.configuration))
         known = _select_known_steps(interval, rows_of_table[intervals_of_rows == number])
         rows = interval.times[:: interval.nodes_per_step]
@@ -228,12 +266,16 @@ def _find_extremes(times: Array, columns: Array) -> tuple[Array, Array]:
 
 
 def find_missed_peaks(
-    observed: Mapping[str, Array], extremes: Mapping[str, StepExtremes], length: float
+    observed: Mapping[str, Array],
+    extremes: Mapping[str, StepExtremes],
+    length: float,
+    rtol: float = 0.0,
+    find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
 ) -> dict[str, MissedPeak]:
     """Return the missed peak of each column whose largest or smallest value the rows miss.
 
-    Positions, velocities and works are not considered, nor are differences of at most 1 % of the
-    range of the column.
+    Differences of at most 1 % of the range of the column are not considered, and neither are
+    columns that vary by errors only.
 
     Parameters
     ----------
@@ -243,38 +285,46 @@ def find_missed_peaks(
         Extremes at the steps, see `measure_step_extremes`.
     length
         Length of the mechanism [m].
+    rtol
+        Tolerance of the run; 0 for fixed steps.
+    find_drift
+        Function that returns the drift of the constraints in positions [m] and velocities [m/s].
     """
-    names = [
-        x
-        for x in extremes
-        if Header.of(x).unit not in _GRADUAL_UNITS and np.isfinite(observed[x]).all()
-    ]
+    names = [x for x in extremes if np.isfinite(observed[x]).all()]
     if not names:
         return {}
     rows = np.array([[np.min(observed[x]), np.max(observed[x])] for x in names]).T
     steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
-    half_range = 0.5 * (high - low)
-    is_at_rest = mark_resting_columns(names, np.stack([low, high]), half_range, length)
+    half_range, values = 0.5 * (high - low), np.stack([low, high])
+    is_at_rest = mark_resting_columns(names, values, half_range, length)
     is_at_rest |= mark_vanishing_columns(names, half_range, length)
+    is_at_rest |= mark_constant_columns(names, values, half_range, length, rtol)
     units = [Header.of(name).unit for name in names]
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
     misses = np.stack([rows[0] - low, high - rows[1]])
-    is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range) & ~is_at_rest
+    is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
+    if is_missed.any():
+        is_missed &= half_range > _drift_limits(units, length, *find_drift())
     peaks = {}
-    for k in np.flatnonzero(is_missed.any(axis=0)):
+    for k in np.flatnonzero(is_missed):
         column, side = names[k], int(np.argmax(misses[:, k]))
-        name, unit = remove_unit(column), Header.of(column).unit
         extreme = extremes[column]
-        time = (extreme.min_time, extreme.max_time)[side]
-        description = (
-            f"{name}: the output rows miss its {('smallest', 'largest')[side]} value, "
-            f"{steps[side, k]:.5g} {unit} at t = {time:.6g} s, and reach only "
-            f"{rows[side, k]:.5g} {unit}"
+        peaks[column] = MissedPeak(
+            column,
+            time=(extreme.min_time, extreme.max_time)[side],
+            side=("smallest", "largest")[side],
+            value=float(steps[side, k]),
+            row_value=float(rows[side, k]),
+            half_range=float(half_range[k]),
         )
-        size = float(half_range[k])
-        peaks[column] = MissedPeak(time, size, float(misses[side, k]) / size, description)
     return peaks
+
+
+def _drift_limits(units: Sequence[str], length: float, position: float, velocity: float) -> Array:
+    """Return the half ranges of columns up to which they may be violations of constraints."""
+    limits = {"m": position, "rad": position / length, "m/s": velocity, "rad/s": velocity / length}
+    return _DRIFT_FACTOR * np.array([limits.get(unit, 0.0) for unit in units])
 
 
 def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -292,13 +342,21 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
 
 def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
-    """Yield one warning about all missed peaks of a run."""
+    """Yield one warning about all missed peaks of a run, with values of the worst of each kind."""
     if not peaks:
         return
-    worst = max(peaks, key=lambda column: peaks[column].error)
-    others = [remove_unit(column) for column in peaks if column != worst]
-    names = list_first(others, _MAX_NAMES)
+    by_error = sorted(peaks.values(), key=lambda peak: -peak.error)
+    of_kinds: dict[str, MissedPeak] = {}
+    for peak in by_error:
+        unit = Header.of(peak.column).unit
+        kind, _ = UNITS_OF_TRANSLATIONS.get(unit, (unit, 0))
+        of_kinds.setdefault(kind, peak)
+    worst, *others = dict.fromkeys([*of_kinds.values(), *by_error])
+    kinds = len(of_kinds) - 1
+    names = [
+        peak.comparison if k < kinds else remove_unit(peak.column) for k, peak in enumerate(others)
+    ]
+    also = f", also in {list_first(names, max(_MAX_NAMES, kinds))}" if others else ""
     yield (
-        f"{peaks[worst].description}{names and f', also in {names}'}; read these values from "
-        "step_extremes, or reduce output_step=."
+        f"{worst.description}{also}; read these values from step_extremes, or reduce output_step=."
     )
