@@ -1,5 +1,6 @@
 """Modes about steady rotations, and Campbell diagrams."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -296,3 +297,44 @@ def test_modes_do_not_depend_on_the_orientation_of_the_drawing():
         mech.add(bd.Weld("root", mech.ground.at(0.1 * c, 0.1 * s), beam.start))
         eigenvalues.append(bd.modes(mech, about=bd.rotation(15.0), n=3).eigenvalues)
     assert_allclose(eigenvalues[1], eigenvalues[0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("about", ["reference", "equilibrium"])
+@pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
+@pytest.mark.parametrize(("speed", "is_reported"), [(0.0, False), (0.1, False), (20.0, True)])
+def test_regression_modes_at_rest_of_turning_mechanisms_have_a_warning(
+    analysis, about, speed, is_reported
+):
+    """Modes at rest were those of a model whose driver turned at 6000 rpm, without a remark."""
+    mech = with_driver(*particle_in_rotor(), law=lambda t: speed * t)
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        analysis(mech, about=about)
+    sentences = [str(x.message) for x in issued]
+    assert [x.startswith("drivers turn disk at 20 rad/s") for x in sentences] == [
+        True
+    ] * is_reported
+    # The remedy.
+    if is_reported:
+        assert "about=bd.rotation(20)" in sentences[0]
+        assert bd.modes(mech, about=bd.rotation(speed)).warnings[1:] == ()
+
+
+@pytest.mark.parametrize(("gravity", "is_reported"), [(0.0, True), (9.81, False)])
+def test_modes_at_rest_of_bodies_with_given_rotations_have_a_warning(gravity, is_reported):
+    """Given velocities of an oscillation do not last."""
+    mech = bd.Mechanism(gravity=(0.0, -gravity))
+    arm, tip = (
+        mech.add(
+            bd.RigidBody(
+                name, 1.0, 0.3, center=(0.0, y), velocity=(-2.0 * y, 0.0), angular_velocity=2.0
+            )
+        )
+        for name, y in (("arm", -1.0), ("tip", -1.5))
+    )
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    mech.add(bd.Bushing("mount", arm.at(0.0, -1.5), tip.at(0.0, -1.5), 90.0, 90.0, 90.0))
+    modes = bd.modes(mech)
+    assert (
+        any(x.startswith("given velocities turn arm at 2") for x in modes.warnings) == is_reported
+    )
