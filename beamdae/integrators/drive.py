@@ -22,6 +22,7 @@ from beamdae.equations.smooth_intervals import SAME_TIME, branch_time
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments, find_distinct, group_grids
 from beamdae.errors import BeamdaeError, ProgressError, list_first
+from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
 from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
@@ -182,6 +183,8 @@ def _drive(
             plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
         if status.kind != "interrupted" and (run is None or run.progress_error is None):
             trajectory = None  # Frees the rows of the pilot run.
+            if limits.stall_detector is not None:
+                limits.stall_detector.periods = count_periods(plan)
             run = prepare_run(plan, limits, method_on)
             trajectory, status = run.execute()
     except KeyboardInterrupt:

@@ -16,6 +16,9 @@ MAX_PLANNED_STEPS = 1e8
 # or 1e7 at the pace of the last 1e5 steps. These windows are longer than impacts and other short
 # stiff phases. Methods with expensive steps are checked more often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
+# From this number of periods on, the tolerance is so tight (it falls with the square of the number)
+# that Radau takes over 100 steps per period of a free pendulum at rtol = 1e-4.
+_MANY_PERIODS = 100.0
 
 
 @dataclass
@@ -26,9 +29,12 @@ class StallDetector:
     ----------
     end
         End of the run [s].
+    periods
+        Number of periods of the motion for which the tolerance is tightened.
     """
 
     end: float
+    periods: float = 1.0
     _checks: int = field(default=0, init=False)
     _window_starts: dict[int, float] = field(default_factory=dict, init=False)
 
@@ -46,10 +52,16 @@ class StallDetector:
 
     def _describe_stall(self, t: float, step: float) -> str:
         remaining = (self.end - t) / step if step > 0.0 else float("inf")
+        causes = "extreme loads, speeds or stiffnesses, or a law that grows without bound"
+        remedies = "check values and units"
+        if self.periods > _MANY_PERIODS:
+            causes = (
+                f"{self.periods:.2g} periods of motion, which tighten the tolerance, or {causes}"
+            )
+            remedies += ", increase rtol, end the run earlier, use GeneralizedAlpha(step)"
         return (
             f"steps have shrunk to {step:.2g} s, so the run would need {remaining:.2g} "
-            "more steps, possibly because of extreme loads, speeds or stiffnesses, or a "
-            "law that grows without bound; check values and units, or set max_steps to "
+            f"more steps, possibly because of {causes}; {remedies}, or set max_steps to "
             "continue anyway"
         )
 

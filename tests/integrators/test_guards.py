@@ -112,6 +112,16 @@ def test_regression_stalled_run_is_stopped():
     assert solution.statistics.steps == 10_304
 
 
+def test_regression_runs_of_many_periods_name_them():
+    """Extreme loads or stiffnesses were the only causes named for a pendulum."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arm = mech.add(bd.RigidBody("arm", mass=1.0, inertia=0.01, center=(0.5, -0.8)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.at(0.0, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match=r"5\.\de\+03 periods of motion.*increase rtol"):
+        run = bd.simulate(mech, bd.Auto(), t_end=1e4, output_step=100.0)
+    assert run.status.kind == "limited"
+
+
 def test_endlessly_shrinking_steps_are_detected():
     pace, t = StallDetector(21.0), 20.0 * (1.0 - 0.9995 ** np.arange(0, 60_000, 64))
     stalled_checks = [k for k, at in enumerate(t.tolist()) if pace.stall_reason(at, 64 * k, 64)]
