@@ -816,7 +816,7 @@ def amplified(gain=2.0):
         (oscillator, "scale", None, "have a kink at scale = 0"),
         (oscillator, "speed", bd.Ida(), "runs of Ida cannot .* use Radau or GeneralizedAlpha"),
         (oscillator, "speed", bd.GeneralizedAlpha(formulation="stabilized-index2"), "index3"),
-        (amplified, "gain", None, "gain of amplified changes the form of an observed column"),
+        (amplified, "gain", None, "changes the form of the observed column y at"),
         (resized, "length", None, "length of resized changes the coordinates or constraints"),
     ],
 )

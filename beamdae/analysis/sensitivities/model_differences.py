@@ -499,18 +499,21 @@ def _require_same_structure(
             f"equations{cause}; "
             f"{remedy}{advice}."
         )
-    if _observable_forms(base) != _observable_forms(other):
+    changed = _observable_forms(base) ^ _observable_forms(other)
+    if changed:
         raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the form of an observed column "
-            "(CasADi simplifies 1 q to q, and 2 q to q + q, but not 1.001 q); choose a slightly "
-            f"different value of {name}, make it a symbol in parameters= of a ConstrainedSystem, "
-            f"or {advice}."
+            f"{derivative_call()}: {name} of {model} changes the form of the observed column "
+            f"{min(changed)[0]} at its value (CasADi simplifies 1 q to q, 2 q to q + q and 0 q to "
+            f"0, but not 1.001 q); choose a slightly different value of {name}, make it a symbol "
+            f"in parameters= of a ConstrainedSystem, or {advice}."
         )
 
 
-def _observable_forms(equations: EquationsOfMotion) -> list[tuple[int, ...]]:
-    """Return the numbers of coordinates and of constants in the formula of each observable."""
-    return [(x.operator.shape[0], x.data.stop - x.data.start) for x in equations.observables]
+def _observable_forms(equations: EquationsOfMotion) -> set[tuple[str, int, int]]:
+    """Return name and numbers of coordinates and of constants in the formula of each observable."""
+    return {
+        (x.name, x.operator.shape[0], x.data.stop - x.data.start) for x in equations.observables
+    }
 
 
 def rounding_of_numbers(equations: EquationsOfMotion) -> Array:
