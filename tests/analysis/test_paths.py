@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.statics import path_tracing
+from beamdae.analysis.statics import corrector, path_tracing
+from beamdae.analysis.statics.corrector import EquilibriumPoint
+from beamdae.analysis.statics.stability import Stability
 
 STIFFNESS, RISE = 1000.0, 0.2
 
@@ -250,6 +252,22 @@ def test_regression_paths_of_point_masses_on_springs_do_not_depend_on_the_unit_o
         assert [x.kind for x in path.critical] == [x.kind for x in reference.critical]
         factors = [[x.factor for x in one.critical] for one in (path, reference)]
         assert_allclose(*factors, rtol=1e-6)
+
+
+def test_regression_unknown_stability_has_a_note(monkeypatch):
+    """Paths of beams too thin for double precision missed a load without a note."""
+    monkeypatch.setattr(EquilibriumPoint, "_certain_count", None)
+    assess, calls = corrector.assess_stability, []
+
+    def assess_later(*arguments):
+        calls.append(arguments)
+        unknown = Stability(np.zeros(0), np.zeros((2, 0)), -1)
+        return unknown if len(calls) == 1 else assess(*arguments)
+
+    monkeypatch.setattr(corrector, "assess_stability", assess_later)
+    with pytest.warns(bd.BeamdaeWarning, match="stability of 1 of .* cannot be computed"):
+        path = bd.equilibrium(truss(), to={"crown.y": -0.25})
+    assert path.unstable[0] == -1
 
 
 def test_path_exports_a_table_and_files(tmp_path):

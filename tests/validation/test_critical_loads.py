@@ -215,12 +215,11 @@ def test_regression_branch_points_of_thin_structures_are_interpolated(name, slen
     check_path(name, slenderness, elements, "exact")
 
 
-@pytest.mark.slow(reason="paths of thin frames with fine meshes, 2 s each")
-@pytest.mark.parametrize("slenderness", [1e5, 1.1e5, 1.2e5])
-def test_regression_thin_frames_with_fine_meshes_reach_their_load(slenderness):
-    # Symmetric elimination was given up for pivots chosen by size, which are less accurate there:
-    # the path ended at 0.97 of the load at L / h = 1e5, and at zero load at 1.2e5.
-    check_path("frame, portal, hinged, stiff beam", slenderness, 32, "exact")
+@pytest.mark.slow(reason="one path, 4 to 8 s")
+def test_regression_interpolated_branch_points_are_not_corrected():
+    # Rounding moved corrected points along the critical mode: the largest error was 8e-4 to 1.1e-3.
+    rows = list(BY_NAME["truss, von Mises, rise of 4 heights"].rows(1e5, 32, "exact"))
+    assert max(float(row["relative"]) for row in rows) < 1e-4
 
 
 def test_rows_tell_missed_and_invented_points_and_wrong_kinds(monkeypatch):

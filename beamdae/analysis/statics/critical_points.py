@@ -428,9 +428,11 @@ class PathSegment:
         if abs(near.position - position) > _MAX_OUTSIDE:
             raise CorrectorError("the stability of equilibria changes abruptly")
         point = near.point
-        # At a branch point, Newton's method may fail, and the interpolated point is kept.
-        with suppress(CorrectorError):
-            point = self.point_at(position)
+        # Within the segment, the interpolated point is kept: rounding would move a corrected one
+        # along the critical mode. Newton's method may also fail at a branch point.
+        if position != near.position:
+            with suppress(CorrectorError):
+                point = self.point_at(position)
         mode = point.stability.mode(index)
         return replace(near, position=position, point=point, mode=mode)
 

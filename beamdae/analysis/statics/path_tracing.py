@@ -274,13 +274,26 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
-            notes += _rounding_notes(path) + _damping_notes(path) + _range_notes(path) + jump_notes
+            notes += _unknown_notes(path) + _rounding_notes(path) + _damping_notes(path)
+            notes += _range_notes(path) + jump_notes
         iterations += corrector.iterations
         status = _end_status(path, system, control)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
+
+
+def _unknown_notes(path: StagePath) -> list[str]:
+    """Return a remark if the stability of an equilibrium is unknown."""
+    count = sum(point.negative_count < 0 for point in path.points)
+    if not count:
+        return []
+    return [
+        f"equilibrium: the stability of {count} of {len(path.points)} equilibria cannot be "
+        "computed, so that critical points may be missing; use thicker beams or fewer elements if "
+        "rounding errors are the cause."
+    ]
 
 
 def _rounding_notes(path: StagePath) -> list[str]:
@@ -369,24 +382,25 @@ def _suspicious_steps(
     divided into the default steps; the single step is suspicious if one of these is, or if
     they do not lead to the same point.
     """
-    measure, n = corrector.displacement_measure.farthest, corrector.system.equations.n
+    measure, n = corrector.displacement_measure, corrector.system.equations.n
     steps = [(a, b) for a, b in pairwise(path.points) if a.mu != b.mu]
-    rates = [measure((b.x - a.x)[:n]) / abs(b.mu - a.mu) for a, b in steps]
+    if not steps:
+        return []
+    motions = measure.farthest_of_rows(np.array([(b.x - a.x)[:n] for a, b in steps]))
+    rates = [motion / abs(b.mu - a.mu) for motion, (a, b) in zip(motions, steps, strict=True)]
     if len(steps) != 1:
         neighbors = rates[1:] + rates[-2:-1]
         pairs = zip(steps, rates, neighbors, strict=False)
         return [step for step, rate, next_ in pairs if rate > _JUMP_RATE_RATIO * next_ > 0.0]
     ((begin, end),) = steps
     tangent = corrector.try_path_tangent(end, LoadControl())
-    if tangent is None or rates[0] <= _SINGLE_STEP_RATE_RATIO * measure(tangent.x[:n]):
+    if tangent is None or rates[0] <= _SINGLE_STEP_RATE_RATIO * measure.farthest(tangent.x[:n]):
         return []
     divided = StagePath([begin])
     settings = PathSettings("", (end.mu,), LOAD, None, (), _MAX_CHECK_POINTS)
     _follow_stage(Corrector(corrector.system), divided, settings, LoadControl())
-    difference = measure((divided.end.x - end.x)[:n])
-    is_same = divided.status.success and difference <= _SAME_END_RATIO * measure(
-        (end.x - begin.x)[:n]
-    )
+    difference = measure.farthest((divided.end.x - end.x)[:n])
+    is_same = divided.status.success and difference <= _SAME_END_RATIO * motions[0]
     return [] if is_same and not _suspicious_steps(corrector, divided) else steps
 
 

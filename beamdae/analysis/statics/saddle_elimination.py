@@ -62,10 +62,8 @@ ASYMMETRY_TOLERANCE = 1e-13
 # loads and springs. The thermal energy of a coordinate is larger (2e-21 J at room temperature).
 NEGLIGIBLE_STIFFNESS = 1e-22
 # Solutions are not attempted if a pivot is below this fraction of the largest entry of the
-# stiffness: rounding errors would determine motions without stiffness. The smallest pivots of thin
-# frames with fine meshes are 1e-16 to 5e-15, where pivots chosen by size are less accurate
-# (measured).
-_MIN_PIVOT_RATIO = 1e-16
+# stiffness: motions without stiffness would be determined by rounding errors.
+_MIN_PIVOT_RATIO = 1e-13
 # Memory of the cached index arrays [bytes]: about 3 kB per element of a beam.
 _MAX_CACHED_BYTES = 16 * 2**20
 
