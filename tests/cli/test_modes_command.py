@@ -1,5 +1,7 @@
 """`beamdae modes`: tables, pictures, and usage errors."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 from beamdae.cli.commands.modes import parse_speeds
-from beamdae.report.terminal.text_tables import campbell_table
+from beamdae.report.terminal.text_tables import campbell_table, resonances_table
 
 MODEL = """
 import beamdae as bd
@@ -82,7 +84,23 @@ def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tabl
     columns = {"speed [rad/s]": [0.0, 1.0], "mode 1 [Hz]": [0.0, 2.0], "mode 2 [Hz]": [0.0, 0.0]}
     rates = {"growth rate 1 [1/s]": [1e-9, -0.1], "growth rate 2 [1/s]": [-1.7e5, 0.2]}
     table = campbell_table(pd.DataFrame(columns | rates))
-    assert [list(row)[1:] for row in table.texts][1:] == [["0", "decay"], ["2", "growth"]]
+    rows = [["0", "0", "0", "decay"], ["1", "9.5493", "2", "growth"]]
+    assert [list(row) for row in table.texts][1:] == rows
+
+
+def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tmp_path):
+    """They were only on the page; speeds had three digits, such as 1.26e+03 rad/s for 12000 rpm."""
+    speeds = "--speed", "0:120rpm:3", "--multiple", "2", "--multiple", "1", "--no-page"
+    result = modes(*speeds, "--no-picture", "-n", "2", "--json")
+    data = json.loads(result.stdout)
+    table = pd.read_csv(tmp_path / "results/cross_resonances.csv")
+    assert table.to_dict("records") == data["resonances"]
+    assert set(table["multiple"]) <= {1, 2}
+    # The mass of 2 kg on springs of 50 N/m in the rotating frame: (w - W) (w + W) ... = 0.
+    assert_allclose(2.0 * np.pi * table["frequency [Hz]"], table["multiple"] * table.iloc[:, 0])
+    printed = resonances_table(table).texts
+    assert len(printed) == 1 + len(table) > 1
+    assert printed[1][1] == f"{table.iloc[0, 0] * 30.0 / np.pi:.6g}"
 
 
 def test_an_immobile_model_has_an_empty_table(modes, tmp_path):

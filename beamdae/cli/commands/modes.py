@@ -96,7 +96,8 @@ def modes_command(
 ) -> None:
     """Compute natural modes of a model; write a table (CSV), a picture (PNG) and a page.
 
-    With several speeds, picture and page show a Campbell diagram.
+    With several speeds, picture and page show a Campbell diagram, and a second table (CSV) contains
+    the resonances with multiples of the speed.
 
     Exits with 0 on success, 1 if the page or a picture failed, and 2 for a usage or model error.
     """
@@ -115,6 +116,8 @@ def modes_command(
         raise BeamdaeError("modes: --animate does not support several speeds; give one --speed.")
     kinds = ("csv", *["html"] * page, *["png"] * picture)
     files = {kind: out / f"{model.name}_modes.{kind}" for kind in kinds}
+    if len(speeds) >= _MIN_SPEEDS:
+        files["resonances"] = out / f"{model.name}_resonances.csv"
     files |= {f"{k}": out / f"{model.name}_mode_{k}.gif" for k in animated_modes}
     require_writable(("--out", files.values()))
     from beamdae.analysis.linear_dynamics.campbell_diagram import SPEED_MULTIPLES, campbell
@@ -149,18 +152,30 @@ def _write_and_print(
     from beamdae.results.storage.files import escape_table, write_text
 
     table = result.table()
-    text = escape_table(table).to_csv(index=False)
+    tables = {"csv": table}
+    if not isinstance(result, Modes):
+        tables["resonances"] = result.resonances()
+    texts = {kind: escape_table(x).to_csv(index=False) for kind, x in tables.items()}
     views = tuple(paths["csv"].with_suffix(suffix) for suffix in (".html", ".png"))
-    files = WrittenFiles([write_text(paths["csv"], text)], views)
+    files = WrittenFiles([write_text(paths[kind], text) for kind, text in texts.items()], views)
     console = create_console()
     if isinstance(result, Modes):
         record_results(lambda: {"about": result.about, "modes": table.to_dict("records")})
         console.print(name, style="bold")
         console.print(text_tables.modes_table(table))
     else:
-        record_results(lambda: {"about": "rotations", "speeds": table.to_dict("records")})
+        resonances = tables["resonances"]
+        record_results(
+            lambda: {
+                "about": "rotations",
+                "speeds": table.to_dict("records"),
+                "resonances": resonances.to_dict("records"),
+            }
+        )
         console.print(name, style="bold")
         console.print(text_tables.campbell_table(table))
+        if not resonances.empty:
+            console.print(text_tables.resonances_table(resonances))
     print_warnings(console, result.warnings)
 
     def write_animation(mode: int) -> list[Path]:

@@ -378,7 +378,10 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
     Modes that decay or grow without oscillation have a word in place of the frequency.
     """
     frequencies = [name for name in map(str, table) if name.endswith("[Hz]")]
-    columns = [Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)]
+    columns = [
+        Column("speed\n[rpm]"),
+        *(Column(name.replace(" [", "\n["), k) for k, name in enumerate(frequencies)),
+    ]
 
     def format_mode(row: Any, name: str) -> str:
         rate = row[name.replace("mode", "growth rate").replace("[Hz]", "[1/s]")]
@@ -387,10 +390,36 @@ def campbell_table(table: pd.DataFrame) -> ResponsiveTable:
         return format_number(row[name], 5)
 
     rows = [
-        (format_number(row["speed [rad/s]"]), *(format_mode(row, name) for name in frequencies))
+        (*_format_speed(row), *(format_mode(row, name) for name in frequencies))
         for _, row in table.iterrows()
     ]
     return ResponsiveTable("speed [rad/s]", columns, rows, "the CSV file")
+
+
+def resonances_table(table: pd.DataFrame) -> ResponsiveTable:
+    """Return a table of resonance speeds, given `Campbell.resonances()`."""
+    columns = [
+        Column("speed\n[rpm]"),
+        Column("frequency\n[Hz]"),
+        Column("mode"),
+        Column("multiple"),
+    ]
+    rows = [
+        (
+            *_format_speed(row),
+            format_number(row["frequency [Hz]"], 5),
+            f"{row['mode']:.0f}",
+            f"{row['multiple']:.0f}",
+        )
+        for _, row in table.iterrows()
+    ]
+    return ResponsiveTable("resonance [rad/s]", columns, rows, "the CSV file")
+
+
+def _format_speed(row: Any) -> tuple[str, str]:
+    """Return the rotation speed in rad/s and in rpm."""
+    speed = row["speed [rad/s]"]
+    return format_number(speed, 6), format_number(speed * 30.0 / math.pi, 6)
 
 
 def parts_table(kinds: Mapping[str, str]) -> ResponsiveTable:
