@@ -395,6 +395,21 @@ def test_constraints_state_their_relative_margin(limit, margin, relative, text):
     assert constraint.comparison == text
 
 
+@pytest.mark.parametrize("limit", ["30 MPa", 30e6])
+@pytest.mark.parametrize(
+    ("column", "message"),
+    [
+        ("tip", "'tip' selects several columns; name one of tip.x .m., tip.y .m."),
+        ("stres 0", "no column 'stres 0' .did you mean 'stress 0'"),
+    ],
+)
+def test_regression_names_of_columns_are_checked_before_units(limit, column, message):
+    """The unit of a group of columns was not known, which hid the names of its columns."""
+    limit = bd.at_most(bd.EquilibriumValue(column), limit)
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.optimize(cantilever, bd.Mass(), "width", limit, {"width": (0.001, 0.1)})
+
+
 @pytest.mark.parametrize("weight", [1e-9, 1.0, 1e9])
 def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at_zero(weight):
     """Small objectives and limits that were zero at the first design ended the search there."""

@@ -44,6 +44,7 @@ from beamdae.integrators import Integrator
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.results.columns import require_one_column
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -216,6 +217,8 @@ class EquilibriumAnalysis(Analysis):
     def _column(self, quantity: Any) -> Array:
         path = self.result
         values = path[quantity.column]
+        if values.ndim > 1:
+            require_one_column(_NAME, quantity.column, list(values))
         if values.ndim != 1 or values.dtype == object:
             raise BeamdaeError(
                 f"{_NAME}: {quantity.column!r} must name a single column of numbers of the "

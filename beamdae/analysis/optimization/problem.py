@@ -142,6 +142,7 @@ class DesignProblem:
         self.sizes = self._choose_sizes()
         self._designs: dict[bytes, Design] = {}
         self.build_warnings: set[str] = set()
+        self._unit_errors: list[BeamdaeError] = []
         self._require_units()
         quantities = (self.objective, *(limit.quantity for limit in self.limits))
         self._quantities: Sequence[Quantity] = quantities
@@ -193,10 +194,18 @@ class DesignProblem:
             given, known = parse_unit(limit.unit), parse_unit(unit or "")
             if given is None or known is None or given[1] != known[1]:
                 problem = f"is in {unit}" if unit else "has no known unit"
-                raise BeamdaeError(
+                error = BeamdaeError(
                     f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
                     f"quantity {problem}; give the limit as a number in SI units."
                 )
+                if unit:
+                    raise error
+                self._unit_errors.append(error)
+
+    def require_known_units(self) -> None:
+        """Reject limits with units of quantities without one, after names have been checked."""
+        for error in self._unit_errors:
+            raise error
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""

@@ -151,6 +151,7 @@ class Search:
         """
         problem = self._problem
         first = problem.design(problem.first)
+        problem.require_known_units()
         self._first_analyses = first.results
         bounds = [0.0, *(abs(limit.bound) for limit in problem.limits)]
         self._scales = np.array([x or self._scale(first, k) for k, x in enumerate(bounds)])
