@@ -321,10 +321,13 @@ def linearize_at_rest(
     solver.require_inertia()
     q = solver.state(time, e.q0, np.zeros(e.n)).q
     state = _release(e, tangent_at, solver.rest_state(q))
-    tangent, rest = tangent_at(state), state._replace(a=np.zeros(e.n))
-    if not _is_unbalanced(e, tangent, state, tangent_at(rest).residual[: e.n]):
-        return rest, tangent_at(rest), (), 0.0
-    tangent = tangent._replace(stiffness=_covariant_stiffness(e, tangent_at, state, tangent))
+    rest = state._replace(a=np.zeros(e.n))
+    tangent, unaccelerated = tangent_at(state), tangent_at(rest)
+    if not _is_unbalanced(e, tangent, state, unaccelerated.residual[: e.n]):
+        return rest, unaccelerated, (), 0.0
+    inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
+    change = _covariant_change(e, tangent_at, state, inertial_stiffness)
+    tangent = tangent._replace(stiffness=sp.csc_array(tangent.stiffness - change))
     acceleration = np.abs(state.a) / e.position_scales
     worst = int(np.argmax(acceleration))
     warning = (
@@ -382,21 +385,22 @@ def _is_unbalanced(e: EquationsOfMotion, tangent: Tangent, state: State, force: 
     return bool(np.any(is_large & (scales * inertia > rounding)))
 
 
-def _covariant_stiffness(
-    e: EquationsOfMotion, tangent_at: TangentFunction, state: State, tangent: Tangent
+def _covariant_change(
+    e: EquationsOfMotion,
+    tangent_at: TangentFunction,
+    state: State,
+    inertial_stiffness: sp.csc_array,
 ) -> sp.csc_array:
-    """Return the stiffness at rest, independent of the choice of coordinates.
+    """Return the part of the stiffness at rest that depends on the choice of coordinates.
 
-    If a is not zero, the derivative of F at constant a depends on the choice of coordinates. The
+    If a is not zero, the derivative K of F at constant a depends on the choice of coordinates. The
     covariant derivative in the metric of the mass matrix does not:
 
         K - (N - N^T + dM) / 2,    N = d(M a)/dq at constant a,    dM = dM/dq[a]
 
-    If the forces have a potential V, the result is the Hessian of V on the manifold of admissible
-    positions.
+    If the forces have a potential V, it is the Hessian of V on the manifold of admissible
+    positions. `inertial_stiffness` is N.
     """
-    unaccelerated = tangent_at(state._replace(a=np.zeros(e.n)))
-    inertial_stiffness = tangent.stiffness - unaccelerated.stiffness
     step = _MASS_DIFFERENCE_STEP / float(np.max(np.abs(state.a) / e.position_scales))
     masses = [
         tangent_at(state._replace(q=state.q + k * step * state.a)).mass for k in (-2, -1, 1, 2)
@@ -404,4 +408,4 @@ def _covariant_stiffness(
     # Fourth-order central difference.
     mass_rate = (masses[0] - 8.0 * masses[1] + 8.0 * masses[2] - masses[3]) / (12.0 * step)
     asymmetry = inertial_stiffness - inertial_stiffness.T
-    return sp.csc_array(tangent.stiffness - 0.5 * (asymmetry + mass_rate))
+    return sp.csc_array(0.5 * (asymmetry + mass_rate))
