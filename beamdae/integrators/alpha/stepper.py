@@ -292,8 +292,9 @@ class FixedAlphaStepper(AlphaStepper):
             self._advance_through_samples(self.sampler)
         if run.filled == 0 and not self.awaits_sample:
             # Steps before a failure have been returned first.
-            description = self._describe_failure(self._code)
-            raise self._problem or StepError(description, step=run.current.h)
+            if self._problem is not None:
+                raise self._problem
+            raise StepError(self._describe_failure(self._code), step=run.current.h)
         return run.rows[: run.filled]
 
     def _advance_through_samples(self, sampler: Sampler) -> None:
