@@ -46,6 +46,8 @@ UNITS_OF_TRANSLATIONS = {
     "N m": ("N", -1),
 }
 
+_UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
+
 _BY = ")/d("  # between column and parameter in the header of a derivative
 
 
@@ -298,13 +300,22 @@ def largest_of_kind(
 
 
 def mark_vanishing_columns(
-    headers: Sequence[str], half_range: np.ndarray, length: float
+    headers: Sequence[str],
+    half_range: np.ndarray,
+    length: float,
+    values: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the mask of the columns that are noise beside others, for example by symmetry.
 
-    See `largest_of_kind` for the columns with which they are compared.
+    See `largest_of_kind` for the columns with which they are compared. With the `values` of the
+    columns (k, columns), forces and moments are also compared with constant ones, such as the
+    centrifugal force in steady rotation.
     """
-    largest = largest_of_kind(headers, half_range, length)
+    sizes = half_range
+    if values is not None:
+        is_force = [Header.of(header).unit in _UNITS_OF_FORCES for header in headers]
+        sizes = np.where(is_force, np.max(np.abs(values), axis=0), half_range)
+    largest = largest_of_kind(headers, sizes, length)
     return np.asarray(half_range < _VANISHING_TO_OTHERS_RATIO * largest)
 
 

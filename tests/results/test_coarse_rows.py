@@ -91,6 +91,18 @@ def test_regression_default_rows_of_a_long_run_that_miss_a_vibration_are_reporte
         bd.simulate(mech, bd.Radau(), t_end=0.6, output_step=step)
 
 
+def test_regression_noise_beside_a_constant_force_is_no_vibration():
+    t = np.linspace(0.0, 1.0, 401)
+
+    def evaluate(x):
+        return np.column_stack([np.full(len(x), 421.2), 1e-4 + 1e-5 * np.sin(2e3 * x)])
+
+    columns = dict(zip(["hoop.N [N]", "hoop.Q [N]"], evaluate(t).T, strict=True))
+    assert not list(coarse_row_warnings(t, columns, evaluate, 1.0))
+    del columns["hoop.N [N]"]
+    assert list(coarse_row_warnings(t, columns, lambda x: evaluate(x)[:, 1:], 1.0))
+
+
 @pytest.mark.parametrize(("rtol", "count"), [(1e-3, 0), (1e-5, 1)])
 def test_regression_errors_of_constraints_are_no_vibrations(rtol, count):
     """At coarse tolerances, held points seemed to vibrate: 1e-5 of the largest velocity."""

@@ -91,6 +91,17 @@ def test_regression_rounding_errors_of_moments_are_no_peaks():
     assert list(missed_peaks.find_missed_peaks(observed, extremes, 1.0)) == ["load.F [N]"]
 
 
+def test_regression_noise_beside_a_constant_force_is_no_missed_peak():
+    """In steady rotation of a ring, errors of the bending moment seemed to be peaks."""
+    values = {"hoop.N [N]": (421.2, 421.2001), "hoop.M [N m]": (-1.024e-4, -1.023e-4)}
+    extremes = {x: missed_peaks.StepExtremes(a, 0.0, b, 0.5, b) for x, (a, b) in values.items()}
+    observed = {x: np.full(3, a) for x, (a, _) in values.items()}
+    assert not missed_peaks.find_missed_peaks(observed, extremes, 0.6, rtol=1e-5)
+    # Without the constant force, the moment is no noise.
+    del observed["hoop.N [N]"], extremes["hoop.N [N]"]
+    assert list(missed_peaks.find_missed_peaks(observed, extremes, 0.6, rtol=1e-5))
+
+
 def test_regression_motions_that_vanish_by_symmetry_have_no_peaks():
     """Peaks of 1e-10 rad/s^2 beside an impact of 500 m/s^2 were reported as missed."""
     sizes = {

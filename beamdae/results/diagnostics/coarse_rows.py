@@ -25,13 +25,11 @@ _POSITIONS = 0.2 + 0.6 * (0.618 * np.arange(_SAMPLES) % 1.0)
 # more than this share of their amplitude, those with 6 rows in half of the cases, with 10 in none.
 _MIN_EXCESS = 0.05
 _MIN_SHARE_OF_GAPS = 0.1
-# Smaller half ranges, relative to the largest of this kind, are errors of directions in which
-# nothing moves; ...
+# Smaller half ranges, relative to the largest of this kind (of forces: to the largest value), are
+# errors of directions in which nothing moves; ...
 _MIN_HALF_RANGE = 1e-6
 _ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
-# Half ranges of forces, relative to their largest magnitude, that are rounding at rest.
-_ROUNDING_OF_FORCES = 1e-9
 _ROWS_PER_PERIOD = 20
 _MAX_ROWS_OF_COARSE_PERIOD = 6.0  # see above; limits estimates for fast parts of slow motions
 _MIN_SHARE_OF_CHANGES = 0.5  # of these gaps; values that change in fewer ones are held
@@ -128,6 +126,6 @@ def _find_moving(
     for kind, size, value in zip(kinds, sizes.tolist(), values.tolist(), strict=True):
         largest[kind] = max(size, largest.get(kind, 0.0))
         if kind not in smallest:
-            rounding[kind] = max(_ROUNDING_OF_FORCES * value, rounding.get(kind, 0.0))
+            rounding[kind] = max(min_half_range * value, rounding.get(kind, 0.0))
     limits = [max(min_half_range * largest[k], rounding[k]) for k in kinds]
     return np.asarray(sizes > limits)

@@ -298,7 +298,7 @@ def find_missed_peaks(
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range, values = 0.5 * (high - low), np.stack([low, high])
     is_at_rest = mark_resting_columns(names, values, half_range, length)
-    is_at_rest |= mark_vanishing_columns(names, half_range, length)
+    is_at_rest |= mark_vanishing_columns(names, half_range, length, values)
     is_at_rest |= mark_constant_columns(names, values, half_range, length, rtol)
     units = [Header.of(name).unit for name in names]
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
