@@ -23,6 +23,7 @@ from beamdae.errors import (
     BeamdaeError,
     ProgressError,
     call_progress,
+    list_first,
     require_choice,
     require_finite,
     require_positive,
@@ -46,6 +47,7 @@ from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRu
 from beamdae.results.columns import (
     mark_required_columns,
     mark_resting_columns,
+    remove_unit,
     require_certified_columns,
     require_observed,
 )
@@ -82,6 +84,7 @@ _TARGET_SHARE = 0.4
 # A refinement that does not reduce the largest error by this factor is a stagnation.
 _MIN_REDUCTION = 1.5
 _MAX_STAGNATIONS = 2
+_MAX_NAMES = 3  # of columns in a sentence
 
 # Error estimate. Errors decrease in a geometric sequence: if a refinement multiplies them by q, the
 # error of the finer of two runs is q / (1 - q) times their difference.
@@ -699,7 +702,13 @@ class _Certification:
             # `not >=` also counts errors that are not numbers.
             if not worst >= _MIN_REDUCTION * self._worst_total():
                 stagnations += 1
-        return Status("ok", f"all required columns are within {accuracy:g} of half their range")
+        sentence = f"all required columns are within {accuracy:g} of half their range"
+        headers = np.array(list(self._last.solution.columns))
+        others = [remove_unit(x) for x in headers[~self._required & ~(self._total <= accuracy)]]
+        if others:
+            names = list_first(others, _MAX_NAMES)
+            sentence += f"; columns that are not required exceed it: {names}"
+        return Status("ok", sentence)
 
     def _update(self, difference: _Difference, last: _Run, run: _Run) -> None:
         """Set the errors of `run` from its difference from `last`.

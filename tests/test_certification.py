@@ -346,6 +346,12 @@ def test_an_interrupted_run_returns_a_certificate_or_raises(monkeypatch):
 
 def test_repr_and_html_name_the_result(certificate):
     assert repr(certificate).startswith("<Certificate of 0.01: ok, all required columns")
+    # In parentheses in the budget.
+    budget = certificate.budget
+    others = [x.partition(" [")[0] for x in budget.index[budget["certified"] == "(no)"]]
+    sentence = certificate.status.sentence
+    assert ("; columns that are not required exceed it: " in sentence) == bool(others)
+    assert all(name in sentence for name in others[:3])
     html = certificate._repr_html_()
     assert "tip.y [m]" in html
     assert "theory as written" in html
