@@ -464,3 +464,43 @@ def test_frequencies_hidden_by_rounding_errors_of_stiff_beams_are_announced(stif
     assert any("rounding errors of the stiffest parts" in str(w.message) for w in caught) == hides
     if not hides:
         assert np.all(modes.frequencies > 2.0)
+
+
+def hinged_or_clamped_beam(elements, formulation, nodes=4, is_clamped=True):
+    mech = bd.Mechanism()
+    settings = {"elements": elements, "formulation": formulation, "nodes": nodes}
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, STRIP, **settings))
+    joint = bd.Weld if is_clamped else bd.Revolute
+    mech.add(joint("support", mech.ground.at(0.0, 0.0), beam.start))
+    return mech
+
+
+@pytest.mark.parametrize("is_clamped", [True, False])
+@pytest.mark.parametrize(("elements", "nodes"), [(1, 4), (2, 4), (4, 4), (3, 3), (8, 2)])
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_modes_with_long_elements_have_a_warning(
+    formulation, elements, nodes, is_clamped
+):
+    """Errors of 4 % of the third frequency with two elements had no warning."""
+    settings = {"formulation": formulation, "is_clamped": is_clamped}
+    result = bd.modes(hinged_or_clamped_beam(elements, nodes=nodes, **settings), n=4)
+    exact = bd.modes(hinged_or_clamped_beam(12, **settings), n=4).frequencies
+    bends = exact > 1e-3
+    errors = np.abs(result.frequencies[bends] / exact[bends] - 1.0)
+    reported = [x for x in result.warnings if "elements are too long" in x]
+    assert len(reported) == (np.max(errors) > 0.009)
+    if reported:
+        first = int(reported[0].split("mode ")[1].split()[0].rstrip(",")) - 1
+        assert errors[first - np.sum(~bends)] > 0.003
+        assert np.all(errors[: first - np.sum(~bends)] < 0.02)
+        assert "elements are too long" in repr(result) or "see .warnings" in repr(result)
+
+
+def test_regression_campbell_diagrams_with_long_elements_have_one_warning():
+    mech = hinged_or_clamped_beam(2, "exact")
+    texts = bd.campbell(mech, [0.0, 5.0, 10.0], n=3).warnings
+    assert [x.startswith("at 10 rad/s, beam: the elements are too long for mode 3,") for x in texts]
+    assert sum("too long" in x for x in texts) == 1
+    # Further modes that are computed to follow the others have larger errors.
+    assert not bd.campbell(mech, [0.0, 5.0, 10.0], n=2).warnings

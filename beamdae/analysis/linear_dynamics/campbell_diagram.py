@@ -423,10 +423,13 @@ def campbell(
     if isinstance(model, Model):
         model = model()
 
-    def solve(speed: float) -> Modes:
-        return compute_modes(model, rotation(speed, center), count + _EXTRA_MODES, damping)
+    def solve(speed: float, assessed: int = 0) -> Modes:
+        about = rotation(speed, center)
+        return compute_modes(model, about, count + _EXTRA_MODES, damping, assessed=assessed)
 
-    all_modes = [solve(speed) for speed in values]
+    # Frequencies, and their errors, are largest at the fastest rotation.
+    fastest = int(np.argmax(np.abs(values)))
+    all_modes = [solve(speed, count * (k == fastest)) for k, speed in enumerate(values)]
     order = np.arange(min(count, *map(len, all_modes)))
     stops = [_Stop(values[0], all_modes[0], order, np.zeros(len(order), bool))]
     rows = [all_modes[0].eigenvalues[order]]

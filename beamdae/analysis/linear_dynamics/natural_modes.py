@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     linearize_about,
     warn_of_state,
 )
+from beamdae.analysis.linear_dynamics.mesh_errors import mesh_warnings
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.interrupts import interruptible
@@ -74,8 +75,9 @@ class Modes(HasTable, HasPage):
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
         Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
-        or a run that ended early, that there are no modes, or that rounding errors of the stiffness
-        hide slow modes.
+        or a run that ended early, that there are no modes, that rounding errors of the stiffness
+        hide slow modes, or that the elements of a beam are too long for modes (estimated errors of
+        frequencies above 0.7 %).
     """
 
     about: str
@@ -272,7 +274,7 @@ def modes(
     Warns
     -----
     BeamdaeWarning
-        For each of `Modes.warnings`, except that the state is unstable or that there are no modes.
+        For each of `Modes.warnings`, except unstable states, missing modes and long elements.
 
     Examples
     --------
@@ -291,9 +293,17 @@ def modes(
 
 @single_threaded
 def compute_modes(
-    model: Any, about: Any = REFERENCE, n: int | None = 10, damping: bool = True, t: float = 0.0
+    model: Any,
+    about: Any = REFERENCE,
+    n: int | None = 10,
+    damping: bool = True,
+    t: float = 0.0,
+    assessed: int | None = None,
 ) -> Modes:
-    """Compute natural modes as `modes` does, without issuing the warnings of the result."""
+    """Compute natural modes as `modes` does, without issuing the warnings of the result.
+
+    Errors by the elements of beams are estimated for the first `assessed` modes; None means all.
+    """
     count = None if n is None else require_count("modes", "n", n)
     is_damped = require_choice("modes", "damping", damping, (True, False))
     if isinstance(model, Model):
@@ -316,16 +326,15 @@ def compute_modes(
             f"{1.0 / max(growing):.3g} s."
         )
     warnings.extend(_rounding_warnings(lin, solution))
-    return Modes(
-        lin.about,
-        solution.values,
-        solution.shapes.T,
-        kinds,
-        lin.state.q,
-        model if isinstance(model, Mechanism) else None,
-        tuple(warnings),
-        lin,
+    mechanism = model if isinstance(model, Mechanism) else None
+    result = Modes(
+        lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
     )
+    if mechanism is not None:
+        values = result.eigenvalues[:assessed]
+        shares = {name: x[:assessed] for name, x in result.shares.items()}
+        warnings.extend(mesh_warnings(mechanism, values, shares))
+    return replace(result, warnings=tuple(warnings))
 
 
 def _rounding_warnings(lin: Linearization, solution: EigenSolution) -> list[str]:
