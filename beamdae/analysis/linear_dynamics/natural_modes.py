@@ -311,6 +311,7 @@ def compute_modes(
     lin = linearize_about("modes", model, about, require_finite("modes", "t", t))
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
     kinds = classify_modes(lin.linearized_equations, solution)
+    lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution)))
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
         warnings.append("there are no modes because joints and drivers fix every coordinate.")
@@ -325,7 +326,6 @@ def compute_modes(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
-    warnings.extend(_rounding_warnings(lin, solution))
     mechanism = model if isinstance(model, Mechanism) else None
     result = Modes(
         lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
