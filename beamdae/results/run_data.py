@@ -231,30 +231,34 @@ class RunData:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the model and the reliability of the run; `simulate` issues them."""
+        """Warnings about the reliability of the run and the model; `simulate` issues them.
+
+        The first ones are about the motion and the deformation, followed by missed extremes, by
+        errors of single forces and columns, and by notes on the start and the model.
+        """
         checked = self._with_checked_rows()
-        beams = (beam.warning for beam in self.validity)
         return (
-            *self.resume_warnings,
-            *self.equations.build_warnings,
-            *filter(None, (self.start.warning, *beams)),
+            *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
+            *singularity_warnings(self.singular_positions),
+            *filter(None, (beam.warning for beam in self.validity)),
             *strain_warnings(
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),
-            *singularity_warnings(self.singular_positions),
-            *self._part_warnings(),
-            *impact_warnings(self.equations, self.trajectory, self.event_records),
-            *velocity_jump_warnings(self.equations, self.trajectory, self.event_records),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),
-            *table_range_warnings(self.equations, self.trajectory),
+            *impact_warnings(self.equations, self.trajectory, self.event_records),
+            *velocity_jump_warnings(self.equations, self.trajectory, self.event_records),
+            *self._step_warnings(),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *impact_speed_warnings(self.equations, self.trajectory),
             *moving_load_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
-            *self._step_warnings(),
-            *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
+            *table_range_warnings(self.equations, self.trajectory),
+            *self.resume_warnings,
+            *filter(None, (self.start.warning,)),
+            *self._part_warnings(),
+            *self.equations.build_warnings,
         )
 
     def _row_warnings(self) -> Iterator[str]:

@@ -207,6 +207,16 @@ def test_regression_stresses_under_constant_loads_between_rows_are_reported():
         bd.simulate(loaded_leaf, output_step=0.001)
 
 
+def test_regression_missed_extremes_come_before_notes_on_the_model():
+    """The head of a page showed notes, and extremes that the rows miss were below them."""
+    mech = loaded_leaf()
+    late = bd.piecewise((5.0, lambda t: 0.0), lambda t: t - 5.0)
+    mech.add(bd.Force("idle", mech.part("leaf").end, (0.0, late)))
+    first, second = bd.simulate(mech, t_end=0.5, output_step=0.1).warnings
+    assert "the output rows miss" in first
+    assert second.startswith("idle: the part exerts no force")
+
+
 def test_regression_errors_of_constant_columns_are_no_peaks_and_no_vibrations():
     """The stress of a blade at constant speed varies by 3e-8; rows of 4 us were recommended."""
     speed = 314.0
