@@ -247,10 +247,15 @@ def _draw_response(
 def _draw_magnitudes(
     axis: Axes, response: FrequencyResponse, column: str, values: Array, amplitudes: Array
 ) -> None:
-    """Draw largest magnitudes where they differ from half ranges but have their size."""
+    """Draw largest magnitudes where they differ from half ranges but have their size.
+
+    Those of positions and angles depend on the origin.
+    """
     if not response.points:
         return
     header = select_column("frequency_response", response.points[0].solution.columns, column)
+    if Header.of(header).unit in ("m", "rad"):
+        return
     magnitudes = np.array([largest_magnitude(x.solution.columns[header]) for x in response.points])
     ratio = magnitudes.max() / (amplitudes.max() or np.inf)
     if _MIN_MAGNITUDE_RATIO < ratio < _MAX_MAGNITUDE_RATIO:
