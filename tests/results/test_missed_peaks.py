@@ -385,3 +385,10 @@ def test_regression_extremes_of_all_kinds_of_columns_include_the_steps():
             units.add(unit)
             assert header in reported, header
     assert units >= {"N", "N m", "W", "Pa", "-", "A", "m", "m/s", "m/s^2", "rad/s^2"}
+
+
+@pytest.mark.parametrize(("unit", "text"), [("-", "0.0002 at t"), ("m", "0.0002 m at t")])
+def test_regression_dimensionless_peaks_have_no_unit(unit, text):
+    """Messages showed 2.8e-05 - at t = 0.1 s."""
+    missed = missed_peaks.MissedPeak(f"gauge [{unit}]", 0.1, "largest", 2e-4, 1e-4, 1e-4)
+    assert text in missed.description

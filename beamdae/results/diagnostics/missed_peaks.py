@@ -101,7 +101,8 @@ class MissedPeak:
         largest = max(map(abs, values))
         digits = math.ceil(-math.log10(abs(values[0] - values[1]) / largest)) + _DIGITS_OF_MISS
         digits = max(digits, _MIN_DIGITS)
-        return f"{values[0]:.{digits}g} {unit}", f"{values[1]:.{digits}g} {unit}"
+        suffix = "" if unit == "-" else f" {unit}"
+        return f"{values[0]:.{digits}g}{suffix}", f"{values[1]:.{digits}g}{suffix}"
 
 
 def measure_step_extremes(
