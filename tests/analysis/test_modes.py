@@ -504,3 +504,28 @@ def test_regression_campbell_diagrams_with_long_elements_have_one_warning():
     assert sum("too long" in x for x in texts) == 1
     # Further modes that are computed to follow the others have larger errors.
     assert not bd.campbell(mech, [0.0, 5.0, 10.0], n=2).warnings
+
+
+def taut_wire(elements):
+    """Return a thin wire between hinges, pulled by a heavy block that slides along it."""
+    mech = bd.Mechanism()
+    steel = bd.Section.rectangle(bd.Material.of("steel"), width=5e-4, height=5e-4)
+    wire = mech.add(bd.Beam("wire", bd.Line((0.0, 0.0), (0.65, 0.0)), steel, elements))
+    block = mech.add(bd.RigidBody("block", mass=10.0, inertia=1.0, center=(0.65, 0.0)))
+    end = block.at(0.65, 0.0)
+    mech.add(bd.Revolute("start", mech.ground.at(0.0, 0.0), wire.start))
+    mech.add(bd.Revolute("end", wire.end, end))
+    mech.add(bd.Prismatic("slide", mech.ground.at(0.65, 0.0), end))
+    mech.add(bd.Force("pull", end, (70.0, 0.0)))
+    return mech
+
+
+def test_regression_elements_are_not_too_long_for_the_long_waves_of_taut_wires():
+    """Errors of 4 % were reported for modes whose errors are below 1e-4."""
+    result, exact = (bd.modes(taut_wire(k), about="equilibrium", n=10) for k in (8, 16))
+    errors = np.abs(result.frequencies / exact.frequencies - 1.0)
+    (reported,) = [x for x in result.warnings if "elements are too long" in x]
+    first = int(reported.split("mode ")[1].split()[0]) - 1
+    assert np.all(errors[:4] < 2e-4)
+    assert errors[first] > 1e-3
+    assert np.max(errors) > 0.006

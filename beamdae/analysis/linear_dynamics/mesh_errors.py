@@ -8,7 +8,9 @@ import numpy as np
 
 from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import Mechanism
+from beamdae.results.section_forces.recovery import elastic_axial_forces
 
 Array = np.ndarray
 
@@ -25,14 +27,22 @@ _RECOMMENDED_ERROR = 2e-3
 
 
 def mesh_warnings(
-    mechanism: Mechanism, eigenvalues: Array, shares: Mapping[str, Array]
+    mechanism: Mechanism,
+    equations: EquationsOfMotion,
+    state: State,
+    eigenvalues: Array,
+    shares: Mapping[str, Array],
 ) -> list[str]:
     """Return a warning for each beam whose elements are too long for bending waves of modes.
+
+    Tension, such as that of taut wires and rotating blades, makes the waves longer.
 
     Parameters
     ----------
     mechanism
         The assembled mechanism.
+    equations, state
+        Its equations of motion and the state of the modes.
     eigenvalues
         Eigenvalues (k,) of the modes.
     shares
@@ -43,7 +53,12 @@ def mesh_warnings(
         if not isinstance(beam, Beam) or beam.name not in shares:
             continue
         order, factor = _DISPERSION[beam.mesh.nodes]
-        errors = factor * _mean_power(beam, order) * rates ** (0.5 * order) * shares[beam.name]
+        middles = 0.5 * (beam.mesh.element_bounds[1:] + beam.mesh.element_bounds[:-1])
+        errors = factor * _mean_powers(beam, order, rates, middles) * shares[beam.name]
+        if not np.any(errors > _MIN_REPORTED_ERROR):
+            continue
+        tension = np.maximum(elastic_axial_forces(beam, equations, state, middles), 0.0)
+        errors = factor * _mean_powers(beam, order, rates, middles, tension) * shares[beam.name]
         reported = np.flatnonzero(errors > _MIN_REPORTED_ERROR)
         if not len(reported):
             continue
@@ -63,11 +78,17 @@ def mesh_warnings(
     return sentences
 
 
-def _mean_power(beam: Beam, order: int) -> float:
-    """Return the mean of (h k)^order over the beam at a frequency of 1 rad/s."""
-    lengths, bounds = beam.mesh.element_lengths, beam.mesh.element_bounds
-    middles = 0.5 * (bounds[1:] + bounds[:-1])
+def _mean_powers(
+    beam: Beam, order: int, rates: Array, middles: Array, tension: Array | float = 0.0
+) -> Array:
+    """Return the mean of (h k)^order over the elements at angular frequencies (k,), (k,).
+
+    The wave number k of a beam under tension N is the root of EI k^4 + N k^2 = rhoA omega^2.
+    """
     section = beam.section
     sections = [section if isinstance(section, Section) else section.at(s) for s in middles]
-    numbers = np.array([(x.rhoA / x.EI) ** 0.25 for x in sections])
-    return float(np.average((lengths * numbers) ** order, weights=lengths))
+    bending, mass = np.array([(x.EI, x.rhoA) for x in sections]).T
+    half = 0.5 * tension / bending
+    squares = np.sqrt(half**2 + rates[:, None] ** 2 * mass / bending) - half
+    lengths = beam.mesh.element_lengths
+    return np.asarray((lengths**order * squares ** (0.5 * order)) @ lengths / np.sum(lengths))

@@ -333,7 +333,7 @@ def compute_modes(
     if mechanism is not None:
         values = result.eigenvalues[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
-        warnings.extend(mesh_warnings(mechanism, values, shares))
+        warnings.extend(mesh_warnings(mechanism, lin.equations, lin.state, values, shares))
     return replace(result, warnings=tuple(warnings))
 
 

@@ -236,6 +236,12 @@ def balanced_and_elastic_forces(
     return balanced, sections.elastic_forces(s)
 
 
+def elastic_axial_forces(beam: Beam, equations: EquationsOfMotion, state: State, s: Array) -> Array:
+    """Return the axial forces [N] from the strains at arc lengths (k,) [m] of one state, (k,)."""
+    sections = _BeamSections(beam, equations, State(*(x[None] for x in state)))
+    return np.asarray(sections.elastic_forces(s)[0, 0])
+
+
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
     """Return the sum of the loads before each section, (rows, sections, 3).
 
