@@ -605,6 +605,29 @@ def test_parameter_in_a_user_formula():
     )
 
 
+@bd.model(t_end=0.2)
+def wheel_on_table(factor=1.0):
+    """Wheel with a moment of `factor` times a table of two arguments, the angle and its rate."""
+    angles, rates = (-0.3, -0.1, 0.0, 0.2, 0.3), (-1.0, 0.0, 1.0)
+    moments = [[-3.0 * angle - 0.5 * rate for rate in rates] for angle in angles]
+    mech = bd.Mechanism()
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, angular_velocity=0.3))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    center = wheel.at(0.0, 0.0)
+    state = [mech.sensor(name, center, name) for name in ("angle", "angle_dot")]
+    mech.add(bd.Moment("motor", center, factor * bd.table((angles, rates), moments)(*state)))
+    return mech
+
+
+def test_regression_factors_of_one_keep_the_rows_of_tables():
+    """The derivative was 3.5 times too large: integers of the table had rounding errors."""
+    method = bd.GeneralizedAlpha(step=0.01)
+    result = bd.sensitivities(wheel_on_table, "factor", method, estimate_error=False)
+    last, first = (bd.simulate(wheel_on_table(factor=x), method, t_end=0.2) for x in (1.001, 0.999))
+    expected = (last["angle"] - first["angle"]) / 0.002
+    np.testing.assert_allclose(result.sensitivity("angle", "factor"), expected, atol=1e-8)
+
+
 @pytest.mark.parametrize("step", [0.05, 0.01])
 def test_regression_errors_of_fixed_steps_are_reported(step):
     """The period is 1.4 s; with 28 steps per period, the derivative is wrong by 11 % at 4 s."""

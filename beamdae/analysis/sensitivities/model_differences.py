@@ -360,7 +360,7 @@ def _try_step(
             _require_same_structure(
                 model.name, name, base, neighbors[0], equations, moves_operators
             )
-        here = _combine(stencil.value_weights, [e.p for e in neighbors])
+        here = interpolate_numbers(stencil.value_weights, [e.p for e in neighbors])
         is_unchanged = base.structure == neighbors[0].structure
         if not is_unchanged and all(e.structure == neighbors[0].structure for e in neighbors):
             base = with_structure(base, neighbors[0], here)
@@ -451,6 +451,16 @@ def with_structure(
 ) -> EquationsOfMotion:
     """Return equations at the value of a parameter, with the structure of a neighboring model."""
     return replace(neighbor, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
+
+
+def interpolate_numbers(weights: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the sum of weight * value, for weights whose sum is 1.
+
+    Entries that are equal in all values are exact: tables contain integers from which rows are
+    computed, and 4 (1 - 1e-16) would select another row.
+    """
+    first = values[0]
+    return np.asarray(first + _combine(weights, [x - first for x in values]))
 
 
 def _build_neighbor(model: Model, parameters: Mapping[str, Any]) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
+    interpolate_numbers,
     with_structure,
 )
 from beamdae.equations.equations_of_motion import (
@@ -169,8 +170,8 @@ def _difference(
 
 def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     """Return the value at zero of the polynomial through values at `steps`."""
-    result = np.zeros_like(values[0])
-    for k, value in enumerate(values):
-        others = [x for j, x in enumerate(steps) if j != k]
-        result = result + np.prod([x / (x - steps[k]) for x in others]) * value
-    return result
+    weights = []
+    for step in steps:
+        others = np.array([x for x in steps if x != step])
+        weights.append(float(np.prod(others / (others - step))))
+    return interpolate_numbers(weights, values)
