@@ -124,7 +124,7 @@ def largest_eigenvalues(
         Number of eigenvalues.
     tolerance
         Largest permitted relative change of the eigenvalues by each of the last two blocks.
-        (Residuals are not used: rounding errors of a nearly singular operator exceed its small
+        (Residuals are not used: rounding errors of a nearly singular operator exceed its
         small eigenvalues.)
     with_vectors
         False to return no vectors, (n, 0).
