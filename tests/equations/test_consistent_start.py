@@ -214,6 +214,28 @@ def test_regression_rods_follow_a_crank_that_starts_far_away(formulation):
     assert np.all(np.abs(state.q[angles]) < 0.5 * np.pi)
 
 
+def test_regression_four_bars_start_although_a_part_of_a_gap_cannot_be_closed():
+    """The gap of the driver was closed at once, but not in two steps, and the start failed."""
+    mech = bd.Mechanism()
+    foot, crank_end, rocker_end = (1.18, 0.0), (0.923, -0.227), (1.086, -0.679)
+    bars = {"crank": ((0, 0), crank_end), "rod": (crank_end, rocker_end)}
+    bars |= {"rocker": (foot, rocker_end)}
+    crank, rod, rocker = (
+        mech.add(bd.RigidBody.rod(name, *ends, density=7800.0, area=1e-4))
+        for name, ends in bars.items()
+    )
+    for point, first, second in (
+        ((0.0, 0.0), mech.ground, crank),
+        (crank_end, crank, rod),
+        (rocker_end, rod, rocker),
+        (foot, mech.ground, rocker),
+    ):
+        mech.add(bd.Revolute(f"pin {len(mech.parts)}", first.at(*point), second.at(*point)))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0), 0.6))
+    numeric, state = make_consistent(mech)
+    assert_consistent(numeric, state)
+
+
 def slider_crank(angle):
     """Return a 2 m crank with a 1.5 m rod, which does not reach the line beyond arcsin(3/4)."""
     mech = bd.Mechanism()

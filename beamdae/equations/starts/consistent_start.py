@@ -237,8 +237,12 @@ class ConsistencySolver(StateEvaluator):
             return self._close_gaps(time, q, q, np.zeros_like(gaps))
         n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
         closed_q = q
-        for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
-            closed_q = self._close_gaps(time, closed_q, q, share * gaps)
+        try:
+            for share in np.linspace(1.0, 0.0, n_steps + 1)[1:]:
+                closed_q = self._close_gaps(time, closed_q, q, share * gaps)
+        except BeamdaeError:
+            # Newton's method may fail in a step although it closes the gaps at once.
+            return self._close_gaps(time, q, q, np.zeros_like(gaps))
         return closed_q
 
     def _close_gaps(self, time: Array, q: Array, drawn: Array, gaps: Array) -> Array:
