@@ -320,7 +320,11 @@ def mark_vanishing_columns(
 
 
 def mark_resting_columns(
-    headers: Sequence[str], rows: np.ndarray, half_range: np.ndarray, length: float
+    headers: Sequence[str],
+    rows: np.ndarray,
+    half_range: np.ndarray,
+    length: float,
+    rate: float = 0.0,
 ) -> np.ndarray:
     """Return the mask of the columns whose half range is at the level of rounding errors.
 
@@ -334,8 +338,13 @@ def mark_resting_columns(
         Half the range of each column, (columns,).
     length
         Length of the mechanism [m].
+    rate
+        Angular frequency [rad/s] of periodic motions, whose velocities and accelerations are at
+        rest if the positions are; 0 if unknown.
     """
-    sizes = {"m": length, "rad": 1.0}
+    rates = {"": 1.0, "/s": rate, "/s^2": rate**2}
+    units = (("m", length), ("rad", 1.0))
+    sizes = {unit + per: size * x for unit, size in units for per, x in rates.items()}
     size = np.array([sizes.get(Header.of(header).unit, 0.0) for header in headers])
     limits = (
         _REST_TO_OTHERS_RATIO * largest_of_kind(headers, half_range),

@@ -10,7 +10,12 @@ import numpy as np
 
 from beamdae.errors import kind_of_message
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import UNITS_OF_TRANSLATIONS, Header, select_column
+from beamdae.results.columns import (
+    UNITS_OF_TRANSLATIONS,
+    Header,
+    mark_resting_columns,
+    select_column,
+)
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import (
@@ -294,13 +299,30 @@ class FrequencyResponse(HasTable, HasPage):
             unit = Header.of(name).unit
             largest[unit] = max(largest.get(unit, 0.0), float(size.max()))
         varying = []
+        at_rest = self.resting_columns
         for name, size in sizes.items():
             unit = Header.of(name).unit
             other = UNITS_OF_TRANSLATIONS.get(unit, (unit, 0))[0]
             noise = _NOISE_RATIO * max(largest[unit], largest.get(other, 0.0))
-            if size.max() > noise and np.ptp(size) > _MIN_VARIATION * size.max():
+            if name in at_rest or size.max() <= noise:
+                continue
+            if np.ptp(size) > _MIN_VARIATION * size.max():
                 varying.append(name)
         return tuple(varying)
+
+    @cached_property
+    def resting_columns(self) -> frozenset[str]:
+        """Headers of the observed columns that are rounding errors in all motions."""
+        names = list(self.points[0].solution.columns) if self.points else []
+        if not names:
+            return frozenset()
+        motions = [[x.solution.columns[name] for name in names] for x in self.points]
+        rows = np.array([[f(x) for x in y] for y in motions for f in (np.min, np.max)])
+        half_ranges = np.max([self.curve(name)[1] for name in names], axis=1, initial=0.0)
+        rate = 2.0 * np.pi / min(point.period for point in self.points)
+        length = self.points[0].solution.equations.length
+        at_rest = mark_resting_columns(names, rows, half_ranges, length, rate)
+        return frozenset(name for name, rests in zip(names, at_rest, strict=True) if rests)
 
     @cached_property
     def _arc_length(self) -> Array:

@@ -271,7 +271,8 @@ def test_steps_across_a_fold_report_it_once():
     # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
     # reverse three times.
     def point(parameter, s):
-        solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])})
+        equations = SimpleNamespace(length=1.0)
+        solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])}, equations=equations)
         return ResponsePoint(parameter, 1.0, solution, np.zeros(0), forward=s < 0.0)
 
     arc = np.array([-0.3, -0.1, -1e-5, 0.5e-5, 1e-5, 0.1, 0.3])

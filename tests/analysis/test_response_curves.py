@@ -9,11 +9,13 @@ import beamdae as bd
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _follow_curve
 from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
+from beamdae.report.pictures.path_plots import create_response_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 
 AMPLITUDE = 1e-4  # m or rad
 RUNS = bd.Radau(1e-5)
+UNIT_LENGTH = SimpleNamespace(length=1.0)  # equations of a mechanism of 1 m
 
 
 def shaken_strip(law, rotates=False, damping=2e-4, elements=2):
@@ -176,7 +178,7 @@ def test_regression_response_over_the_amplitude_of_a_driver_is_proportional():
 
 def arc_point(value, s, slope):
     """Return a point of a response curve with x = s and this rate of the parameter."""
-    solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])})
+    solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])}, equations=UNIT_LENGTH)
     point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
     return SimpleNamespace(
         value=value, iterations=3, position=s, as_response_point=lambda sign: point
@@ -292,7 +294,7 @@ def test_regression_columns_of_rounding_errors_do_not_shift_peaks():
             "base.angle_ddot [rad/s^2]": 1e-22 * other,
         }
         columns = {name: np.array([-x, x]) for name, x in half_ranges.items()}
-        run = SimpleNamespace(columns=columns)
+        run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
         points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
     response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
     assert response.varying_columns == ("tip [m]",)
@@ -310,11 +312,30 @@ def test_regression_peaks_of_few_points_are_not_extrapolated_far(ratio):
             sizes = 1.0 / np.hypot(1.0 - frequencies**2, 2.0 * ratio * frequencies)
             points = []
             for frequency, size in zip(frequencies, sizes, strict=True):
-                run = SimpleNamespace(columns={"tip [m]": np.array([-size, size])})
+                columns = {"tip [m]": np.array([-size, size])}
+                run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
                 points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
             response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
             for _, size in response.peaks("tip"):
                 assert sizes.max() <= size <= limit * 0.5 / ratio
+
+
+def test_regression_velocities_at_rest_have_no_peaks():
+    """A point on a bearing had 22 peaks of 1e-35 m/s because no other column was in m/s."""
+    noise = np.random.default_rng(0).uniform(size=9)
+    points = []
+    for speed, x in zip(np.linspace(176.0, 192.0, 9), noise, strict=True):
+        size = 1.0 / np.hypot(1.0 - (speed / 184.0) ** 2, 0.02)
+        sizes = {"tip [m]": 1e-4 * size, "hub.x_dot [m/s]": 1e-35 * x, "hub.ax [m/s^2]": 1e-10 * x}
+        sizes["slow [rad/s]"] = 1e-9 * size
+        columns = {name: np.array([-y, y]) for name, y in sizes.items()}
+        run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
+        points.append(ResponsePoint(speed, 2.0 * np.pi / speed, run, np.array([0.5])))
+    response = FrequencyResponse("speed", tuple(points), Status("ok", "complete"))
+    assert list(response.peak_table()["observed"]) == ["tip [m]", "slow [rad/s]"]
+    figure = create_response_figure(response, "blade")
+    labels = [axis.get_ylabel() for axis in figure.axes if axis.get_visible()]
+    assert labels == ["tip, half range [m]", "slow, half range [rad/s]"]
 
 
 def sine_response(mean, factor):
@@ -324,7 +345,7 @@ def sine_response(mean, factor):
     for speed in np.linspace(0.9, 1.1, 9):
         values = mean + factor / np.hypot(1.0 - speed**2, 0.04) * np.sin(phase)
         columns = {"stress [Pa]": values, "largest [Pa]": np.abs(values)}
-        solution = SimpleNamespace(columns=columns, warnings=())
+        solution = SimpleNamespace(columns=columns, warnings=(), equations=UNIT_LENGTH)
         points.append(ResponsePoint(speed, 1.0, solution, np.ones(1)))
     return FrequencyResponse("speed", tuple(points), Status("ok", "reached the end"))
 

@@ -206,12 +206,13 @@ def create_response_figure(
 ) -> Figure:
     """Plot half ranges of observed columns over the parameter.
 
-    Without names, these are the columns that vary, except rates. Unstable parts are dashed, and
-    peaks are marked.
+    Without names, these are the columns that vary, except rates and columns at rest. Unstable
+    parts are dashed, and peaks are marked.
     """
     if not names:
         curves = {c: response.curve(c)[1] for c in response.points[0].solution.columns}
         names = varying_columns(mask_huge_values(curves))
+        names = [x for x in names if x not in response.resting_columns] or names
     figure, axes = create_panels(len(names), title, x_label=None)
     for axis, name in zip(axes, names, strict=False):
         _draw_response(axis, response, name)
