@@ -83,7 +83,9 @@ def test_regression_steps_that_hardly_increase_do_not_support_extrapolation():
     difference to the run at 1e-3, although the differences decreased before."""
     case = next(case for case in ALL if case.name == "thick_strip_damped")
     required = [*case.columns, *case.deflections]
-    settings = {"columns": required, "t_end": case.duration, "output_step": case.duration / 1000}
+    # Rows that are farther apart miss peaks of the vibration.
+    step = case.duration / 10000
+    settings = {"columns": required, "t_end": case.duration, "output_step": step}
     certificate = bd.certify(case.build(), accuracy=0.01, **settings)
     assert certificate.status.success
     finer = bd.certify(case.build(), accuracy=3e-4, **settings)

@@ -1,6 +1,7 @@
 """Warnings about contacts whose restitution holds at another speed than that of their impacts."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.parts.forces.contact import hysteresis_factor, restitution_at
+from beamdae.results.diagnostics import impact_speeds
 
 SPEED = 3.7  # m/s
 
@@ -41,6 +43,18 @@ def test_regression_impacts_far_from_the_given_speed_have_a_warning(impact_speed
 )
 def test_impacts_near_the_given_speed_and_without_losses_have_no_warning(impact_speed, restitution):
     assert not drop(impact_speed, restitution)[1]
+
+
+@pytest.mark.parametrize(("record", "speed", "count"), [(None, 0.5, 1), ("", 0.5, 0), ("", 9.0, 1)])
+def test_long_runs_that_store_some_steps_are_not_called_too_slow(record, speed, count, monkeypatch):
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, 0.01)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("bounce", ball.point, floor, 8e6, restitution=0.6, impact_speed=SPEED))
+    monkeypatch.setattr(impact_speeds, "_fastest_impact", lambda gap, interval: speed)
+    trajectory = SimpleNamespace(intervals=(SimpleNamespace(record=record),))
+    equations = bd.equations_of_motion(mech)
+    assert len(list(impact_speeds.impact_speed_warnings(equations, trajectory))) == count
 
 
 def test_restitution_at_other_speeds_has_the_same_hysteresis():

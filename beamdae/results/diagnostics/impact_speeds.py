@@ -44,7 +44,10 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
             continue
         speed = max(_fastest_impact(gap, interval) for interval in trajectory.intervals)
         ratio = speed / contact.impact_speed
-        if not speed or 1.0 / _MAX_SPEED_RATIO <= ratio <= _MAX_SPEED_RATIO:
+        # Faster impacts may lie between the stored steps of long runs.
+        is_thinned = any(interval.record is not None for interval in trajectory.intervals)
+        least = 0.0 if is_thinned else 1.0 / _MAX_SPEED_RATIO
+        if not speed or least <= ratio <= _MAX_SPEED_RATIO:
             continue
         restitution = restitution_at(speed, contact.restitution, contact.impact_speed)
         if abs(restitution - contact.restitution) < _MIN_RESTITUTION_CHANGE:
