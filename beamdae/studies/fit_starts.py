@@ -134,7 +134,7 @@ def run_starts(
         t_end=_RELATIVE_RUN * problem.last_time,
         limits=Limits(),
         searches=tuple(
-            StartSearch(problem, scaling, max_evaluations, scaling.variables(x)) for x in points
+            StartSearch(problem, scaling, max_evaluations, scaling.start(x)) for x in points
         ),
     )
     results = _run(study, path, executor, progress)

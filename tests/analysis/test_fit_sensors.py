@@ -50,6 +50,30 @@ def test_sensors_are_estimated_with_the_parameters(sensed):
 
 
 @SLOW
+@pytest.mark.parametrize("bounds", [(0.0, 0.1), (-0.1, 0.0)], ids=["lower", "upper"])
+def test_search_from_a_bound_of_a_shift_reaches_the_minimum(bounds):
+    shift = SHIFT if bounds[1] else -SHIFT
+    data = {"t [s]": TIMES, "mass.x": record(shift=shift)[0]}
+    fit = bd.fit(
+        oscillator, data, list(TRUE), METHOD, sigma=NOISE, log=list(TRUE), shift={"mass.x": bounds}
+    )
+    assert fit.status.success
+    assert fit.parameters == pytest.approx(TRUE, rel=1e-5)
+    assert fit.sensors["shift of mass.x"] == pytest.approx(shift, rel=1e-4)
+
+
+@SLOW
+@pytest.mark.parametrize("name", list(TRUE))
+def test_search_from_a_bound_of_a_parameter_in_log_reaches_the_minimum(name):
+    data = {"t [s]": TIMES, "mass.x": record()[0]}
+    first = oscillator.parameters[name]
+    bounds = {name: (first, 10.0 * first)}
+    fit = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=NOISE, log=list(TRUE), bounds=bounds)
+    assert fit.status.success
+    assert fit.parameters == pytest.approx(TRUE, rel=1e-5)
+
+
+@SLOW
 def test_projected_jacobian_agrees_with_differences(sensed):
     noise = np.random.default_rng(2).normal(scale=0.02, size=TIMES.size)
     data = {**sensed, "mass.x": sensed["mass.x"] + noise}

@@ -90,7 +90,8 @@ def fit(
         it. Defaults to an estimate from the residuals.
     parameters
         Values of parameters that differ from the defaults. For those in `by`, the search begins
-        with these values.
+        with these values; those at a bound are moved inside by 1 % of the range of the bounds, at
+        most by 1 % of the value.
     experiments
         For each experiment of the data, values of parameters that differ in this experiment, such
         as another tip mass. All experiments are fitted together.

@@ -40,6 +40,8 @@ Array = np.ndarray
 _MAX_DURATION = 10.0
 # Data that end after more than this multiple of it cause a warning; delays of sensors do not.
 _MAX_USUAL_DURATION = 1.1
+# Distance from bounds at which a search begins, relative to their distance or to the first value.
+_START_DISTANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +375,7 @@ class Scaling:
     Attributes
     ----------
     first
-        First variables (K,).
+        First variables (K,), inside the bounds.
     limits
         Lower and upper bounds of the variables, (K,) each.
     bound_texts
@@ -432,8 +434,17 @@ class Scaling:
             lower[k], upper[k] = shift.bounds
             self.bound_texts[shift.name] = tuple(f"{x:g} s" for x in shift.bounds)
             self._size[k] = shift.size
-        self.first = self.variables(values)
         self.limits = self.variables(lower), self.variables(upper)
+        self.first = self.start(values)
+
+    def start(self, values: Array) -> Array:
+        """Return the variables at which a search from values (K,) begins, inside the bounds.
+
+        The first steps of a search that begins at a bound are too short for it to continue.
+        """
+        lower, upper = self.limits
+        distance = _START_DISTANCE * np.minimum(upper - lower, 1.0)
+        return np.clip(self.variables(values), lower + distance, upper - distance)
 
     def variables(self, values: Array) -> Array:
         """Return the variables of values (K,)."""
