@@ -718,7 +718,7 @@ class Beam(Part):
         kind = LargestStress(tuple(x.operator.shape[0] for x in pieces), exponent)
         values, data = FormulaExpression.of(kind, functions)
         columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
-        return Quantity(columns, tuple(pieces), values, data)
+        return Quantity(columns, tuple(pieces), values, data, is_magnitude=True)
 
     @property
     def _element_sections(self) -> list[float]:

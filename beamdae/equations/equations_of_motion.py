@@ -236,6 +236,8 @@ class Observable:
         Slice of the multipliers on which the columns depend; empty if they depend on none.
     has_accelerations
         True if local accelerations are the last argument of `function`.
+    is_magnitude
+        See `Quantity`.
     """
 
     name: str
@@ -245,6 +247,7 @@ class Observable:
     data: slice
     rows: slice
     has_accelerations: bool = False
+    is_magnitude: bool = False
 
     @property
     def headers(self) -> list[str]:

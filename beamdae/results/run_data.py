@@ -158,8 +158,15 @@ class RunData:
     def missed_peaks(self) -> dict[str, MissedPeak]:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
         rtol = self.integrator.get("rtol") or 0.0
+        observables = self.equations.observables
+        magnitudes = {header for o in observables if o.is_magnitude for header in o.headers}
         return find_missed_peaks(
-            self.columns, self.step_extremes, self.equations.length, rtol, self._find_drift
+            self.columns,
+            self.step_extremes,
+            self.equations.length,
+            rtol,
+            self._find_drift,
+            magnitudes,
         )
 
     def _find_drift(self) -> tuple[float, float]:

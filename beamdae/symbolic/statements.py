@@ -353,6 +353,9 @@ class Quantity:
     load_of
         Name of the force part that exerts the loads, which are the columns in `LOAD_UNITS`; they
         are zero while the part is inactive. None if the values are not loads.
+    is_magnitude
+        True if the values are magnitudes, or the largest of several ones: their derivatives jump,
+        and their smallest values do not matter.
     """
 
     columns: tuple[Variable, ...]
@@ -364,6 +367,7 @@ class Quantity:
     recipe: _Recipe | None = field(default=None, repr=False, compare=False)
     has_accelerations: bool = False
     load_of: str | None = None
+    is_magnitude: bool = False
 
     @property
     def can_be_rebuilt(self) -> bool:

@@ -228,3 +228,24 @@ def test_discrete_model_rejects_invalid_intervals():
     unstable = replace(plant, A=np.diag([1e3, 1.0]))
     with pytest.raises(bd.BeamdaeError, match="exceeds the range of numbers within 10 s"):
         unstable.state_space(10.0)
+
+
+@pytest.mark.parametrize("about", ["reference", bd.rotation(10.0)], ids=["rest", "rotation"])
+def test_regression_largest_magnitudes_are_no_outputs(about):
+    """The transfer function of the largest stress was zero, without a warning."""
+    mech = bd.Mechanism()
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.5, 0.0)), STRIP, elements=1))
+    hub = mech.add(bd.RigidBody("hub", 8.0, 0.08))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), blade.start))
+    mech.add(bd.Moment("drive", hub.at(0.0, 0.0), 0.0))
+    mech.observe("largest", blade.largest_stress())
+    mech.observe("root", blade.stress(0.0, "top"))
+    with pytest.warns(bd.BeamdaeWarning, match=r"largest: .* observe beam.stress\(\.\.\.\)"):
+        linear = bd.linearize(mech, about)
+    assert [x.header for x in linear.outputs] == ["root [Pa]"]
+    assert linear.C.shape[0] == linear.D.shape[0] == len(linear.output_values) == 1
+    assert not bd.linearize(mech, about, outputs=["root"]).warnings
+    for name in ("largest", "largest.bound", "largest.largest [Pa]"):
+        with pytest.raises(bd.BeamdaeError, match="is a largest magnitude, whose derivatives"):
+            bd.linearize(mech, about, outputs=[name])

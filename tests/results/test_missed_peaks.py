@@ -102,6 +102,34 @@ def test_regression_noise_beside_a_constant_force_is_no_missed_peak():
     assert list(missed_peaks.find_missed_peaks(observed, extremes, 0.6, rtol=1e-5))
 
 
+def test_regression_valleys_of_magnitudes_are_no_missed_peaks():
+    """The smallest value of a largest stress was reported, which is near zero in vibrations."""
+    extremes = {"stress.largest [Pa]": missed_peaks.StepExtremes(0.0, 0.1, 1e7, 0.5, 5e6)}
+    observed = {"stress.largest [Pa]": np.array([2e6, 1e7])}
+    assert list(missed_peaks.find_missed_peaks(observed, extremes, 1.0)) == list(observed)
+    assert not missed_peaks.find_missed_peaks(observed, extremes, 1.0, magnitudes=observed)
+    observed["stress.largest [Pa]"][1] = 9e6
+    (missed,) = missed_peaks.find_missed_peaks(
+        observed, extremes, 1.0, magnitudes=observed
+    ).values()
+    assert (missed.side, missed.value) == ("largest", 1e7)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_only_largest_values_of_a_largest_stress_are_missed():
+    """The rows of a vibrating strip missed the instants without stress."""
+    mech = bd.Mechanism()
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.02, height=0.004, damping=1e-3)
+    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Force("push", strip.end, (0.0, bd.sine(1.0, 5.0, 0.5 * np.pi))))
+    mech.observe("stress", strip.largest_stress())
+    # The rows are at the largest magnitudes of the force.
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=0.2, output_step=0.1, start="equilibrium")
+    assert {x.side for x in run.missed_peaks.values()} == {"largest"}
+
+
 def test_regression_motions_that_vanish_by_symmetry_have_no_peaks():
     """Peaks of 1e-10 rad/s^2 beside an impact of 500 m/s^2 were reported as missed."""
     sizes = {

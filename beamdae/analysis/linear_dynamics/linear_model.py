@@ -26,6 +26,7 @@ from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
+    list_first,
     require_finite,
     require_positive,
     require_sequence,
@@ -54,6 +55,7 @@ _MAX_COORDINATES = 2000
 _POLE_SHIFT = 0.618034
 # Poles whose magnitudes differ less than this may be a conjugate pair.
 _PAIR_TOLERANCE = 1e-6
+_MAX_NAMES = 3  # of observables in a warning
 
 
 @read_only_data
@@ -83,7 +85,7 @@ class LinearModel(HasPage):
         Description of the state.
     warnings
         Warnings if the state is at rest but not an equilibrium, or if it is the end of an
-        equilibrium path or a run that ended early.
+        equilibrium path or a run that ended early, and of omitted outputs.
     """
 
     A: Array
@@ -260,7 +262,8 @@ def linearize(
         named keep the values that they have at the state.
     outputs
         Names of observables, which select all their columns, or of columns such as "tip.y", with
-        or without the unit. Defaults to all of them.
+        or without the unit. Defaults to all of them except largest magnitudes, such as
+        `Beam.largest_stress`, whose derivatives jump.
 
     Returns
     -------
@@ -270,7 +273,8 @@ def linearize(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the state, an input or an output does not exist, a driver among
+        If an argument is invalid, the state, an input or an output does not exist, an output is a
+        largest magnitude, a driver among
         the inputs is inactive or redundant, an output is a reaction while redundant constraints are
         removed, a coordinate has no inertia, or the model has more than 2000 coordinates.
     Interrupted
@@ -300,6 +304,8 @@ def linearize(
     lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
     model_inputs = _resolve_inputs(model, lin, inputs)
     observables, columns = _resolve_outputs(lin, outputs)
+    if outputs is None:
+        lin = replace(lin, warnings=(*lin.warnings, *_magnitude_warnings(lin)))
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
@@ -435,7 +441,7 @@ def _resolve_outputs(
         selected.setdefault(header, [header])
         selected.setdefault(split_unit(header)[0], [header])
     if names is None:
-        names = [o.name for o in observables]
+        names = [o.name for o in observables if not o.is_magnitude]
     headers: list[str] = []
     for name in require_sequence("linearize", "outputs", names, "names"):
         if not isinstance(name, str) or name not in selected:
@@ -444,8 +450,24 @@ def _resolve_outputs(
                 f"{short_repr(name)}{suggest(name, selected)}; use the name of an "
                 "observable or of a column."
             )
+        if any(owners[header].is_magnitude for header in selected[name]):
+            raise BeamdaeError(
+                f"linearize: the output {name} is a largest magnitude, whose derivatives jump; use "
+                "outputs with a sign, such as beam.stress(...) at one section."
+            )
         headers += selected[name]
     return list({id(owners[x]): owners[x] for x in headers}.values()), headers
+
+
+def _magnitude_warnings(lin: Linearization) -> tuple[str, ...]:
+    """Return a warning that names the observables that are magnitudes, or nothing."""
+    names = [o.name for o in lin.full_equations.observables if o.is_magnitude]
+    if not names:
+        return ()
+    return (
+        f"{list_first(names, _MAX_NAMES)}: largest magnitudes are omitted from the outputs because "
+        "their derivatives jump; observe beam.stress(...) at one section instead.",
+    )
 
 
 def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:

@@ -290,6 +290,7 @@ def build_observable(
         data_slice,
         lam_rows,
         quantity.has_accelerations,
+        quantity.is_magnitude,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -272,6 +272,7 @@ def find_missed_peaks(
     length: float,
     rtol: float = 0.0,
     find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
+    magnitudes: Collection[str] = (),
 ) -> dict[str, MissedPeak]:
     """Return the missed peak of each column whose largest or smallest value the rows miss.
 
@@ -290,6 +291,8 @@ def find_missed_peaks(
         Tolerance of the run; 0 for fixed steps.
     find_drift
         Function that returns the drift of the constraints in positions [m] and velocities [m/s].
+    magnitudes
+        Headers of magnitudes, of which only the largest value matters.
     """
     names = [x for x in extremes if np.isfinite(observed[x]).all()]
     if not names:
@@ -304,6 +307,7 @@ def find_missed_peaks(
     units = [Header.of(name).unit for name in names]
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
     misses = np.stack([rows[0] - low, high - rows[1]])
+    misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
     if is_missed.any():
         is_missed &= half_range > _drift_limits(units, length, *find_drift())
