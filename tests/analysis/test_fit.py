@@ -240,6 +240,20 @@ def test_regression_misfits_and_correlations_are_told(exact):
     assert "times as large as if the other was known" in sentence
 
 
+@SLOW
+def test_regression_intervals_of_nearly_dependent_parameters_have_a_warning(exact):
+    data = {"t [s]": TIMES, "mass.x [m]": exact["mass.x"]}
+    options = {"parameters": {"damping": TRUE["damping"]}, "by": ["stiffness", "mass"]}
+    # The profile likelihood of the stiffness ends at 24.1 and 77.9, the interval at 17.7 and 62.3.
+    with pytest.warns(bd.BeamdaeWarning, match="intervals of stiffness, mass may not hold"):
+        result = bd.fit(oscillator, data, integrator=METHOD, sigma=0.01, **options)
+    assert sum("fit.profile('stiffness')" in x for x in result.warnings) == 1
+    # The correlation is the same, but both intervals agree up to 3 %: 34.1, 47.6 and 33.3, 46.7.
+    result = bd.fit(oscillator, data, integrator=METHOD, sigma=0.003, **options)
+    assert result.undetermined
+    assert not any("may not hold" in x for x in result.warnings)
+
+
 def test_regression_multiple_correlation_of_three_parameters_is_stated():
     # The effect of the third parameter is nearly the mean of the others: no pair is dependent.
     rng = np.random.default_rng(0)

@@ -124,8 +124,9 @@ class Fit:
         given `sigma` of more than 1.4 times the residuals of its column (if smaller residuals have
         a probability below 1e-6), on residuals that are no white noise (consecutive ones have a
         correlation above 0.5, single ones are outliers, or, without `sigma`, columns or experiments
-        scatter differently), on estimates at a bound, or on data that end after the end time of
-        the model.
+        scatter differently), on estimates at a bound, on intervals of correlated parameters whose
+        linear approximation may fail (`profile` does without it), or on data that end after the end
+        time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -574,6 +575,18 @@ class Information:
             )
         return tuple(sentences)
 
+    def nonlinear(self) -> Array:
+        """Return True (k,) for correlated parameters whose intervals may be far from linear.
+
+        A change by one standard deviation d, relative to the parameter, changes the residuals by
+        the ratio r of d to the deviation with all others known. Their curvature is about d r.
+        """
+        variances = np.diag(self.covariance) / self.sizes**2
+        is_correlated = np.any([np.zeros(len(self.sizes), bool), *self._correlated()], axis=0)
+        # Infinite intervals hold.
+        squares = np.where(np.isfinite(variances), variances, 0.0) * self._variance_inflation
+        return np.asarray(is_correlated & (squares > _MAX_RELATIVE_DEVIATION**2))
+
     @property
     def _variance_inflation(self) -> Array:
         """Ratios (k,) of the variances of parameters to those with all others known.
@@ -650,6 +663,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
                 or _check_noise(problem, evaluation.residuals)
             ),
             *_check_bounds(problem, scaling, search, estimates),
+            *_check_intervals(problem, information),
             *steps,
         ),
         _information=information,
@@ -676,6 +690,19 @@ def _check_bounds(
             f"bounds if {beyond} values are possible, or leave {name} out of the fit."
         )
     return tuple(sentences)
+
+
+def _check_intervals(problem: FitProblem, information: Information) -> tuple[str, ...]:
+    """Return a warning if intervals of correlated parameters may not hold."""
+    is_nonlinear = information.nonlinear()[: len(problem.variables)]
+    names = [x for x, is_in in zip(problem.variables, is_nonlinear, strict=True) if is_in]
+    if not names:
+        return ()
+    return (
+        f"The intervals of {', '.join(names)} may not hold: their linear approximation fails "
+        "because the data hardly distinguish effects of estimates (see undetermined); use "
+        f"fit.profile({names[0]!r}), which does without it, or fix a parameter.",
+    )
 
 
 def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
