@@ -53,11 +53,12 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of the stress [Pa], including waves that the mesh does not resolve and peaks
-        between the times.
+        Estimated error of this stress [Pa], including waves that the mesh does not resolve and
+        peaks between the times.
     lower_bound
         Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
-        the yield stress to the sum of the stress and its estimated error.
+        the yield stress to the sum of the stress and its estimated error. It may belong to another
+        section than `stress`, where the error is larger.
     warning
         Warning if the error exceeds 10 % of the stress, otherwise None.
     """
