@@ -118,6 +118,15 @@ IntegratorName = Annotated[
         autocompletion=lambda: list(INTEGRATORS),
     ),
 ]
+PeriodStart = Annotated[
+    float,
+    typer.Option(
+        parser=parse_seconds,
+        metavar="TIME",
+        help="Time in seconds, or with a unit, at which periods begin; loads must be periodic from "
+        "this time on.",
+    ),
+]
 RelativeTolerance = Annotated[
     float | None,
     typer.Option(

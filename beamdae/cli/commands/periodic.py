@@ -14,6 +14,7 @@ from beamdae.cli.options import (
     ModelPath,
     Out,
     Page,
+    PeriodStart,
     Picture,
     PlottedColumns,
     RelativeTolerance,
@@ -71,6 +72,7 @@ def periodic_command(
             "(3000rpm).",
         ),
     ] = None,
+    t_start: PeriodStart = 0.0,
     settle: Annotated[
         int, typer.Option(help="Periods to run before the periodic motion is sought.")
     ] = 5,
@@ -105,6 +107,7 @@ def periodic_command(
         method,
         parse_start(start) if speed is None else rotation(speed),
         settle=settle,
+        t_start=t_start,
         period_guess=period_guess,
     )
     table = escape_table(motion.solution.table())

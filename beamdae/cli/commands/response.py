@@ -16,6 +16,7 @@ from beamdae.cli.options import (
     ModelPath,
     Out,
     Page,
+    PeriodStart,
     Picture,
     PlottedColumns,
     RelativeTolerance,
@@ -73,6 +74,7 @@ def response_command(
     settle: Annotated[
         int, typer.Option(help="Periods to run before the first periodic motion is sought.")
     ] = 20,
+    t_start: PeriodStart = 0.0,
     max_points: Annotated[int, typer.Option(help="Maximum number of points of the curve.")] = 400,
     page: Page = True,
     picture: Picture = True,
@@ -108,6 +110,7 @@ def response_command(
         max_step,
         settle,
         max_points=max_points,
+        t_start=t_start,
         partial="return",
     )
     if angular and not result.unit:
@@ -133,8 +136,10 @@ def _parse_range(over: str, model: Model) -> tuple[str, tuple[float, float]]:
     ((name, text),) = parse_assignments([over], "--over").items()
     info = model.parameter_info.get(name)
     ends = parse_ends("--over", name, text, info.unit if info else "")
-    if ends is None:
-        raise BeamdaeError(f"--over {over}: the range must have the form FIRST:LAST, two numbers.")
+    if ends is None or not all(map(math.isfinite, ends)) or ends[0] == ends[1]:
+        raise BeamdaeError(
+            f"--over {over}: the range must have the form FIRST:LAST, two different finite numbers."
+        )
     return name, ends
 
 
