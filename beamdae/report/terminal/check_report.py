@@ -66,12 +66,18 @@ def describe_check(check: Any) -> Mapping[str, str]:
             else f"a run over {100.0 * p.covered_share:.1f} % of the time"
         )
         facts["predicted cost"] = (
-            f"about {p.steps:.1g} steps, {p.seconds:.1g} s ({p.method}), measured by {source}"
+            f"about {_round(p.steps)} steps, {_round(p.seconds)} s ({p.method}), measured by "
+            f"{source}"
         )
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
     facts["verdict"] = check.problem or "ready to run"
     return facts
+
+
+def _round(value: float) -> str:
+    """Return the value with one significant digit, without an exponent below a million."""
+    return f"{float(f'{value:.1g}'):g}"
 
 
 def _describe_start(check: Any) -> str:
@@ -91,7 +97,7 @@ def _describe_start(check: Any) -> str:
 def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
     if frequencies.massless:
         return {"mass": f"singular: {frequencies.massless} has no inertia"}
-    facts = {"mass": "positive in every motion the joints allow"}
+    facts = {"mass": "positive for every motion that the joints allow"}
     lowest, highest = frequencies.lowest, frequencies.highest
     if highest is not None and lowest is not None:
         stability = "BDF is stable at any order"
@@ -103,5 +109,7 @@ def _describe_frequencies(frequencies: FrequencyRange) -> dict[str, str]:
             f"fastest mode {frequencies.damping_ratio:.2g}, {stability}"
         )
     if frequencies.growth_rate > 0.0:
-        facts["unstable"] = f"a motion departs from the start at {frequencies.growth_rate:.3g} 1/s"
+        facts["unstable"] = (
+            f"a motion grows from the start at a rate of {frequencies.growth_rate:.3g} 1/s"
+        )
     return facts
