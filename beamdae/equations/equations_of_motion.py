@@ -601,6 +601,12 @@ class EquationsOfMotion:
         """Indices of the first-order states among the coordinates."""
         return np.array(self.structure.states, int)
 
+    def without_states(self, x: Array) -> Array:
+        """Return a copy of values (..., n) of the coordinates with zeros for first-order states."""
+        moving = x.copy()
+        moving[..., self.states] = 0.0
+        return moving
+
     @cached_property
     def position_scales(self) -> Array:
         """Scale of each coordinate, (n,): the characteristic length [m], or 1 rad for an angle.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -15,29 +14,7 @@ from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
 from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
-from beamdae.symbolic.force_kernel import ForceKernel
 
-# Operations with jumps or kinks, and calls of tables.
-_ABRUPT_OPERATIONS = {
-    ca.OP_LT,
-    ca.OP_LE,
-    ca.OP_EQ,
-    ca.OP_NE,
-    ca.OP_NOT,
-    ca.OP_AND,
-    ca.OP_OR,
-    ca.OP_IF_ELSE_ZERO,
-    ca.OP_SIGN,
-    ca.OP_FABS,
-    ca.OP_FLOOR,
-    ca.OP_CEIL,
-    ca.OP_FMOD,
-    ca.OP_REMAINDER,
-    ca.OP_COPYSIGN,
-    ca.OP_FMIN,
-    ca.OP_FMAX,
-    ca.OP_CALL,
-}
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000
 
@@ -45,19 +22,8 @@ _MAX_TRIAL_STEPS = 20_000
 def choose_integrator(equations: EquationsOfMotion, gaps: Sequence[SurfaceGapTerm]) -> str:
     """Return "radau" for models with contacts, friction or other abrupt forces, else "alpha"."""
     kernels = {id(term.kernel): term.kernel for term in equations.forces}.values()
-    is_abrupt = gaps or any(k.local.n_multipliers or has_kinks_over_motion(k) for k in kernels)
+    is_abrupt = gaps or any(k.local.n_multipliers or k.has_kinks_over_motion for k in kernels)
     return "radau" if is_abrupt else "alpha"
-
-
-def has_kinks_over_motion(kernel: ForceKernel) -> bool:
-    """Return True if the force has kinks or tables over positions, velocities or reactions.
-
-    Kinks over time or inputs do not count, and neither do smooth formulas with short peaks.
-    """
-    x = kernel.local
-    sizes = {1: x.size, 2: x.size, 4: x.n_multipliers}  # q, v and lam in `ForceKernel.inputs`
-    motion = {(argument, entry) for argument, size in sizes.items() for entry in range(size)}
-    return kernel.applies(_ABRUPT_OPERATIONS.__contains__, motion)
 
 
 def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:

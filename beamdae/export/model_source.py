@@ -242,6 +242,8 @@ class _SourceWriter:
         fields = {name: format_number(value) for name, value in numbers.items()}
         fields["weights"] = tables.numbers(x.weights)
         fields["matrix"] = self._plan(matrix, form.pattern.nnz)
+        smooth_motion = plan_state_sums(e.structure).smooth_motion
+        fields["smooth_motion"] = self._plan(smooth_motion, e.n + 3 * e.m)
         fields["step_pattern"] = self._pattern(form.pattern, plan_elimination(form.pattern, e.n))
         return residual, e.n + e.m, 3 * e.n + e.m, fields
 

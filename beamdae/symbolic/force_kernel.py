@@ -36,6 +36,28 @@ _BROAD_OPERATIONS = {
     ca.OP_COS,
 }
 
+# Operations with jumps or kinks, and calls of tables.
+_ABRUPT_OPERATIONS = {
+    ca.OP_LT,
+    ca.OP_LE,
+    ca.OP_EQ,
+    ca.OP_NE,
+    ca.OP_NOT,
+    ca.OP_AND,
+    ca.OP_OR,
+    ca.OP_IF_ELSE_ZERO,
+    ca.OP_SIGN,
+    ca.OP_FABS,
+    ca.OP_FLOOR,
+    ca.OP_CEIL,
+    ca.OP_FMOD,
+    ca.OP_REMAINDER,
+    ca.OP_COPYSIGN,
+    ca.OP_FMIN,
+    ca.OP_FMAX,
+    ca.OP_CALL,
+}
+
 _N_ENERGIES = 3
 _N_POWERS = 2
 
@@ -148,6 +170,17 @@ class ForceKernel:
             targets = function.instruction_output(k)
             (dependent.update if depends else dependent.difference_update)(targets)
         return False
+
+    @cached_property
+    def has_kinks_over_motion(self) -> bool:
+        """True if the force has kinks or tables over positions, velocities or reactions.
+
+        Kinks over time or inputs do not count, and neither do smooth formulas with short peaks.
+        """
+        x = self.local
+        sizes = {1: x.size, 2: x.size, 4: x.n_multipliers}  # q, v and lam in `inputs`
+        motion = {(argument, entry) for argument, size in sizes.items() for entry in range(size)}
+        return self.applies(_ABRUPT_OPERATIONS.__contains__, motion)
 
     @cached_property
     def may_have_peaks(self) -> bool:

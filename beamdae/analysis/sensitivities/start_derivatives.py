@@ -17,7 +17,11 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.formulations.sums import InputLayout, assemble_motion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.state_evaluator import StateSums, plan_state_sums
+from beamdae.equations.starts.state_evaluator import (
+    SECOND_DIFFERENCE,
+    StateSums,
+    plan_state_sums,
+)
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.integrators.alpha.workspace import Motion
@@ -64,6 +68,11 @@ def _plan_motion(structure: Structure) -> SumPlan:
 @cache_on_owner
 def _plan_levels(structure: Structure) -> SumPlan:
     return plan_state_sums(structure).levels
+
+
+@cache_on_owner
+def _plan_smooth_motion(structure: Structure) -> SumPlan:
+    return plan_state_sums(structure).smooth_motion
 
 
 @cache_on_owner
@@ -183,6 +192,10 @@ class StartDerivatives:
     @cached_property
     def _motion(self) -> StackedSum:
         return self._stack(_plan_motion, self._state_size)
+
+    @cached_property
+    def _smooth_motion(self) -> StackedSum:
+        return self._stack(_plan_smooth_motion, self._state_size)
 
     @cached_property
     def _levels(self) -> StackedSum:
@@ -420,11 +433,24 @@ class StartDerivatives:
         if stiff_time:
             rest, direction = at._replace(a=np.zeros(n)), State(stiff_time**2 * at.a, *self._zeros)
             force = force + self._evaluate_change(time, rest, direction, along, dp)[0]
+            force = force + self._force_change(time, rest, along, dp, stiff_time)
         total = np.concatenate([force + reactions, levels[..., 2, :]], axis=-1)
         coefficients = (stiff_time**2, 0.0, 1.0)
         factors = self._factorize(time, at.q, at.v, coefficients, at.lam)
         solution = _solve_each(factors, -total)
         return solution[..., :n], solution[..., n:]
+
+    def _force_change(self, time: Array, at: State, along: State, dp: Array, delta: float) -> Array:
+        """Return the derivative of `ConsistencySolver.evaluate_force_change`."""
+        e, result = self.equations, np.zeros(1)
+        velocities, changes = (delta * e.without_states(x.v) for x in (at, along))
+        for factor, shift in SECOND_DIFFERENCE:
+            here = State(at.q + shift * velocities, at.v, *self._zeros[1:])
+            direction = State(along.q + shift * changes, along.v, *self._zeros[1:])
+            values = (*here, *direction, dp)
+            motion = self._evaluate(self._smooth_motion, time, values, e.n + 3 * e.m)
+            result = result + factor * motion[..., : e.n]
+        return e.without_states(result)
 
     def normal_jerk(
         self,

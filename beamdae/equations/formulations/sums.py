@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,9 +70,11 @@ def _joint_inputs(
     return _local_inputs(term.operator, *motion) + _local_inputs(term.rows, *multipliers)
 
 
-def _add_forces(total: SumBuilder, structure: Structure, layout: InputLayout, row: int) -> None:
+def _add_forces(
+    total: SumBuilder, forces: Iterable[ForceTerm], layout: InputLayout, row: int
+) -> None:
     """Add F, starting at row `row`."""
-    for term in structure.forces:
+    for term in forces:
         copies = _add_force(total, layout, term, term.kernel.force_kernel)
         total.add_column(copies, 0, term.operator, row)
 
@@ -104,7 +107,7 @@ def assemble_residual(
     first n rows are G^T mu, so that `dynamic` must be n. See `ConstraintKernel.residual_kernel`.
     """
     n, m, total = structure.n, structure.m, SumBuilder(TIME_SIZE)
-    _add_forces(total, structure, layout, dynamic)
+    _add_forces(total, structure.forces, layout, dynamic)
     for joint in structure.joints:
         own_levels, corrects = joint.kernel.effective_levels(levels, stabilized)
         copies = _add_joint(total, joint, layout, own_levels, corrects)
@@ -132,18 +135,17 @@ def _add_joint(
 def assemble_motion(
     structure: Structure,
     layout: InputLayout,
-    with_forces: bool = True,
+    forces: Iterable[ForceTerm] | None = None,
     with_reactions: bool = False,
 ) -> SumBuilder:
     """Return the sum that evaluates the stacked vector (F, g, g_dot, g_ddot[, G^T lam]).
 
     Rows of g are zero for nonholonomic constraints. F does not contain G^T lam, so that F and g
-    stay finite at positions where G is not finite. F is zero without `with_forces`; G^T lam follows
-    if `with_reactions`.
+    stay finite at positions where G is not finite; it is the sum of `forces`, by default of all.
+    G^T lam follows if `with_reactions`.
     """
     total = SumBuilder(TIME_SIZE)
-    if with_forces:
-        _add_forces(total, structure, layout, 0)
+    _add_forces(total, structure.forces if forces is None else forces, layout, 0)
     for joint in structure.joints:
         levels = (0, 1, 2) if joint.kernel.is_holonomic else (1, 2)
         copies = _add_joint(total, joint, layout, levels, False)

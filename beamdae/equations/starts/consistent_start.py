@@ -29,8 +29,8 @@ from beamdae.symbolic.sparse_operators import build_selection
 Array = np.ndarray
 
 _MAX_POSITION_ITERATIONS = 50
-# Larger gaps [rad], or [m] relative to min(1, characteristic length), are closed in several steps:
-# the exact formulation stretches beams that turn by more than a radian at once.
+# Larger gaps [rad], or relative to the characteristic length, are closed in several steps: the
+# exact formulation stretches beams that turn by more than a radian at once.
 _MAX_CLOSED_GAP = 0.5
 _MAX_CLOSING_STEPS = 20
 _POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
@@ -40,7 +40,7 @@ _RIGID_TIME = 1.0  # [s]; closing joints hardly excites modes of angular frequen
 _RIGID_START_TOLERANCE = 1e-6
 _OPENING_TOLERANCE = 1e-12  # velocity of a closed joint, relative to the largest velocity
 _ROUNDING = 1e-9  # smaller velocities, relative to the largest, are zero
-_MAX_LAW_JUMP = 1e-3  # relative to min(1, length); allows for rounded numbers in laws
+_MAX_LAW_JUMP = 1e-3  # [rad], or relative to the length; allows for rounded numbers in laws
 _ASYMMETRY_TOLERANCE = 1e-9  # rounding in a mass matrix, relative to its largest entry
 _MAX_EIGENVALUE_COORDINATES = 300  # beyond this, only the signs of the diagonal are checked
 _MAX_FRICTION_ITERATIONS = 50
@@ -127,8 +127,11 @@ class ConsistencySolver(StateEvaluator):
     ) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (m,) for consistent q and v, (n,) each.
 
-        With a `stiff_time` T [s], M + T^2 K replaces M. The accelerations of modes of angular
-        frequency w are then multiplied by 1 / (1 + (w T)^2).
+        With a `stiff_time` T [s], T^2 times the second derivative of the forces F(q) along the
+        motion, K a + F''[v, v], is added to the forces. The accelerations of modes of angular
+        frequency w are then multiplied by 1 / (1 + (w T)^2), but not those with which stiff parts
+        keep their strains, such as the centripetal accelerations of a rotating beam. The term
+        T^2 F''[v, v] is a second difference; see `evaluate_force_change`.
 
         Raises
         ------
@@ -139,9 +142,12 @@ class ConsistencySolver(StateEvaluator):
         e = self.equations
         gamma = -self.constraint_levels(time, q, v)[2]
         solver, force = self._factorize(time, q, v, (stiff_time**2, 0.0, 1.0))
+        change = np.zeros(e.n)
+        if stiff_time > 0.0:
+            change = self.evaluate_force_change(time, q, v, stiff_time)
         if any(term.rows is not None for term in e.forces):
-            return self._solve_with_friction(time, q, v, gamma, stiff_time)
-        solution = solver.solve(np.concatenate([-force, gamma]))
+            return self._solve_with_friction(time, q, v, change, gamma, stiff_time)
+        solution = solver.solve(np.concatenate([-force - change, gamma]))
         return solution[: e.n], solution[e.n :]
 
     def mass_solver(self, time: Array, state: State) -> Callable[[Array], Array]:
@@ -217,22 +223,30 @@ class ConsistencySolver(StateEvaluator):
         Raises
         ------
         BeamdaeError
-            If a constraint jumps by more than 1e-3 min(1, characteristic length).
+            If a constraint jumps by more than 1e-3 rad, or 1e-3 of the characteristic length.
         """
         e = self.equations
         before = self.position_gaps(np.array([time[0], branch_before]), q)
         jump = np.abs(self.position_gaps(time, q) - before)
-        if e.m > 0 and np.max(jump) > _MAX_LAW_JUMP * min(1.0, e.length):
-            name = e.lam_names[int(np.argmax(jump))]
+        relative_jump = jump / self._gap_scales
+        if np.max(relative_jump, initial=0.0) > _MAX_LAW_JUMP:
+            worst = int(np.argmax(relative_jump))
             raise BeamdaeError(
-                f"{name}: a law makes positions jump by {np.max(jump):.3g} (m or rad) at "
-                f"t = {time[0]:g} s; make the law continuous there."
+                f"{e.lam_names[worst]}: a law makes positions jump by {jump[worst]:.3g} (m or rad) "
+                f"at t = {time[0]:g} s; make the law continuous there."
             )
+
+    @cached_property
+    def _gap_scales(self) -> Array:
+        """Scale of each constraint, (m,): 1 rad, or the characteristic length [m]."""
+        e = self.equations
+        is_angle = [multiplier.unit == "N m" for multiplier in e.multipliers]
+        return np.where(is_angle, 1.0, e.length)
 
     def _close_positions(self, time: Array, q: Array) -> Array:
         """Close large gaps in several steps, in which beams move without being stretched."""
         gaps = self.position_gaps(time, q)
-        size = np.max(np.abs(gaps), initial=0.0) / min(1.0, self.equations.length)
+        size = float(np.max(np.abs(gaps) / self._gap_scales, initial=0.0))
         if not _MAX_CLOSED_GAP < size < np.inf:
             return self._close_gaps(time, q, q, np.zeros_like(gaps))
         n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
@@ -410,9 +424,9 @@ class ConsistencySolver(StateEvaluator):
         return force
 
     def _solve_with_friction(
-        self, time: Array, q: Array, v: Array, gamma: Array, stiff_time: float
+        self, time: Array, q: Array, v: Array, change: Array, gamma: Array, stiff_time: float
     ) -> tuple[Array, Array]:
-        """Solve M a + F(lam) + G^T lam = 0, G a = gamma by Newton's method from lam = 0.
+        """Solve M a + F(lam) + change + G^T lam = 0, G a = gamma by Newton's method from lam = 0.
 
         F is evaluated at a = 0, and M includes T^2 K with T = `stiff_time`. dF/dlam is exact, so
         that the first iteration gives the solution if friction is proportional to the reactions.
@@ -422,7 +436,7 @@ class ConsistencySolver(StateEvaluator):
         solution = np.zeros(e.n + e.m)
         for _ in range(_MAX_FRICTION_ITERATIONS):
             a, lam = solution[: e.n], solution[e.n :]
-            force = self.force(time, q, v, None, lam)
+            force = self.force(time, q, v, None, lam) + change
             nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
             if not (np.isfinite(force).all() and np.isfinite(nonzeros).all()):
                 break
@@ -433,10 +447,10 @@ class ConsistencySolver(StateEvaluator):
                 solver.factorize(nonzeros)
             except SingularMatrixError:
                 break
-            change = solver.solve(-residual)
-            solution = solution + change
+            correction = solver.solve(-residual)
+            solution = solution + correction
             size = float(np.max(np.abs(solution), initial=0.0))
-            if np.max(np.abs(change), initial=0.0) <= _FRICTION_TOLERANCE * size:
+            if np.max(np.abs(correction), initial=0.0) <= _FRICTION_TOLERANCE * size:
                 return solution[: e.n], solution[e.n :]
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})

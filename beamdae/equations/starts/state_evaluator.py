@@ -37,6 +37,8 @@ from beamdae.symbolic.sparse_operators import column_indices
 Array = np.ndarray
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
 _UNIT_COEFFICIENTS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# Factors and shifts of the values in a second difference.
+SECOND_DIFFERENCE = ((1.0, 1.0), (-2.0, 0.0), (1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,12 @@ class ForceBlock:
 class StateSums:
     """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns.
 
-    The sum `levels` is `motion` without forces, whose evaluation takes longer than that of joints.
+    The sum `levels` is `motion` without forces, whose evaluation takes longer than that of joints;
+    `smooth_motion` is `motion` without forces that have kinks over the motion, such as contacts.
     """
 
     motion: SumPlan
+    smooth_motion: SumPlan
     levels: SumPlan
     gradients: SumPlan
     gradient_pattern: sp.csc_array
@@ -108,9 +112,20 @@ def plan_state_sums(structure: Structure) -> StateSums:
         total.add_diagonal(1, (row, row), C_A, 1.0)
     pattern, saddle = total.matrix((n + m, n + m))
     motion = assemble_motion(structure, layout).vector()
-    levels = assemble_motion(structure, layout, with_forces=False).vector()
-    block = _locate_force_block(pattern, n)
-    return StateSums(motion, levels, gradients, gradient_pattern, saddle, pattern, block)
+    smooth = [term for term in structure.forces if not term.kernel.has_kinks_over_motion]
+    is_smooth = len(smooth) == len(structure.forces)
+    smooth_motion = motion if is_smooth else assemble_motion(structure, layout, smooth).vector()
+    levels = assemble_motion(structure, layout, forces=()).vector()
+    return StateSums(
+        motion,
+        smooth_motion,
+        levels,
+        gradients,
+        gradient_pattern,
+        saddle,
+        pattern,
+        _locate_force_block(pattern, n),
+    )
 
 
 def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
@@ -166,6 +181,10 @@ class StateEvaluator:
         return self.sums.motion.borrow(self, self.equations.p)
 
     @cached_property
+    def _smooth_motion(self) -> Sum:
+        return self.sums.smooth_motion.borrow(self, self.equations.p)
+
+    @cached_property
     def _levels(self) -> Sum:
         return self.sums.levels.borrow(self, self.equations.p)
 
@@ -210,6 +229,19 @@ class StateEvaluator:
     ) -> Array:
         """Return F, (n,); omitted arguments are zero."""
         return self._evaluate_motion(time, q, v, a, lam)[: self.equations.n]
+
+    def evaluate_force_change(self, time: Array, q: Array, v: Array, delta: float) -> Array:
+        """Return F(q + delta v) - 2 F(q) + F(q - delta v) at constant velocities v, (n,).
+
+        Forces with kinks over the motion are left out, because contacts may close along it, and so
+        are the rates of first-order states.
+        """
+        e, total = self.equations, self._smooth_motion
+        step, change = delta * e.without_states(v), np.zeros(e.n + 3 * e.m)
+        for factor, shift in SECOND_DIFFERENCE:
+            motion = (q + shift * step, v, None)
+            change += factor * self._evaluate(total, time, motion, len(change))
+        return e.without_states(change[: e.n])
 
     def _evaluate_motion(
         self,

@@ -371,6 +371,25 @@ static void evaluate_constraint_rate(Instance *s, double delta) {
     }
 }
 
+/* Second difference of the forces along the velocities, in `change`; see StateEvaluator. */
+static void evaluate_force_change(Instance *s, double delta, double *change) {
+    const Model *model = s->model;
+    const Index n = model->n, m = model->m;
+    double *step = s->method->at_q, *y = s->motion;
+    for (Index i = 0; i < n; i++) step[i] = delta * s->v[i];
+    for (Index k = 0; k < model->n_states; k++) step[model->states[k]] = 0.0;
+    memset(y, 0, (3 * n + m) * sizeof(double));
+    memset(change, 0, n * sizeof(double));
+    memcpy(y + n, s->v, n * sizeof(double));
+    set_time(&s->smooth_motion, s->now.t, s->now.branch);
+    for (int shift = -1; shift <= 1; shift++) {
+        for (Index i = 0; i < n; i++) y[i] = s->q[i] + shift * step[i];
+        evaluate(&s->smooth_motion, y, s->levels);
+        for (Index i = 0; i < n; i++) change[i] += (shift == 0 ? -2.0 : 1.0) * s->levels[i];
+    }
+    for (Index k = 0; k < model->n_states; k++) change[model->states[k]] = 0.0;
+}
+
 /* Set accelerations, multipliers and starting values; see AlphaStart. */
 int method_restart(Instance *s) {
     Method *w = s->method;
@@ -398,7 +417,8 @@ int method_restart(Instance *s) {
             memcpy(w->a_predicted, s->solution, bytes);
         }
     }
-    code = solve_accelerations(s, STIFF_TIME * h * STIFF_TIME * h);
+    evaluate_force_change(s, STIFF_TIME * h, w->change);
+    code = solve_accelerations(s, STIFF_TIME * h * STIFF_TIME * h, w->change);
     if (code != DONE) return code;
     for (Index i = 0; i < n; i++) {
         s->ddq[i] = s->solution[i];

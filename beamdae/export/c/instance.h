@@ -48,7 +48,8 @@ struct Instance {
     /* End of the experiment [s]; not part of the state. */
     double stop;
     Factors saddle_factors;
-    Sum residual, matrix, motion_sum, saddle, output_sum, residual_direction, output_direction;
+    Sum residual, matrix, motion_sum, smooth_motion, saddle, output_sum;
+    Sum residual_direction, output_direction;
     Method *method;
     double *allocated[MAX_ARRAYS];
     int n_allocated;
@@ -88,8 +89,9 @@ void solve_constraints(Instance *s, const double *right, double sign);
 /* Close joints whose gaps exceed `tolerance` times that of the start, correct velocities, and set
    `ddq` and `lam`. */
 int make_consistent(Instance *s, double tolerance);
-/* Accelerations and multipliers in `solution`, with mass M + coefficient K. */
-int solve_accelerations(Instance *s, double coefficient);
+/* Accelerations and multipliers in `solution`, with mass M + coefficient K and the forces `change`
+   (NULL for none) in addition. */
+int solve_accelerations(Instance *s, double coefficient, const double *change);
 
 /* Method of the exported model. Functions that return int return 0, or -1 after an error. */
 

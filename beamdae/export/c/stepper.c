@@ -176,7 +176,7 @@ static int close_joints(Instance *s, double ratio) {
 }
 
 /* See ConsistencySolver.acceleration. */
-int solve_accelerations(Instance *s, double coefficient) {
+int solve_accelerations(Instance *s, double coefficient, const double *change) {
     const Model *model = s->model;
     const Index n = model->n, m = model->m;
     double *lam = s->rate;
@@ -184,7 +184,7 @@ int solve_accelerations(Instance *s, double coefficient) {
     for (int k = 0; k < MAX_FRICTION_ITERATIONS; k++) {
         if (evaluate_motion(s, s->now.t, s->q, s->v, NULL, lam, coefficient) != DONE)
             return SINGULAR;
-        for (Index i = 0; i < n; i++) s->solution[i] = -s->levels[i];
+        for (Index i = 0; i < n; i++) s->solution[i] = -s->levels[i] - (change ? change[i] : 0.0);
         for (Index i = 0; i < m; i++) s->solution[n + i] = -s->levels[n + 2 * m + i];
         if (!model->forces_depend_on_reactions) {
             solve(&s->saddle_factors, s->solution);
@@ -200,13 +200,13 @@ int solve_accelerations(Instance *s, double coefficient) {
                 if (j < n && row >= n) s->solution[j] -= value * lam[row - n];
             }
         solve(&s->saddle_factors, s->solution);
-        double change = 0.0, size = 0.0;
+        double correction = 0.0, size = 0.0;
         for (Index i = 0; i < m; i++) {
-            change = fmax(change, fabs(s->solution[n + i] - lam[i]));
+            correction = fmax(correction, fabs(s->solution[n + i] - lam[i]));
             size = fmax(size, fabs(s->solution[n + i]));
             lam[i] = s->solution[n + i];
         }
-        if (change <= FRICTION_TOLERANCE * size) return DONE;
+        if (correction <= FRICTION_TOLERANCE * size) return DONE;
     }
     return NOT_CONVERGED;
 }
@@ -227,7 +227,7 @@ int make_consistent(Instance *s, double tolerance) {
         for (Index i = 0; i < model->n_states; i++)
             s->v[model->states[i]] -= s->levels[model->states[i]];
     }
-    code = solve_accelerations(s, 0.0);
+    code = solve_accelerations(s, 0.0, NULL);
     if (code != DONE) return code;
     memcpy(s->ddq, s->solution, n * sizeof(double));
     memcpy(s->lam, s->solution + n, m * sizeof(double));
@@ -254,9 +254,9 @@ int restart(Instance *s) {
 void refresh_numbers(Instance *s, int all) {
     const Model *model = s->model;
     const Sum *sums[] = {&s->residual,   &s->matrix,
-                         &s->motion_sum, &s->saddle,
-                         &s->output_sum, &s->residual_direction,
-                         &s->output_direction};
+                         &s->motion_sum, &s->smooth_motion,
+                         &s->saddle,     &s->output_sum,
+                         &s->residual_direction, &s->output_direction};
     if (model->n_numbers > 0) {
         model->numbers(s->values, NULL, s->numbers);
         for (Index k = 0; k < model->n_numbers; k++)
@@ -298,6 +298,7 @@ Instance *instance_create(const Model *model) {
     create_sum(s, &s->residual, &model->residual, &failed);
     create_sum(s, &s->matrix, &model->matrix, &failed);
     create_sum(s, &s->motion_sum, &model->motion, &failed);
+    create_sum(s, &s->smooth_motion, &model->smooth_motion, &failed);
     create_sum(s, &s->saddle, &model->saddle, &failed);
     create_sum(s, &s->output_sum, &model->outputs, &failed);
     create_sum(s, &s->residual_direction, &model->residual_direction, &failed);

@@ -54,6 +54,7 @@ typedef struct {
     int fixed_iterations;
     double step, duration, length, alpha_m, alpha_f, gamma, beta, shift, defect;
     double newton_tolerance, min_correction_limit;
+    Plan smooth_motion; /* Of `motion`, without forces with kinks over the motion. */
     /* Of radau.c: coordinates whose q' = v contains corrections by joints, the others, and error
        weights of positions and velocities. */
     Index n_corrected, n_defined;
