@@ -143,7 +143,7 @@ class ConsistencySolver(StateEvaluator):
         gamma = -self.constraint_levels(time, q, v)[2]
         solver, force = self._factorize(time, q, v, (stiff_time**2, 0.0, 1.0))
         change = np.zeros(e.n)
-        if stiff_time > 0.0:
+        if stiff_time > 0.0 and v.any():
             change = self.evaluate_force_change(time, q, v, stiff_time)
         if any(term.rows is not None for term in e.forces):
             return self._solve_with_friction(time, q, v, change, gamma, stiff_time)
