@@ -12,6 +12,7 @@ from beamdae.analysis.gradients import gradients, number_derivatives
 from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
 from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.equations.formulations.step_equations import formulate_step
+from beamdae.equations.starts import initial_conditions
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.directional_sums import directional_plan
 from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
@@ -239,6 +240,23 @@ def test_nonholonomic_constraint():
 def test_start_in_equilibrium():
     method = bd.GeneralizedAlpha(step=5e-3)
     assert_agrees_with_forward(hanging, ["stiffness", "length", "load", "mass"], 0.05, method)
+
+
+def test_regression_equilibrium_at_the_start_is_found_once(monkeypatch):
+    """It was found for the run, its equations, and four neighbors of each parameter."""
+    found, relax = [], initial_conditions.relax_to_equilibrium
+
+    def count(static, q):
+        found.append(q)
+        return relax(static, q)
+
+    monkeypatch.setattr(initial_conditions, "relax_to_equilibrium", count)
+    method = bd.GeneralizedAlpha(step=5e-3)
+    result = bd.gradient(hanging, bd.EndValue("tip.y"), ["load", "mass"], method)
+    assert len(found) == 1
+    actual = bd.sensitivities(hanging, ["load", "mass"], method, estimate_error=False)
+    expected = [actual.sensitivity("tip.y", x).iloc[-1] for x in ("load", "mass")]
+    np.testing.assert_allclose(result.array, expected, rtol=POSITIONS)
 
 
 @pytest.mark.slow(reason="finds an equilibrium for each neighboring model")

@@ -829,6 +829,39 @@ def amplified(gain=2.0):
     )
 
 
+@bd.model(t_end=0.1)
+def branched(gain=2.0):
+    """Another formula is observed for smaller gains."""
+    return amplified(gain=gain if gain > 1.9985 else 1.0)
+
+
+@bd.model(t_end=0.4)
+def driven(gain=1.0):
+    """Mass driven by an observed input."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 2.0, at=(1.0, 0.0), velocity=(0.5, 0.0)))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0, 0.8))
+    drive = mech.input("drive", lambda t: gain * ca.sin(5.0 * t), unit="N")
+    mech.add(bd.Force("push", mass.point, (drive, 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.0, -1.0, 0.0])
+def test_regression_values_that_change_the_form_of_observed_columns(gain):
+    """They were rejected; CasADi stores 1 q, 2 q and 0 q without a number."""
+    method, step = bd.GeneralizedAlpha(step=5e-3), 1e-3
+    ahead, behind = (bd.simulate(driven(gain=gain + x), method, 0.4) for x in (step, -step))
+    options = {"parameters": {"gain": gain}, "estimate_error": False}
+    result = bd.sensitivities(driven, "gain", method, **options)
+    for column in ("mass.x", "drive"):
+        expected = (ahead[column].iloc[-1] - behind[column].iloc[-1]) / (2.0 * step)
+        forward = result.sensitivity(column, "gain").iloc[-1]
+        adjoint = bd.gradient(driven, bd.EndValue(column), "gain", method, **options)
+        assert forward == pytest.approx(expected, rel=1e-6)
+        assert adjoint.derivatives["gain"] == pytest.approx(forward, rel=1e-11)
+
+
 @pytest.mark.parametrize(
     ("model", "by", "integrator", "message"),
     [
@@ -840,7 +873,7 @@ def amplified(gain=2.0):
         (oscillator, "scale", None, "have a kink at scale = 0"),
         (oscillator, "speed", bd.Ida(), "runs of Ida cannot .* use Radau or GeneralizedAlpha"),
         (oscillator, "speed", bd.GeneralizedAlpha(formulation="stabilized-index2"), "index3"),
-        (amplified, "gain", None, "changes the form of the observed column y at"),
+        (branched, "gain", None, "changes the form of an observed column from one value next to"),
         (resized, "length", None, "length of resized changes the coordinates or constraints"),
     ],
 )

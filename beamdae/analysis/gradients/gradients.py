@@ -65,7 +65,7 @@ from beamdae.interrupts import interruptible, keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.model_functions import Model
-from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -289,27 +289,12 @@ class DifferentiableRun:
         """
         method = require_differentiable_method(integrator, DEFAULT_METHOD)
         mechanism = flat()
-        equations = as_equations(derivative_call(), mechanism, start)
+        start = None if start is None else require_start("start", start)
+        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
+        as_equations(derivative_call(), mechanism, AS_DRAWN)
         solution = simulate(mechanism, method, t_end, start=start, keep_steps=True)
-        if not solution.status.success:
-            raise BeamdaeError(
-                f"{derivative_call()}: the run of {flat.name} did not reach its end "
-                f"({solution.status.sentence}); differentiate a shorter run, or change the "
-                "integrator."
-            )
-        if solution.trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
-            raise BeamdaeError(
-                f"{derivative_call()}: the run of {flat.name} was {solution.status.sentence}, not "
-                "by an event of the model; choose an earlier t_end."
-            )
-        rows = solution.trajectory.steps * (3 * equations.n + equations.m)
-        require_memory(
-            derivative_call(),
-            f"derivatives with respect to the states of {solution.trajectory.steps} steps",
-            _COPIES_OF_ROWS * 8.0 * rows,
-            "use longer steps",
-        )
-        return cls(flat, solution, method, equations, start)
+        _require_complete_run(flat.name, solution)
+        return cls(flat, solution, method, solution.equations, start)
 
     def differentiate(self, objective: Objective) -> tuple[float, Array]:
         """Return the value and the gradient (k,) of an objective."""
@@ -319,14 +304,17 @@ class DifferentiableRun:
     def number_derivatives(self, start: Any) -> NumberDerivatives:
         """Return the derivatives of the numbers in the equations, see `differentiate_numbers`.
 
-        `start` is the start of the neighboring models. The result serves all objectives.
+        `start` is the start of the models. The result serves all objectives.
         """
         if "numbers" not in self._models:
+
+            def assemble(mechanism: Any) -> EquationsOfMotion:
+                return as_equations(derivative_call(), mechanism, start)
+
             first = self.solution.trajectory.intervals[0]
             time = np.array([first.t[0], first.branch])
-            self._models["numbers"] = differentiate_numbers(
-                self.flat, self.equations, lambda x: as_equations(derivative_call(), x, start), time
-            )
+            base = self.equations if start == self.start else assemble(self.flat())
+            self._models["numbers"] = differentiate_numbers(self.flat, base, assemble, time)
         return self._models["numbers"]
 
     @cached_property
@@ -342,8 +330,12 @@ class DifferentiableRun:
         BeamdaeError
             If this run does not reach its end.
         """
-        other = DifferentiableRun.of(self.flat, method, self.solution.model["t_end"], self.start)
-        return replace(other, _models=self._models)
+        t_end = self.solution.model["t_end"]
+        solution = simulate(self.equations, method, t_end, keep_steps=True)
+        _require_complete_run(self.flat.name, solution)
+        return DifferentiableRun(
+            self.flat, solution, method, self.equations, self.start, self._models
+        )
 
     def phases(self, name: str) -> RunPhases:
         """Return the equations at neighboring values of one number, see `RunPhases`.
@@ -370,6 +362,29 @@ class DifferentiableRun:
                 moves_operators=True,
             )
         return self._models[key]
+
+
+def _require_complete_run(name: str, solution: Solution) -> None:
+    """Reject a run that did not reach its end, or whose states need too much memory."""
+    if not solution.status.success:
+        raise BeamdaeError(
+            f"{derivative_call()}: the run of {name} did not reach its end "
+            f"({solution.status.sentence}); differentiate a shorter run, or change the "
+            "integrator."
+        )
+    trajectory, equations = solution.trajectory, solution.equations
+    if trajectory.end < solution.model["t_end"] and find_stop(solution) is None:
+        raise BeamdaeError(
+            f"{derivative_call()}: the run of {name} was {solution.status.sentence}, not "
+            "by an event of the model; choose an earlier t_end."
+        )
+    rows = trajectory.steps * (3 * equations.n + equations.m)
+    require_memory(
+        derivative_call(),
+        f"derivatives with respect to the states of {trajectory.steps} steps",
+        _COPIES_OF_ROWS * 8.0 * rows,
+        "use longer steps",
+    )
 
 
 def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatModel:

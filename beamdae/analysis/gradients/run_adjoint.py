@@ -41,9 +41,9 @@ from beamdae.analysis.sensitivities.further_forces import (
     further_key,
     locate_numbers,
 )
-from beamdae.analysis.sensitivities.model_differences import Difference
+from beamdae.analysis.sensitivities.model_differences import Difference, interpolate
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
-from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase, interpolate
+from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.run_derivatives import (
     breakpoint_derivatives,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
+from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, Observable
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
 from beamdae.interrupts import outermost_call
@@ -360,10 +360,11 @@ def _try_step(
             _require_same_structure(
                 model.name, name, base, neighbors[0], equations, moves_operators
             )
-        here = interpolate_numbers(stencil.value_weights, [e.p for e in neighbors])
-        is_unchanged = base.structure == neighbors[0].structure
-        if not is_unchanged and all(e.structure == neighbors[0].structure for e in neighbors):
-            base = with_structure(base, neighbors[0], here)
+        first, steps = neighbors[0], tuple(k * delta for k in stencil.steps)
+        here = interpolate(steps, [e.p for e in neighbors])
+        is_unchanged = base.structure == first.structure and forms_of(base) == forms_of(first)
+        if not is_unchanged and all(e.structure == first.structure for e in neighbors):
+            base = with_structure(base, neighbors, steps)
         changes = np.max([np.abs(e.p - base.p) for e in neighbors], axis=0)
         rounding = rounding_of_numbers(base)
         # Smooth numbers are close to their interpolation; that of a new structure is `here`.
@@ -371,7 +372,6 @@ def _try_step(
         resolution = _MIN_RESOLVED_CHANGE * rounding
         excess, change = _estimate_excess(base, neighbors, stencil, delta)
         weights = tuple(w / delta for w in stencil.derivative_weights)
-        steps = tuple(k * delta for k in stencil.steps)
         difference = Difference(name, base, neighbors, weights, steps)
         return _Trial(difference, excess, change, kinks, changes, resolution)
     raise _RejectedError(str(rejection))
@@ -447,18 +447,26 @@ def _numbers_and_start(equations: EquationsOfMotion) -> Array:
 
 
 def with_structure(
-    base: EquationsOfMotion, neighbor: EquationsOfMotion, p: Array
+    base: EquationsOfMotion, neighbors: Sequence[EquationsOfMotion], steps: Sequence[float]
 ) -> EquationsOfMotion:
-    """Return equations at the value of a parameter, with the structure of a neighboring model."""
-    return replace(neighbor, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
+    """Return equations at the value of a parameter, with the structure of its neighbors.
+
+    `steps` are the values of the parameter in these models, relative to `base`.
+    """
+    p = interpolate(steps, [e.p for e in neighbors])
+    return replace(neighbors[0], p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
 
 
-def interpolate_numbers(weights: Sequence[float], values: Sequence[Array]) -> Array:
-    """Return the sum of weight * value, for weights whose sum is 1.
+def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the value at zero of the polynomial through values at `steps`.
 
     Entries that are equal in all values are exact: tables contain integers from which rows are
     computed, and 4 (1 - 1e-16) would select another row.
     """
+    weights = []
+    for step in steps:
+        others = np.array([x for x in steps if x != step])
+        weights.append(float(np.prod(others / (others - step))))
     first = values[0]
     return np.asarray(first + _combine(weights, [x - first for x in values]))
 
@@ -509,21 +517,25 @@ def _require_same_structure(
             f"equations{cause}; "
             f"{remedy}{advice}."
         )
-    changed = _observable_forms(base) ^ _observable_forms(other)
-    if changed:
+    if forms_of(one) != forms_of(other):
         raise BeamdaeError(
-            f"{derivative_call()}: {name} of {model} changes the form of the observed column "
-            f"{min(changed)[0]} at its value (CasADi simplifies 1 q to q, 2 q to q + q and 0 q to "
-            f"0, but not 1.001 q); choose a slightly different value of {name}, make it a symbol "
-            f"in parameters= of a ConstrainedSystem, or {advice}."
+            f"{derivative_call()}: {name} of {model} changes the form of an observed column from "
+            f"one value next to {name} to another; {advice}."
         )
 
 
-def _observable_forms(equations: EquationsOfMotion) -> set[tuple[str, int, int]]:
-    """Return name and numbers of coordinates and of constants in the formula of each observable."""
-    return {
-        (x.name, x.operator.shape[0], x.data.stop - x.data.start) for x in equations.observables
-    }
+def forms_of(equations: EquationsOfMotion) -> list[tuple[int, int]]:
+    """Return `form_of` the observables of all columns and events."""
+    terms = (*equations.observables, *(x.observable for x in equations.events))
+    return [form_of(x) for x in terms]
+
+
+def form_of(observable: Observable) -> tuple[int, int]:
+    """Return the numbers of coordinates and of constants in the formula of an observable.
+
+    CasADi simplifies 1 q to q, 2 q to q + q and 0 q to 0, without a constant, but not 1.001 q.
+    """
+    return observable.operator.shape[0], observable.data.stop - observable.data.start
 
 
 def rounding_of_numbers(equations: EquationsOfMotion) -> Array:

@@ -6,8 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from beamdae.analysis.sensitivities.model_differences import Difference
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.analysis.sensitivities.model_differences import Difference, form_of
+from beamdae.equations.equations_of_motion import (
+    Configuration,
+    EquationsOfMotion,
+    Observable,
+    State,
+)
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -20,8 +25,12 @@ def differentiate_columns(
     at: State,
     along: Mapping[str, State],
     differences: Mapping[str, Difference],
+    configuration: Configuration | None = None,
 ) -> dict[str, Array]:
     """Return the derivatives of the columns of an observable, (rows, columns), by parameter.
+
+    The formula of the observable may have another form at the value of a parameter than next to it,
+    such as q for 1 q; then the form next to it is differentiated.
 
     Parameters
     ----------
@@ -35,7 +44,29 @@ def differentiate_columns(
         Derivatives of the states, by parameter.
     differences
         Models at neighboring values, by parameter.
+    configuration
+        Active parts of the run at the times.
     """
+    groups: dict[tuple[int, int], list[str]] = {}
+    for name in along:
+        groups.setdefault(form_of(select(differences[name].base)), []).append(name)
+    result: dict[str, Array] = {}
+    for form, names in groups.items():
+        here = equations if form_of(select(equations)) == form else differences[names[0]].base
+        here = here.with_loads_of(configuration)
+        group = {name: along[name] for name in names}
+        result |= _differentiate_columns(select, here, times, at, group, differences)
+    return result
+
+
+def _differentiate_columns(
+    select: Callable[[EquationsOfMotion], Observable],
+    equations: EquationsOfMotion,
+    times: Array,
+    at: State,
+    along: Mapping[str, State],
+    differences: Mapping[str, Difference],
+) -> dict[str, Array]:
     o = select(equations)
     p, lam = equations.p[o.data], at.lam[:, o.rows]
     q, v = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v))

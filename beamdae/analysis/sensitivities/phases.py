@@ -10,7 +10,7 @@ import numpy as np
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
-    interpolate_numbers,
+    forms_of,
     with_structure,
 )
 from beamdae.equations.equations_of_motion import (
@@ -163,15 +163,6 @@ def _difference(
             "event; "
             "use differences of runs for this parameter."
         )
-    if not has_same_patterns(base.structure, first.structure):
-        base = with_structure(base, first, interpolate(whole.steps, [e.p for e in neighbors]))
+    if not has_same_patterns(base.structure, first.structure) or forms_of(base) != forms_of(first):
+        base = with_structure(base, neighbors, whole.steps)
     return replace(whole, base=base, equations=tuple(neighbors))
-
-
-def interpolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
-    """Return the value at zero of the polynomial through values at `steps`."""
-    weights = []
-    for step in steps:
-        others = np.array([x for x in steps if x != step])
-        weights.append(float(np.prod(others / (others - step))))
-    return interpolate_numbers(weights, values)

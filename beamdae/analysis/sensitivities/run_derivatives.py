@@ -414,11 +414,12 @@ def differentiate_event_time(
     )
     changes = differentiate_columns(
         lambda e: e.events[number].observable,
-        equations.with_loads_of(interval.configuration),
+        equations,
         times,
         at,
         along,
         differences,
+        interval.configuration,
     )
     thresholds = {
         name: x.derivative(lambda e: e.events[number].crosses) for name, x in differences.items()

@@ -33,7 +33,7 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     require_parameters,
 )
 from beamdae.equations import measures
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
@@ -218,12 +218,13 @@ class Sensitivities(SensitivityResult):
             derivatives = {name: np.zeros((len(times), len(headers))) for name in along}
             for configuration, here in parts:
                 for name, rows in differentiate_observable(
-                    run.equations.with_loads_of(configuration),
+                    run.equations,
                     number,
                     times[here],
                     _select_rows(at, here),
                     {name: _select_rows(x, here) for name, x in along.items()},
                     self._differences,
+                    configuration,
                 ).items():
                     derivatives[name][here] = rows
             for name, rows in derivatives.items():
@@ -247,10 +248,11 @@ def differentiate_observable(
     at: State,
     along: Mapping[str, State],
     differences: Mapping[str, Difference],
+    configuration: Configuration | None = None,
 ) -> dict[str, Array]:
     """Return the derivatives of an observable, (rows, columns), by parameter."""
     return differentiate_columns(
-        lambda e: e.observables[number], equations, times, at, along, differences
+        lambda e: e.observables[number], equations, times, at, along, differences, configuration
     )
 
 

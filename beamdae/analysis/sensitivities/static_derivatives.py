@@ -7,7 +7,7 @@ the residual and its tangent are differentiated exactly, by directional derivati
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
     derivative_call,
+    forms_of,
     with_structure,
 )
 from beamdae.analysis.sensitivities.operator_changes import (
@@ -234,16 +235,7 @@ def select_equations(
             f"{derivative_call()}: {difference.name} changes the structure of the equations; use "
             "differences of results for this parameter."
         )
-    if not is_moved and base.structure != first.structure:
-        p = _interpolate(part, lambda e: e.p)
-        part = replace(part, base=with_structure(base, first, p))
+    is_changed = base.structure != first.structure or forms_of(base) != forms_of(first)
+    if not is_moved and is_changed:
+        part = replace(part, base=with_structure(base, neighbors, part.steps))
     return part
-
-
-def _interpolate(difference: Difference, function: Callable[[EquationsOfMotion], Array]) -> Array:
-    """Return a function of the equations at the value of the parameter, from its neighbors."""
-    steps = np.array(difference.steps)
-    # Lagrange polynomials at zero.
-    weights = [np.prod([y / (y - x) for y in steps if y != x]) for x in steps]
-    values = [function(e) for e in difference.equations]
-    return np.asarray(sum(w * x for w, x in zip(weights, values, strict=True)))
