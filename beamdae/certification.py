@@ -808,11 +808,13 @@ class _Certification:
             status = Status(
                 status.kind, f"{status.sentence}; good until t = {good_until:.4g} s{rate}"
             )
-        for column in np.array(list(last.solution.columns))[self._required]:
-            peak = missed.get(str(column))
-            if status.success and peak is not None and peak.error > self.task.accuracy:
-                status = Status("limited", f"{peak.description}; reduce output_step=")
-                good_until = peak.time
+        required = np.array(list(last.solution.columns))[self._required].tolist()
+        peaks = [missed[x] for x in required if x in missed]
+        peaks = [peak for peak in peaks if peak.error > self.task.accuracy]
+        if status.success and peaks:
+            peak = max(peaks, key=lambda x: x.importance)
+            status = Status("limited", f"{peak.description}; reduce output_step=")
+            good_until = peak.time
         is_theory_known = is_mechanism and (
             not self._beams or any(base.can_be_exact for base in self._beams)
         )

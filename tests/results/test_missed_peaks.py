@@ -418,5 +418,21 @@ def test_regression_extremes_of_all_kinds_of_columns_include_the_steps():
 @pytest.mark.parametrize(("unit", "text"), [("-", "0.0002 at t"), ("m", "0.0002 m at t")])
 def test_regression_dimensionless_peaks_have_no_unit(unit, text):
     """Messages showed 2.8e-05 - at t = 0.1 s."""
-    missed = missed_peaks.MissedPeak(f"gauge [{unit}]", 0.1, "largest", 2e-4, 1e-4, 1e-4)
+    missed = missed_peaks.MissedPeak(f"gauge [{unit}]", 0.1, "largest", 2e-4, 1e-4, 1e-4, 1e-4)
     assert text in missed.description
+
+
+def test_regression_the_most_important_column_is_named_first():
+    """The warning began with a column a thousand times smaller than others of its kind."""
+    t = np.linspace(0.0, 1.0, 5)
+    observed = {"pin.Fx [N]": 1e3 * t, "pin.Fy [N]": t, "tip.x [m]": t}
+    peaks = {"pin.Fx [N]": 1200.0, "pin.Fy [N]": 5.0, "tip.x [m]": 1.1}
+    extremes = {
+        header: missed_peaks.StepExtremes(0.0, 0.0, value, 0.9, 1.0)
+        for header, value in peaks.items()
+    }
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 1.0)
+    assert max(missed.values(), key=lambda peak: peak.error).column == "pin.Fy [N]"
+    (message,) = missed_peaks.missed_peak_warnings(missed)
+    assert message.startswith("pin.Fx: the output rows miss its largest value, 1200 N at t = 0.9 s")
+    assert "also in tip.x (1.1 m, rows 1 m), pin.Fy;" in message

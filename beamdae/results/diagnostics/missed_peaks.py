@@ -15,6 +15,7 @@ from beamdae.errors import list_first
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
+    largest_of_kind,
     mark_constant_columns,
     mark_resting_columns,
     mark_vanishing_columns,
@@ -66,6 +67,8 @@ class MissedPeak:
         The peak, and the smallest or largest value of the rows, in the unit of the column.
     half_range
         Half the range of the column, including the steps.
+    largest_half_range
+        The largest one of the columns of the same kind, see `largest_of_kind`.
     """
 
     column: str
@@ -74,11 +77,17 @@ class MissedPeak:
     value: float
     row_value: float
     half_range: float
+    largest_half_range: float
 
     @property
     def error(self) -> float:
         """Difference of the peak from the rows relative to half the range [-]."""
         return abs(self.value - self.row_value) / self.half_range
+
+    @property
+    def importance(self) -> float:
+        """Difference relative to the largest half range of this kind of columns [-]."""
+        return abs(self.value - self.row_value) / self.largest_half_range
 
     @property
     def description(self) -> str:
@@ -311,6 +320,7 @@ def find_missed_peaks(
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
     if is_missed.any():
         is_missed &= half_range > _drift_limits(units, length, *find_drift())
+    largest = largest_of_kind(names, half_range, length)
     peaks = {}
     for k in np.flatnonzero(is_missed):
         column, side = names[k], int(np.argmax(misses[:, k]))
@@ -322,6 +332,7 @@ def find_missed_peaks(
             value=float(steps[side, k]),
             row_value=float(rows[side, k]),
             half_range=float(half_range[k]),
+            largest_half_range=float(largest[k]),
         )
     return peaks
 
@@ -347,16 +358,19 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
 
 def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
-    """Yield one warning about all missed peaks of a run, with values of the worst of each kind."""
+    """Yield one warning about all missed peaks of a run, with values of the worst of each kind.
+
+    Peaks of columns that are small beside others of their kind come last.
+    """
     if not peaks:
         return
-    by_error = sorted(peaks.values(), key=lambda peak: -peak.error)
+    ordered = sorted(peaks.values(), key=lambda peak: -peak.importance)
     of_kinds: dict[str, MissedPeak] = {}
-    for peak in by_error:
+    for peak in ordered:
         unit = Header.of(peak.column).unit
         kind, _ = UNITS_OF_TRANSLATIONS.get(unit, (unit, 0))
         of_kinds.setdefault(kind, peak)
-    worst, *others = dict.fromkeys([*of_kinds.values(), *by_error])
+    worst, *others = dict.fromkeys([*of_kinds.values(), *ordered])
     kinds = len(of_kinds) - 1
     names = [
         peak.comparison if k < kinds else remove_unit(peak.column) for k, peak in enumerate(others)
