@@ -184,7 +184,7 @@ def refactorize(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> boo
     Pivots are unsuitable if one of them or its reciprocal is not finite, or if refinement does not
     make solutions accurate.
     """
-    return eliminate(plan, factors, nonzeros) and _set_refinements(plan, factors)
+    return eliminate(plan, factors, nonzeros) and find_refinements(plan, factors)
 
 
 def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
@@ -195,11 +195,6 @@ def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     _scale_matrix(plan, factors, nonzeros)
     _eliminate_blocks(plan, factors)
     return _eliminate(plan, factors)
-
-
-def find_refinements(plan: EliminationPlan, factors: Factors) -> bool:
-    """Set the refinements of `factors`, as `refactorize`; return False if they do not suffice."""
-    return _set_refinements(plan, factors)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
@@ -294,7 +289,7 @@ def _solve_scaled(plan: EliminationPlan, factors: Factors, right: Array) -> None
         )
     for k in range(len(x)):
         x[k] = right[rows[k]]
-    _substitute(
+    substitute_triangles(
         plan.lower_starts,
         plan.lower_rows,
         factors.lower,
@@ -354,7 +349,7 @@ def _eliminate(plan: EliminationPlan, factors: Factors) -> bool:
     return True
 
 
-def _substitute(
+def substitute_triangles(
     lower_starts: Array,
     lower_rows: Array,
     lower: Array,
@@ -364,7 +359,7 @@ def _substitute(
     inverse: Array,
     x: Array,
 ) -> None:
-    """Replace `x` by the solution, without refinement.
+    """Replace `x` by the solution with the factors `lower`, `upper` and the inverses of pivots.
 
     Arrays are passed one by one: passing a plan to compiled code takes longer.
     """
@@ -381,7 +376,7 @@ def _substitute(
             x[upper_rows[p]] -= upper[p] * value
 
 
-def _set_refinements(plan: EliminationPlan, factors: Factors) -> bool:
+def find_refinements(plan: EliminationPlan, factors: Factors) -> bool:
     """Set the number of refinements; return False if `MAX_REFINEMENTS` are not enough.
 
     The measure is the backward error of Oettli & Prager, relative to the terms of each equation,

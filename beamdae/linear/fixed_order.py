@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from beamdae.linear.elimination import substitute_triangles
 from beamdae.linear.pivots import compute_fill
 
 Array = np.ndarray
@@ -137,23 +138,20 @@ def eliminate(factors: FixedOrderFactors, nonzeros: Array) -> int:
 
 def substitute(factors: FixedOrderFactors, right: Array) -> None:
     """Replace `right` by the solution, without refinement."""
-    plan, upper, lower, x = factors.plan, factors.upper, factors.lower, factors.x
-    lower_starts, lower_rows, order = plan.lower_starts, plan.lower_rows, plan.order
-    upper_starts, upper_rows, inverse = plan.upper_starts, plan.upper_rows, factors.inverse
-    size = len(x)
-    for k in range(size):
+    plan, order, x = factors.plan, factors.plan.order, factors.x
+    for k in range(len(x)):
         x[k] = right[order[k]]
-    for k in range(size):
-        value = x[k]
-        for q in range(lower_starts[k], lower_starts[k + 1]):
-            x[lower_rows[q]] -= lower[q] * value
-    for back in range(size):
-        k = size - 1 - back
-        value = x[k] * inverse[k]
-        x[k] = value
-        for p in range(upper_starts[k], upper_starts[k + 1]):
-            x[upper_rows[p]] -= upper[p] * value
-    for k in range(size):
+    substitute_triangles(
+        plan.lower_starts,
+        plan.lower_rows,
+        factors.lower,
+        plan.upper_starts,
+        plan.upper_rows,
+        factors.upper,
+        factors.inverse,
+        x,
+    )
+    for k in range(len(x)):
         right[order[k]] = x[k]
 
 
