@@ -123,6 +123,20 @@ class HasPage:
         return load_views().write_analysis_page(self, require_file_path("page", path))
 
 
+class HasModeShapes(HasTable, HasPage):
+    """Base class of results with mode shapes."""
+
+    def plot(self) -> Plot:
+        """Draw up to twelve mode shapes, see `beamdae.draw_modes`.
+
+        Raises
+        ------
+        BeamdaeError
+            If there are no modes, or no mechanism with parts that can be drawn.
+        """
+        return load_views().draw_modes(self)
+
+
 class Views(Protocol):
     """Interface of `beamdae.views`: the functions called by the methods of results."""
 

@@ -30,7 +30,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasModeShapes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +50,7 @@ _REPR_FREQUENCIES = 5
 
 @read_only_data
 @dataclass(frozen=True, repr=False)
-class Modes(HasTable, HasPage):
+class Modes(HasModeShapes):
     """Natural modes about a state, in ascending order of |eigenvalue|; see `modes`.
 
     Re(c shape exp(eigenvalue t)), with any small complex amplitude c, is a free motion about the
@@ -151,16 +151,6 @@ class Modes(HasTable, HasPage):
         masses = np.abs(self.shapes.conj() @ (mass @ translations)) ** 2
         total = np.einsum("ij,ij->j", translations, mass @ translations)
         return np.where(masses > _MASS_ROUNDING * total, masses, 0.0)
-
-    def plot(self) -> Plot:
-        """Draw up to twelve mode shapes, see `beamdae.draw_modes`.
-
-        Raises
-        ------
-        BeamdaeError
-            If there are no modes, or no mechanism with parts that can be drawn.
-        """
-        return load_views().draw_modes(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per mode.

@@ -27,7 +27,7 @@ from beamdae.linear.factorizations import SingularMatrixError, create_factorizat
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.diagnostics.beam_ranges import buckling_warnings
-from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.displays import HasModeShapes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +53,7 @@ _REPR_FACTORS = 5
 
 
 @dataclass(frozen=True, repr=False)
-class Buckling(HasTable, HasPage):
+class Buckling(HasModeShapes):
     """Buckling loads and mode shapes of the linearized tangent stiffness; see `buckling`.
 
     Attributes
@@ -100,16 +100,6 @@ class Buckling(HasTable, HasPage):
     def describe(self, k: int) -> str:
         """Return a label of mode `k`, counted from 0: number k + 1 and load factor."""
         return f"{k + 1}: load factor {self.factors[k]:.5g}"
-
-    def plot(self) -> Plot:
-        """Draw up to twelve buckling modes, see `beamdae.draw_modes`.
-
-        Raises
-        ------
-        BeamdaeError
-            If there are no modes, or no mechanism with parts that can be drawn.
-        """
-        return load_views().draw_modes(self)
 
     def table(self) -> pd.DataFrame:
         """Return a table with number, load factor [-] and the coordinate that moves most."""
