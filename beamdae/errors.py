@@ -268,6 +268,15 @@ def working_folder() -> Path:
         return Path(os.sep)
 
 
+def require_valid_path(path: Path) -> None:
+    """Require a path of printable characters that operating systems accept; see `is_valid_path`."""
+    if not is_valid_path(str(path)):
+        raise BeamdaeError(
+            f"path: {short_repr(str(path))} is not a valid file name; use at most 4096 printable "
+            "characters."
+        )
+
+
 def is_valid_path(text: str) -> bool:
     """Return True if all characters of a path are printable and there are at most 4096."""
     return text.isprintable() and len(text) <= _MAX_PATH_LENGTH

@@ -92,6 +92,13 @@ Starts = Annotated[
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
+Bounds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=LOW:HIGH",
+        help="Bounds of a parameter, with or without units; repeatable.",
+    ),
+]
 Loads = Annotated[
     list[str] | None,
     typer.Option(

@@ -75,23 +75,23 @@ _MIN_PEAK_WIDTH = 1e-5  # relative half width of peaks that are resolved
 _UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
 
 
-def write_analysis_page(result: Any, path: Path, title: str = "") -> Path:
+def write_analysis_page(result: Any, path: Path) -> Path:
     """Write the page of the result of an analysis, such as modes or a response curve."""
     if isinstance(result, Equilibrium):
-        page = build_path_page(result, title or str(result.model.get("name", "equilibria")))
+        page = build_path_page(result, str(result.model.get("name", "equilibria")))
     elif isinstance(result, PeriodicMotion):
-        page = build_periodic_page(result, title or "periodic motion")
+        page = build_periodic_page(result, "periodic motion")
     elif isinstance(result, FrequencyResponse):
-        page = build_response_page(result, title or f"response over {result.parameter}")
+        page = build_response_page(result, f"response over {result.parameter}")
     elif isinstance(result, Campbell):
-        page = build_campbell_page(result, title or "Campbell diagram")
+        page = build_campbell_page(result, "Campbell diagram")
     elif isinstance(result, Boundary | KnockDown):
-        page = build_critical_loads_page(result, title or "critical loads")
+        page = build_critical_loads_page(result, "critical loads")
     elif isinstance(result, LinearModel):
-        page = build_linear_page(result, title or f"linear model about {result.about}")
+        page = build_linear_page(result, f"linear model about {result.about}")
     else:
         noun = "buckling modes" if isinstance(result, Buckling) else "modes"
-        page = build_modes_page(result, title or f"{noun} about {result.about}")
+        page = build_modes_page(result, f"{noun} about {result.about}")
     return write_page(path, page)
 
 
@@ -418,6 +418,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     order = np.argsort(diagram.speeds)
     speeds = diagram.speeds[order]
     frequencies, rates = diagram.frequencies[order], diagram.eigenvalues.real[order]
+    guide = np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
     n_modes = frequencies.shape[1]
     frames = _export_campbell_frames(diagram, order.tolist())
     resonances = diagram.resonances()
@@ -452,10 +453,8 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
                 "lines": [
                     {
                         "label": f"{multiple}\u00d7",
-                        "x": np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS).tolist(),
-                        "y": _excitation(
-                            multiple, np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
-                        ).tolist(),
+                        "x": guide.tolist(),
+                        "y": (multiple * np.abs(guide) / (2.0 * np.pi)).tolist(),
                     }
                     for multiple in diagram.multiples
                 ],
@@ -704,11 +703,6 @@ def _choose_frequencies(poles: Array, listed: list[int], n_states: int) -> Array
     for center, distance in undamped:
         frequencies = frequencies[np.abs(frequencies - center) >= distance]
     return frequencies
-
-
-def _excitation(multiple: int, speeds: Array) -> Array:
-    """Return the frequency [Hz] of `multiple` excitations per revolution at speeds [rad/s]."""
-    return multiple * np.abs(speeds) / (2.0 * np.pi)
 
 
 def _export_campbell_frames(

@@ -10,6 +10,7 @@ import typer
 
 from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
+    Bounds,
     FixedStep,
     Jobs,
     ModelName,
@@ -56,13 +57,7 @@ def fit_command(
     ],
     settings: Settings = None,
     model_name: ModelName = None,
-    bounds: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LOW:HIGH",
-            help="Bounds of a parameter, with or without units; repeatable.",
-        ),
-    ] = None,
+    bounds: Bounds = None,
     log: Annotated[
         str, typer.Option(metavar="NAME,...", help="Parameters whose logarithms are varied.")
     ] = "",

@@ -9,6 +9,7 @@ import typer
 
 from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
+    Bounds,
     FixedStep,
     ModelName,
     ModelPath,
@@ -60,13 +61,7 @@ def optimize_command(
             help="Lower limit of a quantity, with its sign; repeatable.",
         ),
     ] = None,
-    bounds: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LOW:HIGH",
-            help="Bounds of a parameter, with or without units; repeatable.",
-        ),
-    ] = None,
+    bounds: Bounds = None,
     settings: Settings = None,
     model_name: ModelName = None,
     step: FixedStep = None,

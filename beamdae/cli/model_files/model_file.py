@@ -18,9 +18,9 @@ from beamdae.cli.model_files.user_errors import describe_error
 from beamdae.cli.startup import import_equations
 from beamdae.errors import (
     BeamdaeError,
-    is_valid_path,
     path_as_text,
     plain_text,
+    require_valid_path,
     short_repr,
     suggest,
 )
@@ -206,11 +206,7 @@ def _import_file(path: Path) -> ModuleType:
 
 def _compile_file(path: Path) -> CodeType:
     """Compile a file in its declared encoding, by default UTF-8."""
-    if not is_valid_path(str(path)):
-        raise BeamdaeError(
-            f"path: {short_repr(str(path))} is not a valid file name; use at most 4096 "
-            "printable characters."
-        )
+    require_valid_path(path)
     if path.suffix != ".py":
         file, separator, name = path.name.rpartition(":")
         remedy = ""

@@ -33,6 +33,9 @@ _PALE_ORDER = 0.5
 _OUTLINE_WIDTH = 0.7  # of beams with drawn heights [pt]
 _COLORED_WIDTH = 1.4  # line width of colored beams, relative to uncolored beams
 
+# Margin around a drawing, relative to the larger of width and height.
+_MARGIN = 0.05
+
 
 class LineStyle(NamedTuple):
     """Appearance of a line in a figure.
@@ -240,7 +243,7 @@ def add_caption(axis: Axes) -> Text:
     return axis.text(0.02, 0.98, "", transform=axis.transAxes, **style)
 
 
-def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array, Array]:
+def padded_extent(scenes: Iterable[Scene]) -> tuple[Array, Array]:
     """Return the lower left and upper right corner [m] of all scenes, with a margin.
 
     The margin is relative to the larger of width and height. The smaller one is first enlarged to a
@@ -249,5 +252,5 @@ def padded_extent(scenes: Iterable[Scene], margin: float = 0.05) -> tuple[Array,
     low, high = bounding_box(np.array([x for scene in scenes for x in scene.extent()]))
     size = float(np.max(high - low)) or 1.0
     center = (low + high) / 2.0
-    half = np.maximum((high - low) / 2.0, 0.1 * size) + margin * size
+    half = np.maximum((high - low) / 2.0, 0.1 * size) + _MARGIN * size
     return center - half, center + half

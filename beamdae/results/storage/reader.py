@@ -27,7 +27,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, FileContentError, is_valid_path, short_repr
+from beamdae.errors import FileContentError, require_valid_path, short_repr
 from beamdae.memory import require_memory
 from beamdae.results.storage.schema import ArrayHeader, ArrayRule, FieldError, Rule
 
@@ -120,11 +120,7 @@ def _require_regular(mode: int) -> None:
 @contextmanager
 def _open_bounded(path: Path, kind: FileKind, most: int) -> Iterator[tuple[BinaryIO, int]]:
     """Yield the file and its size [bytes], at most `most`."""
-    if not is_valid_path(str(path)):
-        raise BeamdaeError(
-            f"path: {short_repr(str(path))} is not a valid file name; use at most 4096 "
-            "printable characters."
-        )
+    require_valid_path(path)
     try:
         with open_regular_file(path) as stream:
             size = os.fstat(stream.fileno()).st_size

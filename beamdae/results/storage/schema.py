@@ -98,15 +98,14 @@ def start_value(value: Any) -> None:
         raise wrong_value("a number that is allowed as an initial condition", value) from None
 
 
-def integer(least: int = -MAX_INTEGER, most: int = MAX_INTEGER, optional: bool = False) -> Rule:
-    """Return the rule for a whole number from `least` to `most`; `optional` allows None."""
-    allowed = f"a whole number from {least} to {most}" + " or null" * optional
+def integer(least: int = -MAX_INTEGER, most: int = MAX_INTEGER) -> Rule:
+    """Return the rule for a whole number from `least` to `most`."""
+    allowed = f"a whole number from {least} to {most}"
     if most == MAX_INTEGER:
-        allowed = f"a whole number of at least {least}" + " or null" * optional
+        allowed = f"a whole number of at least {least}"
 
     def check(value: Any) -> None:
-        is_allowed = type(value) is int and least <= value <= most
-        if not (is_allowed or (optional and value is None)):
+        if not (type(value) is int and least <= value <= most):
             raise wrong_value(allowed, value)
 
     return check
@@ -333,10 +332,9 @@ class ArrayHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def require_ascending(name: str, values: Array, strictly: bool = True) -> None:
-    """Require that values ascend or, if `strictly` is false, do not descend."""
-    steps = np.diff(values)
-    if not (steps > 0.0 if strictly else steps >= 0.0).all():
+def require_ascending(name: str, values: Array) -> None:
+    """Require that values ascend strictly."""
+    if not (np.diff(values) > 0.0).all():
         raise FieldError("must ascend", name)
 
 
