@@ -279,6 +279,14 @@ def require_observed(part: str, headers: Iterable[str]) -> None:
         )
 
 
+def largest_by(keys: Iterable[str], sizes: Iterable[float]) -> dict[str, float]:
+    """Return the largest of the sizes, at least 0, with the same key."""
+    largest: dict[str, float] = {}
+    for key, size in zip(keys, sizes, strict=True):
+        largest[key] = max(largest.get(key, 0.0), size)
+    return largest
+
+
 def largest_of_kind(
     headers: Iterable[str], half_range: np.ndarray, length: float = 0.0
 ) -> np.ndarray:
@@ -289,9 +297,7 @@ def largest_of_kind(
     shafts turn far more often than they vibrate.
     """
     kinds = [Header.of(header).kind for header in headers]
-    of_kind = dict.fromkeys(kinds, 0.0)
-    for kind, value in zip(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist(), strict=True):
-        of_kind[kind] = max(of_kind[kind], value)
+    of_kind = largest_by(kinds, np.nan_to_num(half_range, posinf=np.inf).tolist())
     largest = dict(of_kind)
     for kind in kinds if length > 0.0 else ():
         translation, power = UNITS_OF_TRANSLATIONS.get(kind, (kind, 0))

@@ -13,6 +13,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
+    largest_by,
     mark_resting_columns,
     select_column,
 )
@@ -294,10 +295,8 @@ class FrequencyResponse(HasTable, HasPage):
         if not self.points:
             return ()
         sizes = {name: self.curve(name)[1] for name in self.points[0].solution.columns}
-        largest: dict[str, float] = {}
-        for name, size in sizes.items():
-            unit = Header.of(name).unit
-            largest[unit] = max(largest.get(unit, 0.0), float(size.max()))
+        units = (Header.of(name).unit for name in sizes)
+        largest = largest_by(units, (float(size.max()) for size in sizes.values()))
         varying = []
         at_rest = self.resting_columns
         for name, size in sizes.items():

@@ -18,7 +18,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.report.text import shorten_text
-from beamdae.results.columns import Header, is_derivative, observed_columns
+from beamdae.results.columns import Header, is_derivative, largest_by, observed_columns
 from beamdae.results.storage.files import atomic_write
 
 if TYPE_CHECKING:
@@ -121,11 +121,9 @@ def _largest_with_unit(size: Mapping[str, float]) -> dict[str, float]:
 
     Others are not comparable: a stress in Pa can be 1e10 times a displacement in m.
     """
-    of_unit: dict[str, list[float]] = {}
-    for column, x in size.items():
-        of_unit.setdefault(Header.of(column).unit, []).append(x)
-    largest = {unit: max(sizes) for unit, sizes in of_unit.items()}
-    return {column: largest[Header.of(column).unit] for column in size}
+    units = {column: Header.of(column).unit for column in size}
+    largest = largest_by(units.values(), size.values())
+    return {column: largest[unit] for column, unit in units.items()}
 
 
 def _range(values: Any) -> float:
@@ -217,11 +215,16 @@ def format_axis(axis: Axes, title: str, ylabel: str) -> None:
         axis.yaxis.set_label_coords(-_Y_LABEL_DISTANCE / width, 0.5)
         axis.xaxis.set_label_coords(0.5, -_X_LABEL_DISTANCE / height)
         axis.yaxis.get_offset_text().set_x(-_POWER_DISTANCE / width)
-    axis.grid(color="0.9", lw=0.6)
+    draw_grid(axis)
     axis.margins(x=0.0)
     format_ticks(axis.yaxis)
     axis.tick_params(labelsize=9, which="both")
     axis.yaxis.get_offset_text().set_fontsize(9)
+
+
+def draw_grid(axis: Axes) -> None:
+    """Draw a light grid, and hide the frame at the top and on the right."""
+    axis.grid(color="0.9", lw=0.6)
     axis.spines[["top", "right"]].set_visible(False)
 
 

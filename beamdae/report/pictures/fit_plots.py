@@ -12,6 +12,7 @@ from beamdae.report.pictures.figures import (
     add_legend,
     create_panels,
     disable_math_text,
+    draw_grid,
     format_axis,
 )
 from beamdae.report.text import shorten_text
@@ -76,7 +77,6 @@ def plot_profile(profile: ProfileLikelihood) -> Plot:
             axis.axvline(limit, color=COLORS[1], lw=1.0)
     axis.set_xlabel(profile.name)
     axis.set_ylabel("increase of chi-square")
-    axis.grid(color="0.9", lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
+    draw_grid(axis)
     disable_math_text(figure)
     return Plot(figure)

@@ -16,6 +16,7 @@ from beamdae.report.pictures.figures import (
     add_legend,
     create_panels,
     disable_math_text,
+    draw_grid,
     format_axis,
     format_horizontal_axis,
     mask_huge_values,
@@ -181,8 +182,7 @@ def plot_critical_loads(result: Boundary | KnockDown) -> Plot:
         axis.plot(point.value, point.factor, "o", color=COLORS[1], ms=5)
     axis.set_xlabel(name)
     axis.set_ylabel(factor)
-    axis.grid(color="0.9", lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
+    draw_grid(axis)
     disable_math_text(figure)
     return Plot(figure)
 
@@ -241,8 +241,7 @@ def _draw_response(
         axis.plot(value, amplitude, "o", color=COLORS[1], ms=4)
     axis.set_xlabel(horizontal)
     axis.set_ylabel(vertical)
-    axis.grid(color="0.9", lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
+    draw_grid(axis)
 
 
 def _draw_magnitudes(

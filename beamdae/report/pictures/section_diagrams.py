@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import BeamdaeError, require_choice, require_finite
-from beamdae.report.pictures.figures import COLORS, disable_math_text, wrap_title
+from beamdae.report.pictures.figures import COLORS, disable_math_text, draw_grid, wrap_title
 from beamdae.results.displays import Plot
 from beamdae.results.section_forces.section_forces import SECTION_FORCE_HEADERS, SectionForces
 
@@ -76,8 +76,7 @@ def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None
     axis.set_xlabel("s [m]")
     axis.set_ylabel(SECTION_FORCE_HEADERS[what])
     axis.margins(x=0.0)
-    axis.grid(color="0.9", lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
+    draw_grid(axis)
     disable_math_text(figure)
     return Plot(figure)
 

@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.model_parameters import format_with_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
-from beamdae.results.columns import Header
+from beamdae.results.columns import Header, largest_by
 from beamdae.results.diagnostics.beam_ranges import BeamRange
 from beamdae.results.diagnostics.missed_peaks import StepExtremes
 
@@ -197,11 +197,11 @@ def _smallest_and_largest(values: np.ndarray) -> tuple[float, float]:
 
 
 def _rounding_by_kind(observed: Columns) -> dict[str, float]:
-    largest: dict[str, float] = {}
-    for name in map(str, observed):
-        kind = Header.of(name).kind
-        size = max(map(abs, _smallest_and_largest(np.asarray(observed[name]))))
-        largest[kind] = max(largest.get(kind, 0.0), size if math.isfinite(size) else 0.0)
+    names = list(map(str, observed))
+    kinds = (Header.of(name).kind for name in names)
+    ends = (_smallest_and_largest(np.asarray(observed[name])) for name in names)
+    sizes = (max(map(abs, x)) for x in ends)
+    largest = largest_by(kinds, (x if math.isfinite(x) else 0.0 for x in sizes))
     return {kind: _ROUNDING * size for kind, size in largest.items()}
 
 

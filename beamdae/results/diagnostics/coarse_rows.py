@@ -10,6 +10,7 @@ from beamdae.errors import list_first
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
+    largest_by,
     mark_constant_columns,
     remove_unit,
 )
@@ -120,12 +121,9 @@ def _find_moving(
     sizes = half_range * per_unit
     speed = length / duration
     smallest = {"m": length, "m/s": speed, "m/s^2": speed / duration, "-": 1.0}
-    largest: dict[str, float] = {}
-    rounding = {kind: _ROUNDING * value for kind, value in smallest.items()}
-    values = magnitude * per_unit
-    for kind, size, value in zip(kinds, sizes.tolist(), values.tolist(), strict=True):
-        largest[kind] = max(size, largest.get(kind, 0.0))
-        if kind not in smallest:
-            rounding[kind] = max(min_half_range * value, rounding.get(kind, 0.0))
+    largest = largest_by(kinds, sizes.tolist())
+    values = largest_by(kinds, (magnitude * per_unit).tolist())
+    rounding = {kind: min_half_range * value for kind, value in values.items()}
+    rounding |= {kind: _ROUNDING * value for kind, value in smallest.items()}
     limits = [max(min_half_range * largest[k], rounding[k]) for k in kinds]
     return np.asarray(sizes > limits)
