@@ -20,7 +20,7 @@ def factorize_saddle_point(
     Parameters
     ----------
     block
-        Sparse matrix (n, n).
+        Sparse matrix (n, n), real or complex.
     reactions, rows
         Sparse matrices (n, m) and (m, n); m may be zero.
 
@@ -34,7 +34,7 @@ def factorize_saddle_point(
         matrix = sp.block_array([[block, reactions], [rows, None]])
     saddle_point = sp.csc_array(matrix)
     saddle_point.sort_indices()
-    solver = create_factorization(saddle_point)
+    solver = create_factorization(saddle_point, dtype=saddle_point.dtype.type)
     try:
         solver.factorize(saddle_point.data)
     except SingularMatrixError:

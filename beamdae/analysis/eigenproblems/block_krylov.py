@@ -45,6 +45,8 @@ class BlockKrylov:
         the operator.
     is_symmetric
         True if the operator is self-adjoint in this inner product.
+    blocks
+        Number of blocks of the space, including the first one.
 
     Attributes
     ----------
@@ -62,11 +64,14 @@ class BlockKrylov:
         start: Array,
         metric: sp.sparray,
         is_symmetric: bool,
+        blocks: int = 1,
     ) -> None:
         self._operator, self._metric, self._is_symmetric = operator, metric, is_symmetric
         empty = np.zeros((len(start), 0))
         self._basis, self._weighted_basis, self._images = empty, empty, empty
         self._append(start)
+        for _ in range(blocks - 1):
+            self._append(self._last_images)
         self._project()
 
     @property
@@ -74,12 +79,16 @@ class BlockKrylov:
         """Dimension of the space."""
         return self._basis.shape[1]
 
+    @property
+    def _last_images(self) -> Array:
+        return self._images[:, self.size - self._block_size :]
+
     def expand(self) -> bool:
         """Append the images of the last block to the basis.
 
         Return False if they depend on the basis, which then spans an invariant space.
         """
-        self._append(self._images[:, self.size - self._block_size :])
+        self._append(self._last_images)
         self._project()
         return self._block_size > 0
 
@@ -89,28 +98,31 @@ class BlockKrylov:
 
     def _append(self, block: Array) -> None:
         """Append the part of the columns that is independent of the basis, and its images."""
-        columns: list[Array] = []
-        for column in block.T:
-            vector, first_length = column, self._length(column)
-            # Once is not enough, twice is (Parlett, The Symmetric Eigenvalue Problem, section 6.9).
+        basis, weighted_basis = self._basis, self._weighted_basis
+        columns, weighted = np.empty_like(block), np.empty_like(block)
+        first_lengths, count = self._lengths(block), 0
+        # Once is not enough, twice is (Parlett, The Symmetric Eigenvalue Problem, section 6.9).
+        block = block - basis @ (weighted_basis.T @ block)
+        for column, first_length in zip(block.T, first_lengths, strict=True):
+            vector = column
             for _ in range(2):
-                vector = vector - self._basis @ (self._weighted_basis.T @ vector)
-                weighted = self._metric @ vector
-                for other in columns:
-                    vector = vector - other * (other @ weighted)
-            length = self._length(vector)
+                vector = vector - columns[:, :count] @ (weighted[:, :count].T @ vector)
+            vector = vector - basis @ (weighted_basis.T @ vector)
+            image = self._metric @ vector
+            length = np.sqrt(max(vector @ image, 0.0))
             if length > _DEPENDENCE_RATIO * first_length:
-                columns.append(vector / length)
-        self._block_size = len(columns)
-        if columns:
-            new = np.stack(columns, axis=1)
-            self._basis = np.hstack([self._basis, new])
-            self._weighted_basis = np.hstack([self._weighted_basis, self._metric @ new])
-            images = np.stack([self._operator(column) for column in columns], axis=1)
+                columns[:, count], weighted[:, count] = vector / length, image / length
+                count += 1
+        self._block_size = count
+        if count:
+            new = columns[:, :count]
+            self._basis = np.hstack([basis, new])
+            self._weighted_basis = np.hstack([weighted_basis, weighted[:, :count]])
+            images = np.stack([self._operator(column) for column in new.T], axis=1)
             self._images = np.hstack([self._images, images])
 
-    def _length(self, x: Array) -> float:
-        return float(np.sqrt(max(x @ (self._metric @ x), 0.0)))
+    def _lengths(self, block: Array) -> Array:
+        return np.sqrt(np.maximum(np.einsum("ij,ij->j", block, self._metric @ block), 0.0))
 
     def _project(self) -> None:
         """Compute the eigenpairs of the operator projected onto the basis (Rayleigh-Ritz)."""

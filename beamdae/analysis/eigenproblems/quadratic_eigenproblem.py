@@ -49,6 +49,18 @@ _MIN_RANDOM_VECTORS = 2
 _MIN_BLOCKS = 3
 # Relative residual that suffices to know on which side of a circle an eigenvalue lies.
 _LOCATION_ACCURACY = 1e-3
+# Relative residual from which inverse iteration takes over, its largest number of steps, and the
+# relative step after which it has converged, because its error is the square of the step.
+_REFINABLE_ACCURACY = 1e-5
+_MAX_REFINEMENTS = 4
+_REFINED_STEP = 1e-6
+# Eigenvalues that differ by at most this fraction, and whose shapes have at least this correlation,
+# are the same.
+_EQUAL_TOLERANCE = 1e-6
+_EQUAL_CORRELATION = 0.99
+# Bound on the rounding error of squared frequencies, relative to the squared shift, up to which the
+# stiffness may define a metric.
+_MAX_ENERGY_ROUNDING = 1e-6
 # Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
 # Real and imaginary parts up to these fractions of the eigenvalue are rounding errors.
@@ -95,6 +107,7 @@ class QuadraticProblem:
         self.lin, self.tangent, self.e = lin, lin.tangent, lin.equations
         squares = undamped.squares
         self._undamped_shapes = undamped.shapes
+        self._growth_square = float(np.max(-squares, initial=0.0))
         self._undamped_free = undamped.shapes[:, squares == 0.0]
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
@@ -196,8 +209,9 @@ class QuadraticProblem:
         """Return the `count` eigenvalues with the smallest |l| and their shapes, or None.
 
         Conjugate eigenvalues count once. The Krylov space begins with the undamped modes, as
-        displacements and as velocities, and with random motions. The result is None if it does not
-        converge.
+        displacements and as velocities, and with random motions. If rounding permits, it only
+        locates the eigenvalues, and inverse iteration refines them. The result is None if it does
+        not converge.
         """
         n, s, tangent = self.e.n, self.shift, self.tangent
         n_random = max(count, _MIN_RANDOM_VECTORS)
@@ -206,12 +220,12 @@ class QuadraticProblem:
         modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
         start = np.hstack([modes, (scales * motions).T])
         start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
-        metric = sp.csr_array(sp.block_diag([s**2 * tangent.mass, tangent.mass]))
-        krylov = BlockKrylov(self._apply_inverse, start, metric, is_symmetric=False)
-        for _ in range(_MIN_BLOCKS - 1):
-            krylov.expand()
+        metric, is_refined = self._krylov_metric()
+        krylov = BlockKrylov(
+            self._apply_inverse, start, metric, is_symmetric=False, blocks=_MIN_BLOCKS
+        )
 
-        def required_accuracy(inverses: Array) -> Array:
+        def find_wanted(inverses: Array) -> tuple[Array, Array]:
             values = s + 1.0 / inverses
             sizes = np.abs(values)
             order = np.argsort(sizes, kind="stable")
@@ -220,8 +234,7 @@ class QuadraticProblem:
             last = min(int(np.searchsorted(numbers, count)), len(order) - 1)
             highest = sizes[order[last]]
             # No eigenvalue outside this circle about the shift is smaller.
-            accuracy = np.where(np.abs(values - s) <= highest + s, _LOCATION_ACCURACY, np.inf)
-            return np.where(sizes <= highest, 0.0, accuracy)
+            return sizes <= highest, np.abs(values - s) <= highest + s
 
         def rounding(inverses: Array, vectors: Array) -> Array:
             shapes = vectors[:n]
@@ -229,10 +242,82 @@ class QuadraticProblem:
             squares = inertia * (s**2 + np.abs(s + 1.0 / inverses) ** 2)
             return quadratic_form_rounding(tangent.stiffness, shapes) / squares
 
-        if not converge(krylov, required_accuracy, rounding):
+        for accuracy in (_REFINABLE_ACCURACY, 0.0) if is_refined else (0.0,):
+
+            def required_accuracy(inverses: Array, accuracy: float = accuracy) -> Array:
+                is_wanted, is_near = find_wanted(inverses)
+                return np.where(is_wanted, accuracy, np.where(is_near, _LOCATION_ACCURACY, np.inf))
+
+            if not converge(krylov, required_accuracy, rounding):
+                return None
+            (wanted,) = np.nonzero(find_wanted(krylov.values)[0])
+            solution = s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
+            refined = self._refine_modes(*solution) if accuracy else None
+            if refined is not None:
+                return refined
+        return solution
+
+    def _krylov_metric(self) -> tuple[sp.csr_array, bool]:
+        """Return the metric of the Krylov space, and whether it is that of the energy.
+
+        In the metric of the energy, projections of problems without damping have no eigenvalues far
+        off the imaginary axis, which would have to converge. It is not used if rounding errors of
+        the stiffness are not small compared with the shift.
+        """
+        tangent, square = self.tangent, self.shift**2
+        bounds = quadratic_form_rounding(tangent.stiffness, self._undamped_shapes)
+        if not np.all(bounds <= _MAX_ENERGY_ROUNDING * square):
+            return sp.csr_array(sp.block_diag([square * tangent.mass, tangent.mass])), False
+        stiffness = 0.5 * (tangent.stiffness + tangent.stiffness.T)
+        # Positive definite also for unstable states.
+        weight = stiffness + (square + 2.0 * self._growth_square) * tangent.mass
+        return sp.csr_array(sp.block_diag([weight, tangent.mass])), True
+
+    def _refine_modes(self, values: Array, shapes: Array) -> tuple[Array, Array] | None:
+        """Return the upper eigenvalues and their shapes after inverse iteration, or None.
+
+        Newton's method for nonlinear eigenproblems (Ruhe, SIAM J. Numer. Anal. 10 (1973) 674). The
+        result is None if a mode does not converge, leaves its estimate, or is found twice. Values
+        near zero, which may be free motions, remain as they are.
+        """
+        tangent, n = self.tangent, self.e.n
+        is_upper = values.imag >= 0.0
+        starts, shapes = values[is_upper], shapes[:, is_upper]
+        inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes))
+        shapes = shapes / np.sqrt(inertia)
+        squares = quadratic_form_rounding(tangent.stiffness, shapes)
+        values = starts.copy()
+        (refined,) = np.nonzero(np.abs(starts) > _ZERO_RATIO * self.shift)
+        for k in refined:
+            value, x = starts[k], shapes[:, k]
+            for _ in range(_MAX_REFINEMENTS):
+                solve = factorize_saddle_point(
+                    tangent.stiffness + value * tangent.damping + value**2 * tangent.mass,
+                    tangent.reactions,
+                    tangent.position_jacobian + value * tangent.velocity_jacobian,
+                )
+                if solve is None:
+                    return None
+                weighted = tangent.mass @ x
+                right = 2.0 * value * weighted + tangent.damping @ x
+                x = solve(np.concatenate([right, tangent.velocity_jacobian @ x]))[:n]
+                # x^H M x = 1 before the iteration.
+                step = -1.0 / np.vdot(weighted, x)
+                value += step
+                x = x / np.sqrt(np.abs(np.vdot(x, tangent.mass @ x)))
+                rounding = squares[k] / abs(value)
+                if abs(step) <= _REFINED_STEP * abs(value) + rounding:
+                    break
+            else:
+                return None
+            values[k], shapes[:, k] = value, x
+        if np.any(np.abs(values - starts) > _LOCATION_ACCURACY * np.abs(starts - self.shift)):
             return None
-        (wanted,) = np.nonzero(required_accuracy(krylov.values) == 0.0)
-        return s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
+        correlations = np.abs(shapes.conj().T @ (tangent.mass @ shapes))
+        is_equal = np.abs(values[:, None] - values) <= _EQUAL_TOLERANCE * np.abs(values)
+        is_twice = is_equal & (correlations > _EQUAL_CORRELATION)
+        np.fill_diagonal(is_twice, False)
+        return None if np.any(is_twice[refined]) else (values, shapes)
 
     def _solve_sparse_squares(self, count: int) -> tuple[Array, Array] | None:
         """Return eigenvalues and shapes as `_solve_sparse` does, for problems without damping.
@@ -251,9 +336,13 @@ class QuadraticProblem:
 
         start = np.hstack([self._undamped_shapes, (self.e.position_scales * motions).T])
         start = np.stack([apply_inverse(x) for x in start.T], axis=1)
-        krylov = BlockKrylov(apply_inverse, start, sp.csr_array(tangent.mass), is_symmetric=False)
-        for _ in range(_MIN_BLOCKS - 1):
-            krylov.expand()
+        krylov = BlockKrylov(
+            apply_inverse,
+            start,
+            sp.csr_array(tangent.mass),
+            is_symmetric=False,
+            blocks=_MIN_BLOCKS,
+        )
 
         def required_accuracy(inverses: Array) -> Array:
             squares = s**2 - 1.0 / inverses
@@ -357,7 +446,7 @@ class QuadraticProblem:
         is_zero |= size**2 <= zero_squares
         zero_square = float(np.max(zero_squares[is_zero], initial=0.0))
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
-        if self._is_symmetric:
+        if is_symmetric(self.lin):
             values = self._refine_values(values, shapes)
         # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis. The real
         # part is removed unless dampers dissipate more energy than rounding.
@@ -383,21 +472,20 @@ class QuadraticProblem:
     def _refine_values(self, values: Array, shapes: Array) -> Array:
         """Return for each mode x the root l of x^H (l^2 M + l C + K) x = 0 nearest to its value.
 
-        The coefficients of this quadratic equation are real, so rounding does not make a mode grow
-        if K and C are positive semidefinite.
+        M and K are symmetric, so that rounding does not make a mode grow if K and the symmetric
+        part of C are positive semidefinite.
         """
         tangent = self.tangent
         m, c, k = (
-            np.real(np.einsum("ij,ij->j", shapes.conj(), matrix @ shapes))
+            np.einsum("ij,ij->j", shapes.conj(), matrix @ shapes)
             for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
         )
-        root = np.sqrt((c**2 - 4.0 * m * k).astype(complex))
-        # The larger sum of equal signs, and its partner from the product of the roots, do not
-        # cancel.
-        larger = -0.5 * (c + np.where(c >= 0.0, root, -root))
+        m, k = m.real, k.real
+        root = np.sqrt(c**2 - 4.0 * m * k + 0j)
+        # The larger sum, and its partner from the product of the roots, do not cancel.
+        larger = -0.5 * (c + np.where((c.conj() * root).real >= 0.0, root, -root))
         with np.errstate(divide="ignore", invalid="ignore"):
             roots = np.stack([larger / m, k / larger])
-        roots = np.concatenate([roots, roots.conj()])
         distances = np.where(np.isfinite(roots), np.abs(roots - values), np.inf)
         nearest = roots[np.argmin(distances, axis=0), np.arange(len(values))]
         return np.where(np.isfinite(nearest), nearest, values)

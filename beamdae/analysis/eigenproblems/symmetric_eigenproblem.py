@@ -172,9 +172,9 @@ class SymmetricProblem:
                 return solve(np.concatenate([self.mass @ x, np.zeros(m)]))[:n]
 
             block = np.stack([invert(x) for x in block.T], axis=1)
-            krylov = BlockKrylov(invert, block, self.mass, is_symmetric=True)
-            for _ in range(_ESTIMATION_BLOCKS - 1):
-                krylov.expand()
+            krylov = BlockKrylov(
+                invert, block, self.mass, is_symmetric=True, blocks=_ESTIMATION_BLOCKS
+            )
             shapes = krylov.vectors(np.arange(len(krylov.values)))
             squares, zero_squares = self._rayleigh_quotients(shapes, s)
             lowest = np.argsort(np.abs(squares))
