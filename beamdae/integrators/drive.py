@@ -43,7 +43,7 @@ from beamdae.integrators.method import (
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
-from beamdae.integrators.sampling import Sampler
+from beamdae.integrators.sampling import RepeatedSample, Sampler
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
@@ -164,6 +164,7 @@ def _drive(
     table_detector = TableDetector(terms, is_adaptive, grids) if terms else None
     run: _RunInProgress | None = None
     trajectory: Trajectory | None = None
+    repeated: list[RepeatedSample] = []
     status, compile_time = REACHED_END, 0.0
 
     def prepare_run(
@@ -172,7 +173,16 @@ def _drive(
         nonlocal compile_time
         began = clock.perf_counter()
         run = _RunInProgress(
-            equations, plan, method_on, limits, onset_detector, table_detector, rtol, times, label
+            equations,
+            plan,
+            method_on,
+            limits,
+            onset_detector,
+            table_detector,
+            rtol,
+            times,
+            repeated,
+            label,
         )
         compile_time += clock.perf_counter() - began
         return run
@@ -238,6 +248,7 @@ class _RunInProgress:
         table_detector: TableDetector | None,
         rtol: float | None,
         output_times: Array,
+        repeated: list[RepeatedSample],
         label: str = "",
     ) -> None:
         """Prepare a run.
@@ -245,7 +256,8 @@ class _RunInProgress:
         `equations` contain all parts, active or not; `onset_detector` is None without contacts,
         and `table_detector` is None without tables of the motion; `rtol` is the tolerance of
         adaptive steps, None for fixed steps; rows at `output_times` [s] are stored even if the run
-        is too long to store all steps; `label` is appended to the message of an interrupted run.
+        is too long to store all steps; `repeated` are samples of earlier runs that this run repeats
+        and extends; `label` is appended to the message of an interrupted run.
         """
         self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
         self.method = method_on(plan)
@@ -253,7 +265,8 @@ class _RunInProgress:
         self._is_resumable = isinstance(self.method, ResumableMethod)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
-        self._sampler = Sampler(self._sampled_equations)
+        self._repeated = repeated
+        self._sampler = Sampler(self._sampled_equations, repeated)
         self._detector = EventDetector(equations) if equations.events else None
         self._onset_detector, self._table_detector = onset_detector, table_detector
         self._rtol = rtol
@@ -297,7 +310,8 @@ class _RunInProgress:
         """Let controllers read zero for the loads of inactive parts."""
         equations = self._equations.with_loads_of(self._configuration)
         if self._sampler.controllers and equations is not self._sampled_equations:
-            self._sampled_equations, self._sampler = equations, Sampler(equations)
+            self._sampled_equations = equations
+            self._sampler = Sampler(equations, self._repeated)
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -321,13 +335,24 @@ class _RunInProgress:
 
     def execute(self) -> tuple[Trajectory, Status]:
         try:
-            status = self._integrate_intervals()
+            status = self._repeat_samples(self._integrate_intervals())
         except KeyboardInterrupt:
             return self.report_interrupt()
         except ProgressError as error:
             self.progress_error = error.problem
             status = self._failure(error)
         return self._collect(status)
+
+    def _repeat_samples(self, status: Status) -> Status:
+        """Return `status`, or a failure if a law returns other values for an earlier sample."""
+        if status.kind == "failed":
+            return status
+        try:
+            for sample in self._repeated:
+                sample.repeat()
+        except BeamdaeError as problem:
+            return self._failure(problem)
+        return status
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
         acknowledge()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.equations.controller_reads import compile_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import SAME_TIME
+from beamdae.parts.control.controller import Controller
 
 Array = np.ndarray
 
@@ -16,8 +18,38 @@ Array = np.ndarray
 _SAME_SAMPLE = 1e-6
 
 
+class RepeatedSample(NamedTuple):
+    """Sample that is taken again at the end of a run, to find laws with memory of their own.
+
+    Attributes
+    ----------
+    controller
+        The controller.
+    arguments, result
+        Arguments and result of `Controller.next_values`.
+    """
+
+    controller: Controller
+    arguments: tuple[float, int, Array, Array]
+    result: Array
+
+    def repeat(self) -> None:
+        """Take the sample again; raise BeamdaeError unless the result is the same."""
+        self.controller.require_repeatable(*self.arguments, self.result)
+
+
 class Sampler:
     """Samples of all controllers of a run.
+
+    Samples 0, 1, 2, 4, 8, ... are taken twice, and again at the end of the run: pilot runs call the
+    law, too, and would change the result in silence if it had memory of its own.
+
+    Parameters
+    ----------
+    equations
+        Equations of motion.
+    repeated
+        List of all pilot runs and the main run, to which the sampler appends these samples.
 
     Attributes
     ----------
@@ -25,8 +57,10 @@ class Sampler:
         The controllers; empty if there is nothing to sample.
     """
 
-    def __init__(self, equations: EquationsOfMotion) -> None:
+    def __init__(self, equations: EquationsOfMotion, repeated: list[RepeatedSample]) -> None:
         self.controllers = equations.controllers
+        self._repeated = repeated
+        self._counts = [0 for _ in self.controllers]
         self._tasks = [
             (term.controller, term.controller.every, term.rows, compile_reads(term, equations.p))
             for term in self.controllers
@@ -49,15 +83,24 @@ class Sampler:
         Raises
         ------
         BeamdaeError
-            If a law fails or does not return finite numbers; `q` is then unchanged.
+            If a law fails, does not return finite numbers, or returns other numbers if the sample
+            is repeated; `q` is then unchanged.
         """
         updates = []
-        for controller, every, rows, read in self._tasks:
+        for k, (controller, every, rows, read) in enumerate(self._tasks):
             ratio = t / every
             index = round(ratio)
             if abs(ratio - index) <= _SAME_SAMPLE:
-                values = controller.next_values(t, index, read(t, branch, q, v), q[rows])
+                reads, before = read(t, branch, q, v), q[rows]
+                values = controller.next_values(t, index, reads, before)
                 updates.append((rows, values))
+                count = self._counts[k]
+                if count & (count - 1) == 0:
+                    arguments = t, index, reads.copy(), before.copy()
+                    sample = RepeatedSample(controller, arguments, values)
+                    sample.repeat()
+                    self._repeated.append(sample)
+                self._counts[k] = count + 1
         has_changed = False
         for rows, values in updates:
             # Lists of few numbers are compared faster than arrays.

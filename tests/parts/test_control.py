@@ -137,6 +137,32 @@ def test_regression_laws_with_memory_of_their_own_end_the_run():
         assert run.status.kind == "failed"
 
 
+@pytest.mark.parametrize("method", [bd.Radau(), bd.Ida(), bd.GeneralizedAlpha(5e-3)])
+@pytest.mark.parametrize("start", [0.0, 0.4], ids=["from rest", "resumed"])
+def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
+    """A latch that the pilot run had closed was closed from the start, without a warning."""
+    is_closed = False
+
+    def latch(sample):
+        nonlocal is_closed
+        is_closed = is_closed or sample.t > start + 0.25
+        return 2.0 * is_closed - sample.reads[1]
+
+    def count(sample):
+        nonlocal calls
+        calls += 1
+        return 2.0 * (calls % 20 > 12) - sample.reads[1]
+
+    begin = {}
+    if start:
+        begin["start"] = bd.simulate(build_servo(lambda sample: -sample.reads[1]), method, start)
+    for law in (latch, count):
+        calls, is_closed = 0, False
+        with pytest.warns(bd.BeamdaeWarning, match="for the same sample at t = .*; keep memory in"):
+            run = bd.simulate(build_servo(law), method, start + 0.5, **begin)
+        assert run.status.kind == "failed"
+
+
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
         with pytest.raises(bd.BeamdaeError, match="the sampled controller 'servo' is called only"):

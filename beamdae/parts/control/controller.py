@@ -112,7 +112,8 @@ class Controller(Part):
         If an argument is invalid. `Mechanism.add` raises this error for inputs that are not part of
         the mechanism, have a law or are already driven. A run ends with the status "failed" if the
         law raises an exception, does not return finite numbers of at most 1e75, or returns other
-        values if a sample is repeated, as samples 0, 1, 2, 4, 8, ... are.
+        values if a sample is repeated: samples 0, 1, 2, 4, 8, ... of a run are taken twice, and
+        again at its end.
 
     Examples
     --------
@@ -258,19 +259,21 @@ class Controller(Part):
         n_driven = len(self.drives)
         n_queue = n_driven * (1 + self.delay)
         numbers, state = self._call_law(t, index, reads, values[n_queue:])
-        # Samples 0, 1, 2, 4, 8, ... are taken twice: pilot runs call the law, too, and would change
-        # the result in silence if it had memory of its own.
-        if index & (index - 1) == 0:
-            repeated = self._call_law(t, index, reads, values[n_queue:])
-            for first, second in zip((numbers, state), repeated, strict=True):
-                if first != second:
-                    raise BeamdaeError(
-                        f"{self.name}: the law gave {_format_numbers(first)}, then "
-                        f"{_format_numbers(second)} for the same sample at t = {t:g} s; keep "
-                        "memory in sample.state, and take noise from sample.random."
-                    )
         # The first values of the queue are in effect.
         return np.array([*values[n_driven:n_queue].tolist(), *numbers, *state])
+
+    def require_repeatable(
+        self, t: float, index: int, reads: Array, values: Array, result: Array
+    ) -> None:
+        """Raise BeamdaeError if the law fails or `next_values` does not return `result` again."""
+        repeated = self.next_values(t, index, reads, values)
+        if not np.array_equal(repeated, result):
+            differs = repeated != result
+            raise BeamdaeError(
+                f"{self.name}: the law gave {_format_numbers(result[differs])}, then "
+                f"{_format_numbers(repeated[differs])} for the same sample at t = {t:g} s; keep "
+                "memory in sample.state, and take noise from sample.random."
+            )
 
     def _call_law(
         self, t: float, index: int, reads: Array, state: Array
@@ -303,7 +306,7 @@ class Controller(Part):
         return numbers, kept
 
 
-def _format_numbers(numbers: list[float]) -> str:
+def _format_numbers(numbers: Array) -> str:
     return ", ".join(f"{x:.6g}" for x in numbers)
 
 
