@@ -72,6 +72,21 @@ def test_accumulating_bounces_end_the_run(integrator):
     assert solution.columns["gap [m]"].min() > -1e-6
 
 
+def test_regression_impacts_of_a_flexible_tip_name_the_cause():
+    """The advice was to activate a joint or, for elastic impacts, to separate thresholds."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    strip = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-4)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), arm.start))
+    gap = bd.LineSurface(mech.ground.at(0.0, -0.01)).gap(arm.end)
+    mech.observe("gap", gap)
+    mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.5), name="hit")
+    solution = bd.simulate(mech, bd.Radau(1e-4), 0.2)
+    assert solution.status.kind == "limited"
+    assert "reverses only the section of arm that it hits" in solution.status.sentence
+    assert solution.status.sentence.endswith("use a Contact")
+
+
 @pytest.mark.parametrize("e", [0.0, 1.0])
 def test_inelastic_and_elastic_impact(e):
     solution = bd.simulate(bouncing(e), bd.Radau(1e-7), 0.9)

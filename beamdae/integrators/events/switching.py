@@ -218,14 +218,17 @@ class MethodCache:
             self._impact_times[event.name] = t
             self._flights[event.name] = flight
             if flight < _MIN_FLIGHT * duration:
-                return _describe_accumulation(event, flight)
+                return self._describe_accumulation(event, flight)
         self._switch_times.append(t)
         window = t - self._switch_times[-_MAX_SWITCHES:][0]
         if len(self._switch_times) < _MAX_SWITCHES or window > _SWITCH_WINDOW * duration:
             return None
+        advice = "; separate the thresholds of the events"
+        if select_impacts(event.do):
+            advice = self._advise(event)
         return (
             f"events acted {_MAX_SWITCHES} times within {window:.2g} s, the last one is "
-            f"{event.name}; separate the thresholds of the events"
+            f"{event.name}{advice}"
         )
 
     def unresolved_impact_reason(
@@ -241,12 +244,31 @@ class MethodCache:
         if not select_impacts(event.do) or flight >= _MAX_UNRESOLVED_FLIGHT * duration:
             return None
         if not any(x for name, x in impulses.items() if name.startswith(f"{event.name}.")):
-            return _describe_accumulation(event, flight)
+            return self._describe_accumulation(event, flight)
         return None
 
+    def _describe_accumulation(self, event: EventTerm, flight: float) -> str:
+        return (
+            f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s "
+            f"apart{self._advise(event)}"
+        )
 
-def _describe_accumulation(event: EventTerm, flight: float) -> str:
-    return (
-        f"impacts of event {event.name} accumulate, and the last two are {flight:.2g} s apart; "
-        "activate a joint that keeps the bodies together, or use a Contact"
-    )
+    def _advise(self, event: EventTerm) -> str:
+        """Return the end of a message about impacts of an event that do not end."""
+        if beam := self._flexible_part(event):
+            return (
+                f", because an impact reverses only the section of {beam} that it hits, and the "
+                "rest follows; use a Contact"
+            )
+        return "; activate a joint that keeps the bodies together, or use a Contact"
+
+    def _flexible_part(self, event: EventTerm) -> str | None:
+        """Return the name of a part that deforms and defines the column of an event, or None."""
+        if self.configuration is None:
+            return None
+        columns = set(event.observable.operator.indices.tolist())
+        for part in self.configuration.equations.parts:
+            is_flexible = part.rigid_count < part.rows.stop - part.rows.start
+            if is_flexible and not columns.isdisjoint(range(part.rows.start, part.rows.stop)):
+                return part.name
+        return None
