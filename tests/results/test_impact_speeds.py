@@ -1,5 +1,6 @@
 """Warnings about contacts whose restitution holds at another speed than that of their impacts."""
 
+import math
 import warnings
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.parts.forces import contact
 from beamdae.parts.forces.contact import hysteresis_factor, restitution_at
 from beamdae.results.diagnostics import impact_speeds
 
@@ -58,8 +60,17 @@ def test_long_runs_that_store_some_steps_are_not_called_too_slow(record, speed, 
 
 
 def test_restitution_at_other_speeds_has_the_same_hysteresis():
-    for speed in (1e-3, 1.0, 1e3):
+    for speed in (1e-9, 1e-3, 1.0, 1e3):
         restitution = restitution_at(speed, 0.6, SPEED)
         # The series for small losses is accurate to their size, 2e-4 at the lowest speed.
         factor = hysteresis_factor(restitution, speed)
         assert_allclose(factor, hysteresis_factor(0.6, SPEED), rtol=2e-4)
+
+
+def test_regression_restitution_at_another_speed_takes_one_bisection(monkeypatch):
+    """A bisection in each step of a bisection took a quarter of a run with two contacts."""
+    logarithms = []
+    log = SimpleNamespace(log1p=math.log1p, log=lambda x: logarithms.append(x) or math.log(x))
+    monkeypatch.setattr(contact, "math", log)
+    restitution_at(1.0, 0.6, SPEED)
+    assert 0 < len(logarithms) < 1000

@@ -132,18 +132,33 @@ def hysteresis_factor(restitution: float, speed: float) -> float:
     (Gonthier et al., Multibody System Dynamics 11, 2004). As e approaches 1, X approaches
     3 (1 - e) / (2 v) of Hunt and Crossley.
     """
-    e = restitution
-    if 1.0 - e < _MAX_SERIES_LOSS:
-        return 1.5 * (1.0 - e) / speed
-    low, high = 0.5 * (1.0 - e), 1.0 / e
+    if 1.0 - restitution < _MAX_SERIES_LOSS:
+        return 1.5 * (1.0 - restitution) / speed
+    low, high = _least_hysteresis(restitution), 1.0 / restitution
     for _ in range(_MAX_BISECTIONS):
         middle = 0.5 * (low + high)
-        remainder = 1.0 - e * middle
-        if remainder <= 0.0 or math.log1p(middle) - math.log(remainder) > middle * (1.0 + e):
+        if _exceeds_hysteresis(middle, restitution):
             high = middle
         else:
             low = middle
     return 0.5 * (low + high) / speed
+
+
+def _exceeds_hysteresis(product: float, restitution: float) -> bool:
+    """Return True if `product` is larger than X v [-] of a restitution; see `hysteresis_factor`."""
+    if 1.0 - restitution < _MAX_SERIES_LOSS:
+        return product > 1.5 * (1.0 - restitution)
+    if product <= _least_hysteresis(restitution):
+        return False  # the logarithms would differ by rounding errors only
+    remainder = 1.0 - restitution * product
+    if remainder <= 0.0:
+        return True
+    return math.log1p(product) - math.log(remainder) > product * (1.0 + restitution)
+
+
+def _least_hysteresis(restitution: float) -> float:
+    """Return a lower bound of X v [-]."""
+    return 0.5 * (1.0 - restitution)
 
 
 def restitution_at(speed: float, restitution: float, impact_speed: float) -> float:
@@ -151,14 +166,14 @@ def restitution_at(speed: float, restitution: float, impact_speed: float) -> flo
 
     Speeds are in m/s; see `hysteresis_factor`.
     """
-    factor = hysteresis_factor(restitution, impact_speed)
+    product = hysteresis_factor(restitution, impact_speed) * speed
     low, high = 0.0, 1.0
     for _ in range(_MAX_BISECTIONS):
         middle = 0.5 * (low + high)
-        if middle > 0.0 and hysteresis_factor(middle, speed) > factor:
-            low = middle
-        else:
+        if _exceeds_hysteresis(product, middle):
             high = middle
+        else:
+            low = middle
     return 0.5 * (low + high)
 
 
