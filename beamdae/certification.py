@@ -311,7 +311,7 @@ class _Task:
                     Status("limited", f"reached the time limit of {self.time_limit:g} s"), None
                 )
         equations = self.build(halvings, exact)
-        headers = [header for x in equations.observables for header in x.headers]
+        headers = equations.observed_headers
         require_observed("certify", headers)
         # Wrong names are rejected before the run.
         mark_required_columns("certify", self.required, headers)
@@ -559,9 +559,12 @@ class _Certification:
         first = self._first_run(rtol)
         self._choose_formulation(first)
         first = next(run for run in self._runs if run.exact == self._exact)
-        coarse = self._run_coarser(first.halvings - 1, first.rtol) if first.halvings else None
+        coarse = None
+        if first.halvings:
+            coarse = self._try_run(first.halvings - 1, first.rtol, self._exact)
         base = coarse or first
-        loose = self._run_coarser(base.halvings, min(_RTOL_STEP * first.rtol, _MAX_RTOL))
+        loose_rtol = min(_RTOL_STEP * first.rtol, _MAX_RTOL)
+        loose = self._try_run(base.halvings, loose_rtol, self._exact)
         halvings = first.halvings + self._has_mesh
         finer = self._run(halvings, first.rtol / _RTOL_STEP, self._exact)
         middle = self._run(halvings, first.rtol, self._exact) if self._has_mesh else first
@@ -591,17 +594,15 @@ class _Certification:
     def _first_run(self, rtol: float) -> _Run:
         """Return the first run with exact beams, repeated once with finer settings if it fails."""
         halvings = max(self._first_halvings - 1, 0)
-        try:
-            return self._run(halvings, rtol, exact=True)
-        except _RunError as problem:
-            if problem.status.kind != "failed":
-                raise
-        return self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
+        run = self._try_run(halvings, rtol, exact=True)
+        if run is None:
+            run = self._run(halvings + self._has_mesh, rtol / _RTOL_STEP, exact=True)
+        return run
 
-    def _run_coarser(self, halvings: int, rtol: float) -> _Run | None:
-        """Return a run from which the ratio of errors follows, or None if it fails."""
+    def _try_run(self, halvings: int, rtol: float, exact: bool) -> _Run | None:
+        """Return a run, or None if it fails."""
         try:
-            return self._run(halvings, rtol, self._exact)
+            return self._run(halvings, rtol, exact)
         except _RunError as problem:
             if problem.status.kind != "failed":
                 raise
@@ -655,11 +656,8 @@ class _Certification:
         """Keep the model's formulations if they are accurate and need far fewer steps."""
         if not any(base.can_be_exact and not base.is_exact for base in self._beams):
             return
-        try:
-            written = self._run(first.halvings, first.rtol, exact=False)
-        except _RunError as problem:
-            if problem.status.kind != "failed":
-                raise
+        written = self._try_run(first.halvings, first.rtol, exact=False)
+        if written is None:
             self._theory_as_written = np.nan
             return
         theory = _THEORY_SAFETY_FACTOR * self._compare(written, first).largest

@@ -14,7 +14,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     FrequencyRange,
     compute_frequency_range,
 )
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import beams_of
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -385,17 +385,15 @@ def _thick_beam_warnings(mechanism: Mechanism | None) -> Iterator[str]:
 
     The length of a segment is that of the whole curve, of which other beams continue the segment.
     """
-    for part in mechanism.parts.values() if mechanism else ():
-        if not isinstance(part, Beam):
-            continue
-        curve = part.curve
+    for beam in beams_of(mechanism):
+        curve = beam.curve
         while isinstance(curve, Segment):
             curve = curve.curve
-        sections = [part.section.at(s) for s in (0.0, 0.5 * part.length, part.length)]
+        sections = [beam.section.at(s) for s in (0.0, 0.5 * beam.length, beam.length)]
         height = max(section.height or 0.0 for section in sections)
         if height > _MAX_HEIGHT_TO_LENGTH_RATIO * curve.length:
             yield (
-                f"{part.name}: the section is {height:.4g} m high, but the beam is only "
+                f"{beam.name}: the section is {height:.4g} m high, but the beam is only "
                 f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid "
                 "body."
             )
@@ -420,16 +418,14 @@ def _constraint_residuals(
 
 def _assess_meshes(mechanism: Mechanism | None) -> tuple[MeshAssessment, ...]:
     assessments = []
-    for part in mechanism.parts.values() if mechanism else ():
-        if not isinstance(part, Beam):
-            continue
-        length, curvature = part.mesh.length_error, part.kinematics.curvature_error
+    for beam in beams_of(mechanism):
+        length, curvature = beam.mesh.length_error, beam.kinematics.curvature_error
         error = max(length, curvature)
         verdict = "good"
         if not error <= _MAX_GOOD_MESH_ERROR:
             grade = "fair" if error <= _MAX_FAIR_MESH_ERROR else "coarse"
-            verdict = f"{grade}; use elements={2 * part.mesh.elements}"
-        assessments.append(MeshAssessment(part.name, length, curvature, verdict))
+            verdict = f"{grade}; use elements={2 * beam.mesh.elements}"
+        assessments.append(MeshAssessment(beam.name, length, curvature, verdict))
     return tuple(assessments)
 
 
@@ -523,11 +519,7 @@ def _undamped_beam_warning(
     """Yield a warning if a run is long and beams have no damping."""
     if mechanism is None or prediction is None or prediction.steps < _MIN_STEPS_OF_LONG_RUN:
         return
-    beams = [
-        part.name
-        for part in mechanism.parts.values()
-        if isinstance(part, Beam) and part.section.at(0.0).damping == 0.0
-    ]
+    beams = [x.name for x in beams_of(mechanism) if x.section.at(0.0).damping == 0.0]
     if beams:
         yield (
             f"{list_first(beams, _MAX_NAMES)}: without damping, vibrations of beams do not decay, "

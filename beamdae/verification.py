@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import beams_of
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
@@ -302,9 +302,7 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
 
 def _guaranteed_ratio(solution: Solution) -> float:
     """Return the bound on errors of positions and angles, divided by half the range and by rtol."""
-    mechanism = solution.equations.mechanism
-    parts = [] if mechanism is None else mechanism.parts.values()
-    beams = [part for part in parts if isinstance(part, Beam)]
+    beams = beams_of(solution.equations.mechanism)
     if beams and all(beam.section.at(0.5 * beam.length).damping > 0.0 for beam in beams):
         return _ALLOWED_ERROR_OF_DAMPED_BEAMS
     return _ALLOWED_ERROR

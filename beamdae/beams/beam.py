@@ -50,6 +50,7 @@ from beamdae.errors import (
 )
 from beamdae.memory import available_memory, require_memory
 from beamdae.parts.attachments import Attachment
+from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import relative_displacement
 from beamdae.parts.part import AttachedPart, Drawing, Part
 from beamdae.symbolic.formula import FormulaExpression, constant_formula
@@ -856,6 +857,12 @@ def require_beam(part: str, value: Any) -> Beam:
     if not isinstance(value, Beam):
         raise BeamdaeError(f"{part}: beam must be a Beam, got {short_repr(value)}.")
     return value
+
+
+def beams_of(mechanism: Mechanism | None) -> list[Beam]:
+    """Return the beams of a mechanism; none without a mechanism."""
+    parts = () if mechanism is None else mechanism.parts.values()
+    return [part for part in parts if isinstance(part, Beam)]
 
 
 def _create_kinematics(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.beams.beam import CUSTOM_FORMULATION, EXACT_FORMULATION, Beam
+from beamdae.beams.beam import CUSTOM_FORMULATION, EXACT_FORMULATION, Beam, beams_of
 from beamdae.beams.mesh import MIN_END_DISTANCE, Mesh
 from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.errors import BeamdaeError, format_exception, set_fields
@@ -102,7 +102,7 @@ def choose_base_meshes(
         Start that replaces the start of the mechanism; None for the start of the mechanism. Beams
         whose coordinates the start names keep their meshes and formulations.
     """
-    beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
+    beams = {beam.name: beam for beam in beams_of(mechanism)}
     sections: dict[int, set[float]] = {id(beam): set() for beam in beams.values()}
     sliders: set[int] = set()
     for part in mechanism.parts.values():

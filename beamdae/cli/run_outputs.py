@@ -124,7 +124,7 @@ def require_plot(run: Run, is_drawn: bool, is_resumed: bool) -> None:
     from beamdae.simulation import as_equations
 
     equations = as_equations("run", run.model, sampled=True)
-    observed = [header for o in equations.observables for header in o.headers]
+    observed = equations.observed_headers
     headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
     in_table = [TIME, *observed, *LEDGER_COLUMNS]
     selection = select_plot(list(headers), in_table, *run.plot)

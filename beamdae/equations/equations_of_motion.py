@@ -552,6 +552,11 @@ class EquationsOfMotion:
         return self.structure.m
 
     @property
+    def observed_headers(self) -> list[str]:
+        """Headers of the observed columns."""
+        return [header for observable in self.observables for header in observable.headers]
+
+    @property
     def forces(self) -> tuple[ForceTerm, ...]:
         """Terms of F, one per kernel."""
         return self.structure.forces

@@ -208,7 +208,7 @@ class Equilibrium(HasPage):
     def columns(self) -> dict[str, Array]:
         """Observed columns (k,) by header, without rates and accelerations, which are zero."""
         e, rows = self.equations, len(self.q)
-        headers = [header for o in e.observables for header in o.headers]
+        headers = e.observed_headers
         if not headers:
             return {}
         present = set(static_headers(e))

@@ -112,7 +112,7 @@ def tabulate_events(
             columns[f"impulse.{name}"] = np.array(
                 [record.impulses.get(name, 0.0) for record in event_records]
             )
-    headers = [header for o in equations.observables for header in o.headers]
+    headers = equations.observed_headers
     count = len(event_records)
     times = np.array([(record.t, record.branch) for record in event_records]).reshape(-1, 2)
     sizes = (equations.n, equations.n, equations.n, equations.m)

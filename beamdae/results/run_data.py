@@ -128,7 +128,7 @@ class RunData:
     def columns(self) -> dict[str, Array]:
         """Observed columns (k,) at the output times, by header."""
         e = self.equations
-        headers = [header for o in e.observables for header in o.headers]
+        headers = e.observed_headers
         if not headers:
             return {}
         return dict(zip(headers, self._evaluate_rows(self._observe).T, strict=True))

@@ -325,9 +325,9 @@ def test_regression_extremes_of_many_steps_need_the_memory_of_a_block(monkeypatc
         return columns
 
     monkeypatch.setattr(missed_peaks, "ObservedRows", lambda equations: evaluate)
-    part, of_all = SimpleNamespace(gaps=(None,)), SimpleNamespace(headers=headers)
+    part = SimpleNamespace(gaps=(None,))
     mechanism = SimpleNamespace(parts={"stop": part})
-    equations = SimpleNamespace(mechanism=mechanism, observables=(of_all,))
+    equations = SimpleNamespace(mechanism=mechanism, observed_headers=headers)
     equations.with_loads_of = lambda configuration: equations
     intervals = [
         SimpleNamespace(

@@ -203,7 +203,7 @@ class FitProblem:
             mechanism = self.model(**{**self.parameters, **values})
             equations = as_equations("fit", mechanism, self.start)
             self.build_warnings.update(map(kind_of_message, equations.build_warnings))
-            observed[experiment] = [x for o in equations.observables for x in o.headers]
+            observed[experiment] = equations.observed_headers
         headers: list[str] = []
         taken: dict[tuple[str, str], str] = {}
         matched: list[Series] = []

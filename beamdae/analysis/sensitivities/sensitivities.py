@@ -520,7 +520,7 @@ def _warn_of_step_errors(
 def _select_significant(result: Sensitivities) -> dict[str, Array]:
     """Return the derivatives (k,) of the observed columns whose parameters have an effect."""
     run, observed = result.solution, result.columns.observed
-    headers = [header for o in run.equations.observables for header in o.headers]
+    headers = run.equations.observed_headers
     duration = float(run.t[-1] - run.t[0])
     length = run.equations.length
     motions = {"m": length, "rad": 1.0, "m/s": length / duration, "rad/s": 1.0 / duration}

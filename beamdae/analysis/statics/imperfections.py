@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.analysis.statics.static_equilibrium import equilibrium
-from beamdae.beams.beam import CUSTOM_FORMULATION, Beam
+from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
 from beamdae.beams.remeshing import replace_beams
 from beamdae.curves.intrinsic_curve import IntrinsicCurve
 from beamdae.curves.plane_curves import PlaneCurve, require_curve
@@ -147,7 +147,7 @@ def _build_mechanism(call: str, model: Any) -> Mechanism:
 
 def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> dict[str, _Deviation]:
     """Return the deviations of the beams that a mode or measured curves bend, by name."""
-    beams = {name: part for name, part in mechanism.parts.items() if isinstance(part, Beam)}
+    beams = {beam.name: beam for beam in beams_of(mechanism)}
     if isinstance(shape, Mapping):
         curves = require_mapping(call, "shape", shape, "measured curves by name of a beam")
         deviations = {name: _measured_deviation(call, beams, name, x) for name, x in curves.items()}

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.strains import identity
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.errors import BeamdaeError, require_choice
@@ -168,8 +168,7 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
 def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamStrains]:
     """Return the strains of all beams at `times` and at the output times."""
     mechanism = solution.equations.mechanism
-    parts = [] if mechanism is None else mechanism.parts.values()
-    beams = [part for part in parts if isinstance(part, Beam)]
+    beams = beams_of(mechanism)
     if mechanism is None or not beams:
         return []
     all_times = np.unique(np.concatenate([times, solution.t]))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.sections import VaryingSection
 from beamdae.errors import BeamdaeError
 from beamdae.parts.attachments import Attachment
@@ -104,8 +104,8 @@ def _collect_attachments(parts: list[Part], body: Part) -> list[Attachment]:
 
 def count_beam_sections(mechanism: Mechanism) -> int:
     """Return the number of sections used to draw each beam of a mechanism."""
-    beams = sum(isinstance(part, Beam) for part in mechanism.parts.values())
-    return int(np.clip(_MAX_SECTIONS // max(beams, 1), _MIN_BEAM_SECTIONS, MAX_BEAM_SECTIONS))
+    count = max(len(beams_of(mechanism)), 1)
+    return int(np.clip(_MAX_SECTIONS // count, _MIN_BEAM_SECTIONS, MAX_BEAM_SECTIONS))
 
 
 def _collect_heights(
@@ -121,7 +121,7 @@ def _collect_heights(
         for body, drawing in bodies
         if isinstance(mechanism.parts.get(body), Beam)
     }
-    beams = [part for part in mechanism.parts.values() if isinstance(part, Beam)]
+    beams = beams_of(mechanism)
     if not any(isinstance(beam.section, VaryingSection) for beam in beams):
         return {}
     heights = {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
@@ -242,9 +242,8 @@ def strain_warnings(
         exact beams, are evaluated.
     """
     strains = {beam.name: beam.strain for beam in ranges}
-    parts = {} if equations.mechanism is None else equations.mechanism.parts
     rows = {part.name: part.rows for part in equations.parts}
-    others = [x for x in parts.values() if isinstance(x, Beam) and x.name not in strains]
+    others = [x for x in beams_of(equations.mechanism) if x.name not in strains]
     q = positions() if others else np.zeros((0, 0))
     for beam in others:
         strains[beam.name] = beam.kinematics.largest_strain(q[:, rows[beam.name]])

@@ -134,7 +134,7 @@ def measure_step_extremes(
     observed
         Function that returns the observed columns (k,) at these times, by header.
     """
-    headers = [header for o in equations.observables for header in o.headers]
+    headers = equations.observed_headers
     if not headers:
         return {}
     omitted_units = () if may_have_short_peaks(equations) else _UNITS_OF_ACCELERATIONS
@@ -347,7 +347,7 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     """Yield a warning if peaks between rows are unknown because steps have not been stored."""
     if all(x.record is None for x in trajectory.intervals) or not may_have_short_peaks(equations):
         return
-    headers = (header for o in equations.observables for header in o.headers)
+    headers = equations.observed_headers
     columns = [remove_unit(x) for x in headers if Header.of(x).unit not in _GRADUAL_UNITS]
     if columns:
         yield (

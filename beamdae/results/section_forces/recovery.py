@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.beams.strains import identity
 from beamdae.equations.assembly.coordinate_map import map_coordinates
@@ -324,17 +324,16 @@ class _BeamSections:
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
-    mechanism = equations.mechanism
-    parts = {} if mechanism is None else mechanism.parts
+    beams = beams_of(equations.mechanism)
     beam = plain_text(beam)
-    part = parts.get(beam) if isinstance(beam, str) else beam
-    if not isinstance(part, Beam) or parts.get(part.name) is not part:
-        beams = ", ".join(repr(name) for name, part in parts.items() if isinstance(part, Beam))
-        raise BeamdaeError(
-            "section_forces: beam must be a beam of the mechanism "
-            f"({beams or 'no beams'}), got {short_repr(beam)}."
-        )
-    return part
+    for candidate in beams:
+        if candidate is beam or (isinstance(beam, str) and candidate.name == beam):
+            return candidate
+    names = ", ".join(repr(candidate.name) for candidate in beams)
+    raise BeamdaeError(
+        "section_forces: beam must be a beam of the mechanism "
+        f"({names or 'no beams'}), got {short_repr(beam)}."
+    )
 
 
 def _require_numbers(part: str, name: str, value: Any) -> Array:
