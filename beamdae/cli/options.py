@@ -34,13 +34,18 @@ def parse_number(text: str, unit: str) -> float:
     try:
         value = model_parameters.parse_number("", "", text, unit)
     except BeamdaeError as problem:
-        _, _, reason = str(problem).rpartition(": ")
-        raise typer.BadParameter(f"{short_repr(text)}: {reason}") from None
+        raise as_bad_parameter(text, problem) from None
     if value is None:
         raise typer.BadParameter(
             f"{short_repr(text)} is not a number in {unit}, with or without a unit."
         )
     return value
+
+
+def as_bad_parameter(text: str, problem: BeamdaeError) -> typer.BadParameter:
+    """Return the error of an option for an error of its value, without the names of arguments."""
+    _, _, reason = str(problem).rpartition(": ")
+    return typer.BadParameter(f"{short_repr(text)}: {reason}")
 
 
 def parse_seconds(text: str) -> float:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from beamdae.linear.fixed_order import FixedOrder
+from beamdae.linear.orderings import MAX_RELATIVE_COUPLINGS, order_along_band
 
 Array = np.ndarray
-
-# Coordinates with more couplings than this many times the median, such as those of a floating
-# frame, follow the others.
-_MAX_RELATIVE_COUPLINGS = 2.0
 
 
 def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 0) -> FixedOrder:
@@ -29,8 +25,8 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     ones = sp.csc_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
     symmetric = sp.csr_array(ones + ones.T)
     couplings = np.diff(symmetric.indptr)[:n]
-    limit = _MAX_RELATIVE_COUPLINGS * np.median(couplings) if n else 0.0
-    path = _compute_path(symmetric)
+    limit = MAX_RELATIVE_COUPLINGS * np.median(couplings) if n else 0.0
+    path = order_along_band(symmetric)
     is_coordinate = path < n
     band = np.flatnonzero(couplings <= limit)
     wide = path[is_coordinate]
@@ -38,7 +34,7 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     order = np.concatenate(
         [
             path[is_first],
-            band[_compute_path(symmetric[band][:, band])],
+            band[order_along_band(symmetric[band][:, band])],
             wide[couplings[wide] > limit],
             path[~is_coordinate & ~is_first & ~is_last],
             path[is_last],
@@ -65,9 +61,3 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
 def _keys(matrix: sp.csc_array) -> Array:
     columns = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
     return columns * len(matrix.indptr[:-1]) + matrix.indices
-
-
-def _compute_path(symmetric: sp.csr_array) -> Array:
-    if symmetric.shape[0] == 0:
-        return np.zeros(0, int)
-    return np.asarray(reverse_cuthill_mckee(sp.csr_matrix(symmetric), symmetric_mode=True), int)

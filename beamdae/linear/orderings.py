@@ -15,7 +15,7 @@ Array = np.ndarray
 _MAX_DEFINITION_ENTRIES = 2
 # Unknowns with more couplings than this many times the median, such as the floating frame of a beam
 # (coupled with all its nodes), fill the factors unless they are eliminated last.
-_MAX_RELATIVE_COUPLINGS = 2.0
+MAX_RELATIVE_COUPLINGS = 2.0
 # Relative size of the rows of the border, so small that they provide pivots only if the band has
 # none.
 _BORDER_WEIGHT = 2.0**-60
@@ -87,10 +87,10 @@ def compute_bordered_ordering(pattern: sp.csc_array) -> Ordering:
     is_definition = _find_definitions(rows)
     rest, symmetric = _eliminate_definitions(rows, is_definition)
     in_border = _find_border(rows, rest, symmetric)
-    band, path = np.flatnonzero(~in_border), _compute_path(symmetric)
+    band, path = np.flatnonzero(~in_border), order_along_band(symmetric)
     parts = (
         np.flatnonzero(is_definition),
-        rest[band[_compute_path(symmetric[band][:, band])]],
+        rest[band[order_along_band(symmetric[band][:, band])]],
         rest[path[in_border[path]]],
     )
     assert sum(map(len, parts)) == pattern.shape[0]
@@ -118,14 +118,15 @@ def _find_border(rows: sp.csr_array, rest: Array, symmetric: sp.csr_array) -> Ar
     couplings = np.diff(symmetric.indptr)
     in_border = rows.diagonal()[rest] == 0.0
     if len(rest):
-        in_border |= couplings > _MAX_RELATIVE_COUPLINGS * np.median(couplings)
+        in_border |= couplings > MAX_RELATIVE_COUPLINGS * np.median(couplings)
     return in_border
 
 
-def _compute_path(symmetric: sp.csr_array) -> Array:
+def order_along_band(symmetric: sp.csr_array) -> Array:
+    """Return the unknowns of a symmetric pattern in the reverse Cuthill-McKee order."""
     if symmetric.shape[0] == 0:
         return np.zeros(0, int)
-    return reverse_cuthill_mckee(sp.csr_matrix(symmetric), symmetric_mode=True)
+    return np.asarray(reverse_cuthill_mckee(sp.csr_matrix(symmetric), symmetric_mode=True), int)
 
 
 def invert_to_power_of_two(sizes: Array) -> Array:

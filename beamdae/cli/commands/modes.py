@@ -15,6 +15,7 @@ from beamdae.cli.options import (
     Page,
     Picture,
     Settings,
+    as_bad_parameter,
     load_configured_model,
     parse_number,
 )
@@ -26,7 +27,7 @@ from beamdae.cli.output import (
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
-from beamdae.errors import BeamdaeError, require_choice, require_count, short_repr
+from beamdae.errors import BeamdaeError, require_choice, require_count
 
 _STATES = ("reference", "equilibrium")
 _MIN_SPEEDS = 2  # of a Campbell diagram
@@ -46,8 +47,7 @@ def parse_speeds(text: str) -> list[float]:
     try:
         return parse_spaced_values("--speed", "", text, "rad/s", _RANGE_COUNTS, SPACED_FORMS)
     except BeamdaeError as problem:
-        _, _, reason = str(problem).rpartition(": ")
-        raise typer.BadParameter(f"{short_repr(text)}: {reason}") from None
+        raise as_bad_parameter(text, problem) from None
 
 
 def modes_command(

@@ -31,6 +31,7 @@ from beamdae.report.pictures.scene_artists import (
     create_bare_axis,
     describe_heights,
     padded_extent,
+    show_region,
 )
 from beamdae.report.scene.frame_export import export_frames
 from beamdae.report.scene.mechanism_scene import (
@@ -132,7 +133,7 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
     """Create a figure with up to twelve mode shapes; see `draw_modes`."""
     scenes = ModeScenes("draw_modes", modes)
     panels = [scenes.vibrating(k, np.ones(1)) for k in range(min(len(modes), MAX_PANELS))]
-    low, high = padded_extent([scenes.rest, *panels])
+    corners = low, high = padded_extent([scenes.rest, *panels])
     columns = min(len(panels), _MAX_COLUMNS)
     rows = math.ceil(len(panels) / columns)
     width, height = high - low
@@ -145,9 +146,7 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure:
     figure = _create_figure(size, f"{title}, {heights}" if heights else title)
     for k, scene in enumerate(panels):
         axis = figure.add_subplot(rows, columns, k + 1)
-        axis.set_aspect("equal")
-        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-        axis.set_axis_off()
+        show_region(axis, corners)
         SceneArtists(axis, scenes.rest, is_pale=True)
         SceneArtists(axis, scene)
         axis.set_title(modes.describe(k), fontsize=9)

@@ -212,6 +212,14 @@ def describe_heights(scene: Scene) -> str:
     return "" if scale == 1.0 else f"section heights \u00d7 {scale:.4g}"
 
 
+def show_region(axis: Axes, corners: tuple[Array, Array]) -> None:
+    """Show the region between two corners [m] at equal scales, without a frame."""
+    low, high = corners
+    axis.set_aspect("equal")
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    axis.set_axis_off()
+
+
 def create_bare_axis(corners: tuple[Array, Array], strip: float = 0.0) -> tuple[Figure, Axes]:
     """Create a figure with invisible axes of equal scale.
 
@@ -231,9 +239,7 @@ def create_bare_axis(corners: tuple[Array, Array], strip: float = 0.0) -> tuple[
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     axis = figure.add_axes((0.0, strip / height, 1.0, 1.0 - strip / height))
-    axis.set_aspect("equal")
-    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    axis.set_axis_off()
+    show_region(axis, corners)
     return figure, axis
 
 
