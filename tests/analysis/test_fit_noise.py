@@ -147,3 +147,32 @@ def test_regression_a_sigma_twice_the_noise_is_reported(exact, factor, is_report
         result = fit(exact + white(), sigma=factor * 1e-3)
     assert any("sigma of mass.x is 2" in x for x in result.warnings) == is_reported
     assert len(result.warnings) == is_reported
+
+
+def test_regression_outliers_that_dominate_chi_square_are_named(exact):
+    """The message blamed the unit of sigma, or what the model lacks."""
+    values = exact + white(1e-4)
+    values[[20, 55]] += 0.05
+    with pytest.warns(bd.BeamdaeWarning, match="most of their squares are outliers"):
+        result = fit(values, sigma=1e-4)
+    assert len(result.warnings) == 2
+    assert "mass.x has outliers at t = 0.4 s, 1.1 s" in result.warnings[1]
+
+
+def test_regression_rows_of_data_that_miss_peaks_have_no_warning(exact):
+    """The advice was to reduce output_step=, which a fit does not have."""
+    values = exact + white()
+    values[10:60] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = fit(values, sigma=1e-3)
+    assert result.solution.missed_peaks
+
+
+def test_regression_profile_that_ends_at_rejected_values_names_them(exact):
+    """It ended one step before them, without a word."""
+    result = fit(exact + white(0.04), sigma=0.04)
+    with pytest.warns(bd.BeamdaeWarning, match="no upper limit .* before runs fail next to"):
+        profile = result.profile("damping")
+    assert profile.interval[1] == np.inf
+    assert "stiffness must not be negative" in profile.warnings[0]

@@ -217,8 +217,8 @@ def fit(
         warn_user(f"fit: {sentence}")
     for sentence in result.warnings:
         warn_user(f"fit: {sentence}")
-    for experiment, run in result.sensitivities.items():
-        for sentence in run.solution.warnings:
+    for experiment, sentences in result.run_warnings.items():
+        for sentence in sentences:
             if kind_of_message(sentence) not in problem.build_warnings:
                 warn_user(f"{experiment}: {sentence}" if experiment else sentence)
     return result

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import SearchResult, search
-from beamdae.errors import require_count
+from beamdae.errors import format_message, require_count
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasTable, Plot, load_views
 
@@ -26,6 +26,8 @@ _STEP = 0.7
 _FIRST_RELATIVE_STEP = 0.05
 # More points mean that the sum of squares hardly depends on the parameter.
 _MAX_POINTS = 1000
+# Times that a step is halved to approach values that the model rejects.
+_MAX_HALVINGS = 6
 # Evaluations of each fit of the other parameters, at most. It starts at the neighboring value.
 _MAX_EVALUATIONS = 20
 
@@ -60,6 +62,8 @@ class ProfileLikelihood(HasTable):
     threshold: float
     interval: tuple[float, float]
     others: Mapping[str, Array] = field(repr=False)
+    # Last values that the model accepts, and its messages, by side.
+    _failures: Mapping[str, tuple[float, str]] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -72,10 +76,20 @@ class ProfileLikelihood(HasTable):
         sides = [side for side, limit in limits.items() if np.isinf(limit)]
         if not sides:
             return ()
-        return (
-            f"profile: no {' and no '.join(sides)} limit of {self.name} was found; increase "
-            "max_points, or measure more.",
-        )
+        sentences = [
+            f"profile: no {side} limit of {self.name} was found before runs fail next to "
+            f"{self._failures[side][0]:.6g} ({self._failures[side][1]}); the interval reaches at "
+            "least there."
+            for side in sides
+            if side in self._failures
+        ]
+        others = [side for side in sides if side not in self._failures]
+        if others:
+            sentences.append(
+                f"profile: no {' and no '.join(others)} limit of {self.name} was found; increase "
+                "max_points, or measure more."
+            )
+        return tuple(sentences)
 
     def table(self) -> pd.DataFrame:
         """Return a table with one row per value of the parameter, (j,).
@@ -144,7 +158,9 @@ def trace_profile(
     center = point(best)
     branches = []
     limits = []
-    for side, bound in ((-1.0, lower), (1.0, upper)):
+    failures: dict[str, tuple[float, str]] = {}
+    for label, side, bound in (("lower", -1.0, lower), ("upper", 1.0, upper)):
+        halvings = 0
         points, last, change = [center], estimate, np.zeros_like(estimate)
         step = deviation * _STEP
         if not np.isfinite(step) or step == 0.0:
@@ -162,9 +178,14 @@ def trace_profile(
             first[k] = value
             try:
                 result = search(problem, scaling, scaling.variables(first), _MAX_EVALUATIONS, free)
-            except (ValueError, ArithmeticError):
+            except (ValueError, ArithmeticError) as rejection:
                 # The model rejects the value.
-                break
+                halvings += 1
+                if halvings > _MAX_HALVINGS:
+                    failures[label] = points[-1][0], format_message(rejection)
+                    break
+                step *= 0.5
+                continue
             change, last = result.evaluation.values - last, result.evaluation.values
             points.append(point(result))
             if points[-1][1] >= threshold:
@@ -183,6 +204,7 @@ def trace_profile(
         threshold,
         (limits[0], limits[1]),
         {other: table[:, j] for j, other in enumerate(names) if other != name},
+        failures,
     )
 
 

@@ -19,11 +19,12 @@ from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
-from beamdae.errors import BeamdaeError, require_choice
+from beamdae.errors import BeamdaeError, require_choice, warn_user
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
+from beamdae.results.diagnostics.missed_peaks import missed_peak_warnings
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -70,6 +71,8 @@ _OUTLIER_DISTANCE = 6.0
 _MAX_OUTLIER_SHARE = 0.1
 _NORMAL_DEVIATION = 1.4826  # standard deviation of normal noise by the median of its magnitude
 _MAX_NAMED_OUTLIERS = 3
+# Share of chi-square of outliers that explain a large value.
+_MIN_OUTLIERS_SHARE = 0.5
 # Ratio of the scatter of two series from which equal weights are reported.
 _MAX_SCATTER_RATIO = 3.0
 # Singular values of the Jacobian with columns of unit length at which two estimates have a
@@ -208,6 +211,17 @@ class Fit:
         return {name: run.solution for name, run in self.sensitivities.items()}
 
     @property
+    def run_warnings(self) -> dict[str, list[str]]:
+        """Warnings of the runs with the estimates, by experiment.
+
+        Peaks between the rows are omitted, because a fit compares values at the times of the data.
+        """
+        return {
+            name: [x for x in run.warnings if x not in missed_peak_warnings(run.missed_peaks)]
+            for name, run in self.solutions.items()
+        }
+
+    @property
     def model_name(self) -> str:
         """Name of the model function."""
         return self._problem.model.name
@@ -303,13 +317,14 @@ class Fit:
     def correlations(self) -> pd.DataFrame:
         """Return the correlation matrix C_ij / sqrt(C_ii C_jj) of the estimates [-].
 
-        C is `covariance`; rows and columns have the names of the parameters.
+        C is `covariance`; rows and columns have the names of the parameters. Estimates with
+        infinite variances have none (NaN).
         """
         import pandas as pd
 
         names, deviations = list(self.names), self.standard_deviations
-        with np.errstate(invalid="ignore"):
-            matrix = self.covariance / np.outer(deviations, deviations)
+        deviations = np.where(np.isfinite(deviations), deviations, np.nan)
+        matrix = self.covariance / np.outer(deviations, deviations)
         return pd.DataFrame(matrix, index=names, columns=names)
 
     def residual_table(self) -> pd.DataFrame:
@@ -411,12 +426,17 @@ class Fit:
         ------
         BeamdaeError
             If there is no such parameter, or a count is invalid.
+
+        Warns
+        -----
+        BeamdaeWarning
+            If no limit was found, with the reason.
         """
         name = require_choice("profile", "name", name, self._problem.variables)
         index = self._problem.variables.index(name)
         deviation = float(self._information.standard_deviations(np.eye(len(self.names)))[index])
         factor = 1.0 if self.is_sigma_known else next(iter(self.sigma.values())) ** 2
-        return trace_profile(
+        result = trace_profile(
             self._problem,
             self._scaling,
             self._search,
@@ -426,6 +446,9 @@ class Fit:
             self.quantile,
             max_points,
         )
+        for sentence in result.warnings:
+            warn_user(sentence)
+        return result
 
     def plot(self) -> Plot:
         """Plot data and model, and the residuals in standard deviations, over time.
@@ -541,9 +564,11 @@ class Information:
             if not dependent and s * _MAX_RELATIVE_DEVIATION >= 1.0:
                 continue
             # Relative to the largest share, whose sign is positive.
-            direction = direction / direction[np.argmax(np.abs(direction))]
+            largest = direction[np.argmax(np.abs(direction))]
+            direction = direction / largest
+            size = 1.0 if dependent else 100.0 * abs(largest) / s
             shares = [
-                text.format(share)
+                text.format(size * share)
                 for text, share in zip(texts.values(), direction, strict=True)
                 if abs(share) > _MIN_NAMED_SHARE
             ]
@@ -551,7 +576,7 @@ class Information:
             effect = (
                 "do not change the fitted columns"
                 if dependent
-                else f"have a standard deviation of {100.0 / s:.2g} times these values"
+                else "lie within one standard deviation"
             )
             subject = "Changes of" if len(shares) == 1 else "Joint changes of"
             sentences.append(f"{subject} {', '.join(shares)} {effect}.")
@@ -656,13 +681,14 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         warnings=(
             *problem.duration_warnings,
+            # A bound may be the cause of large residuals.
+            *_check_bounds(problem, scaling, search, estimates),
             *(
                 _check_chi_square(problem, residuals, len(all_names))
                 or _check_variation(problem, evaluation.residuals)
                 or _check_sigma(problem, residuals, len(all_names))
                 or _check_noise(problem, evaluation.residuals)
             ),
-            *_check_bounds(problem, scaling, search, estimates),
             *_check_intervals(problem, information),
             *steps,
         ),
@@ -713,11 +739,23 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
     if chdtrc(freedom, residuals @ residuals) >= _MIN_PROBABILITY:
         return ()
     ratio = float(np.sqrt(residuals @ residuals / freedom))
-    return (
+    sentence = (
         f"The model does not explain the data: the residuals are {ratio:.3g} times as large as the "
-        "given sigma, and the standard deviations do not apply; check the unit of sigma, which is "
+        "given sigma, and the standard deviations do not apply"
+    )
+    parts = _split_by_series(problem, residuals)
+    outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
+    if outliers @ outliers > _MIN_OUTLIERS_SHARE * (residuals @ residuals):
+        return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
+    return (
+        f"{sentence}; check the unit of sigma, which is "
         f"that of its column, {_suggest_offset(problem, residuals)}or add what the model lacks.",
     )
+
+
+def _split_by_series(problem: FitProblem, residuals: Array) -> list[Array]:
+    ends = np.cumsum([len(x.values) for x in problem.data.series])
+    return np.split(residuals, ends[:-1])
 
 
 def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
@@ -808,13 +846,10 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
 
 def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     """Return warnings if the residuals of a good fit are no white noise of known relative size."""
-    parts, begin = [], 0
-    variation = 0.0
-    for series in problem.data.series:
-        end = begin + len(series.values)
-        parts.append(residuals[begin:end])
-        variation += float(np.sum(((series.values - series.values.mean()) / series.sigma) ** 2))
-        begin = end
+    parts = _split_by_series(problem, residuals)
+    variation = sum(
+        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
+    )
     left = float(residuals @ residuals)
     if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * variation:
         return ()
@@ -846,9 +881,8 @@ def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
 def _name_outliers(problem: FitProblem, parts: list[Array]) -> Iterator[str]:
     """Yield a sentence on the outliers among the residuals of each series."""
     for series, part in zip(problem.data.series, parts, strict=True):
-        deviation = _NORMAL_DEVIATION * float(np.median(np.abs(part)))
-        rows = np.flatnonzero(np.abs(part) > _OUTLIER_DISTANCE * deviation)
-        if not 0 < len(rows) <= _MAX_OUTLIER_SHARE * len(part) or deviation == 0.0:
+        rows = _find_outliers(part)
+        if not len(rows):
             continue
         times = [f"{x:g} s" for x in series.times[rows[:_MAX_NAMED_OUTLIERS]]]
         more = len(rows) - len(times)
@@ -858,6 +892,14 @@ def _name_outliers(problem: FitProblem, parts: list[Array]) -> Iterator[str]:
             "robust standard deviations from the model, which may shift the estimates; replace "
             "wrong values by NaN, and fit again."
         )
+
+
+def _find_outliers(residuals: Array) -> Array:
+    """Return the indices of the outliers among the residuals of a series, if these are few."""
+    deviation = _NORMAL_DEVIATION * float(np.median(np.abs(residuals)))
+    rows = np.flatnonzero(np.abs(residuals) > _OUTLIER_DISTANCE * deviation)
+    are_few = len(rows) <= _MAX_OUTLIER_SHARE * len(residuals) and deviation > 0.0
+    return rows if are_few else rows[:0]
 
 
 def _check_steps(problem: FitProblem, evaluation: Evaluation, sigma: float) -> tuple[str, ...]:
@@ -909,14 +951,14 @@ def _sizes(
     for name, value in zip(names, estimates.tolist(), strict=True):
         if abs(value) < _MIN_RELATIVE_VALUE * abs(first.get(name, 0.0)):
             sizes.append(abs(first[name]))
-            texts[name] = f"{name} by {{:+.2g}} % of its first value"
+            texts[name] = f"{name} by {{:+.3g}} % of its first value"
         elif name in special:
             what = "range" if special[name].unit != "s" else "width of its bounds"
             sizes.append(special[name].size)
-            texts[name] = f"{name} by {{:+.2g}} % of half the {what}"
+            texts[name] = f"{name} by {{:+.3g}} % of half the {what}"
         else:
             sizes.append(abs(value) or 1.0)
-            texts[name] = f"{name} by {{:+.2g}} %" if value else f"{name} by {{:+.2g}} / 100"
+            texts[name] = f"{name} by {{:+.3g}} %" if value else f"{name} by {{:+.3g}} / 100"
     # Names may contain braces, and only the number is formatted.
     escaped = {
         name: text.replace(name, name.replace("{", "{{").replace("}", "}}"), 1)

@@ -243,7 +243,7 @@ def _print_results(result: Fit, name: str) -> None:
     console.print(text_tables.estimates_table(result.table(), result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
     # Warnings of the model are the same in all experiments.
-    print_warnings(console, dict.fromkeys(x for y in result.solutions.values() for x in y.warnings))
+    print_warnings(console, dict.fromkeys(x for y in result.run_warnings.values() for x in y))
 
 
 def _json_results(result: Fit) -> dict[str, Any]:
