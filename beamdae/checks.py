@@ -161,9 +161,10 @@ class Check:
     ----------
     name
         Name of the model function; "mechanism" if the model was built without one.
-    coordinates, constraints, rank
-        Numbers of coordinates, of constraints, and of independent constraints at the start; `rank`
-        is None if there are more than 1500 constraints.
+    coordinates, states, constraints, rank
+        Numbers of coordinates, of first-order states (and values of sampled controllers) among
+        them, of constraints, and of independent constraints at the start; `rank` is None if there
+        are more than 1500 constraints.
     rigid_mobility
         Degrees of freedom if beams are rigid, with drivers as constraints; None if `rank` is None.
     dependent
@@ -201,6 +202,7 @@ class Check:
 
     name: str
     coordinates: int
+    states: int
     constraints: int
     rank: int | None
     rigid_mobility: int | None
@@ -234,8 +236,8 @@ class Check:
 
     @property
     def mobility(self) -> int | None:
-        """Degrees of freedom: number of coordinates minus `rank`; None if `rank` is None."""
-        return None if self.rank is None else self.coordinates - self.rank
+        """Degrees of freedom: `coordinates` - `states` - `rank`; None if `rank` is None."""
+        return None if self.rank is None else self.coordinates - self.states - self.rank
 
     @property
     def ok(self) -> bool:
@@ -297,6 +299,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     findings = Check(
         name,
         equations.n,
+        len(equations.states),
         equations.m,
         rank=None,
         rigid_mobility=None,

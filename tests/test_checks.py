@@ -318,6 +318,22 @@ def test_check_of_a_mechanism_without_joints_and_a_constrained_system():
     assert_allclose(pendulum.q[-1], (0.0, -1.0), atol=1e-9)
 
 
+def test_regression_states_and_held_values_are_no_degrees_of_freedom():
+    """The mobility of a stage with a filter and a sampled controller was 4 instead of 1."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    force = mech.input("force")
+    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+    slow = bd.low_pass(mech, "slow", mech.sensor("x", stage.point, "x"), 0.1)
+    servo = bd.Controller("servo", 0.01, [slow], [force], lambda x: -x.reads[0], state=[0.0])
+    mech.add(servo)
+    findings = bd.check(mech, t_end=0.1)
+    assert findings.mobility == findings.rigid_mobility == 1
+    assert findings.free_motions == ("stage can translate along (1, 0)",)
+    assert "1 = 5 coordinates - 3 states - 1 independent constraints" in str(findings)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.7, 3.0])
 @pytest.mark.parametrize("backwards", [False, True])
 def test_check_does_not_depend_on_placement_or_order_of_parts(turn, backwards):

@@ -204,6 +204,14 @@ def test_truncated_checkpoint_is_rejected(tmp_path):
             bd.simulate(slider(), bd.Radau(), 1.0, start=path)
 
 
+def test_regression_a_saved_run_as_start_is_named(tmp_path):
+    """It was an incomplete checkpoint, or one with over 100 levels of nesting."""
+    path = bd.simulate(slider(), bd.Radau(), 0.1).save(tmp_path / "run.zip")
+    with pytest.raises(bd.BeamdaeError, match="is a saved run, not a checkpoint; load it with its"):
+        bd.simulate(slider(), bd.Radau(), 1.0, start=path)
+    assert bd.simulate(slider(), bd.Radau(), 0.2, start=bd.load(path, slider())).status.success
+
+
 def test_unreadable_files_are_reported(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="cannot be read"):
         bd.simulate(slider(), bd.Radau(), 1.0, start=tmp_path / "none.json")

@@ -26,7 +26,7 @@ def describe_free_motions(
 
     Beams are treated as rigid. The basis is chosen so that each motion involves few bodies.
     """
-    motions = compute_rigid_motions(e, q)
+    motions = _rigid_motions_of_bodies(e, q)
     space = la.null_space(constraint_rank.matrix @ motions, rcond=RANK_TOLERANCE)
     count = space.shape[1]
     if not count:
@@ -42,10 +42,16 @@ def describe_free_motions(
 
 def count_rigid_mobility(e: EquationsOfMotion, q: Array, constraint_rank: ConstraintRank) -> int:
     """Return the number of degrees of freedom of the mechanism with rigid beams."""
-    motions = compute_rigid_motions(e, q)
+    motions = _rigid_motions_of_bodies(e, q)
     matrix = constraint_rank.matrix @ motions
     rank = int(np.sum(la.svdvals(matrix) > RANK_TOLERANCE)) if matrix.size else 0
     return motions.shape[1] - rank
+
+
+def _rigid_motions_of_bodies(e: EquationsOfMotion, q: Array) -> Array:
+    """Return the rigid motions at q without those of first-order states."""
+    motions = compute_rigid_motions(e, q)
+    return motions[:, ~np.any(motions[e.states], axis=0)]
 
 
 def _find_parts_on_ground(e: EquationsOfMotion) -> set[int]:

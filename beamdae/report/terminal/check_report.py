@@ -18,9 +18,10 @@ def describe_check(check: Any) -> Mapping[str, str]:
     """Return the results of a `Check` as texts by topic."""
     facts = {"size": f"{check.coordinates} coordinates, {check.constraints} constraints"}
     if check.mobility is not None:
+        states = f" - {check.states} states" if check.states else ""
         facts["mobility"] = (
-            f"{check.mobility} = {check.coordinates} coordinates - {check.rank} independent "
-            f"constraints; {check.rigid_mobility} with rigid beams and fixed drivers"
+            f"{check.mobility} = {check.coordinates} coordinates{states} - {check.rank} "
+            f"independent constraints; {check.rigid_mobility} with rigid beams and fixed drivers"
         )
         facts["dependent constraints"] = describe_dependent_sets(check.dependent) or "none"
         motions = [*check.free_motions[:_MAX_FREE_MOTIONS]]

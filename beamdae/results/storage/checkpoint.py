@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, FileContentError, short_repr
 from beamdae.parts.events import DIRECTIONS
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.read_only import read_only_data
@@ -20,7 +20,13 @@ from beamdae.results.provenance import state_hash
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.files import require_file_path, write_text
 from beamdae.results.storage.packed_run import GAP
-from beamdae.results.storage.reader import FileKind, checksum, read_json, require_content
+from beamdae.results.storage.reader import (
+    FileKind,
+    checksum,
+    is_archive,
+    read_json,
+    require_content,
+)
 from beamdae.results.storage.schema import (
     choice,
     integer,
@@ -169,6 +175,10 @@ class Checkpoint:
             If the file cannot be read or is not a valid checkpoint of the current version.
         """
         path = Path(path)
+        if is_archive(path):
+            problem = "the file is a saved run, not a checkpoint"
+            remedy = "load it with its model, bd.load(path, model), and start from the solution"
+            raise FileContentError(path, problem, remedy)
         content = read_json(path, KIND)
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
             raise KIND.incomplete(path)

@@ -55,6 +55,7 @@ _MAX_BYTES_OF_ANY_COMPRESSION = 64_000_000
 _MAX_ARCHIVE_MEMBERS = 64
 _MAX_DIRECTORY_BYTES = 64_000
 _END_OF_ARCHIVE = struct.Struct("<4sHHHHIIH")  # of the last record, without a comment
+_ARCHIVE_SIGNATURE = b"PK\x03\x04"
 _END_SIGNATURE = b"PK\x05\x06"
 _LARGE_ARCHIVE = struct.Struct("<4sIQI")  # in front of the last record of archives in zip64 format
 _LARGE_SIGNATURE = b"PK\x06\x07"
@@ -108,6 +109,15 @@ def open_regular_file(path: str | Path) -> Iterator[BufferedReader]:
     with os.fdopen(os.open(path, flags), "rb") as stream:
         _require_regular(os.fstat(stream.fileno()).st_mode)
         yield stream
+
+
+def is_archive(path: Path) -> bool:
+    """Return True for a regular file that begins like a zip archive, such as a saved run."""
+    try:
+        with open_regular_file(path) as stream:
+            return stream.read(len(_ARCHIVE_SIGNATURE)) == _ARCHIVE_SIGNATURE
+    except (OSError, ValueError):
+        return False
 
 
 def _require_regular(mode: int) -> None:
