@@ -15,6 +15,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     compute_frequency_range,
 )
 from beamdae.beams.beam import beams_of
+from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -79,10 +80,8 @@ _MAX_GOOD_MESH_ERROR = 5e-3
 # Columns that change more if all elements are halved have a warning.
 _MAX_MESH_ERROR = 0.03
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
-# Steps of a run, minutes of small models, from which on beams without damping have a warning. A
-# retardation time of 1e-5 s reduced the steps of a press with a steel frame from 2e5 to 1e4.
+# Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
-_EXAMPLE_DAMPING = 1e-5
 _MAX_NAMES = 3
 _MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
@@ -520,14 +519,13 @@ def _undamped_beam_warning(
     mechanism: Mechanism | None, prediction: RunPrediction | None
 ) -> Iterator[str]:
     """Yield a warning if a run is long and beams have no damping."""
-    if mechanism is None or prediction is None or prediction.steps < _MIN_STEPS_OF_LONG_RUN:
+    if prediction is None or prediction.steps < _MIN_STEPS_OF_LONG_RUN:
         return
-    beams = [x.name for x in beams_of(mechanism) if x.section.at(0.0).damping == 0.0]
-    if beams:
+    if beams := find_undamped_beams(mechanism):
         yield (
             f"{list_first(beams, _MAX_NAMES)}: without damping, vibrations of beams do not decay, "
             f"and steps that follow them (about {prediction.steps:.0e}) make runs long; set "
-            f"damping= of the sections, such as {_EXAMPLE_DAMPING:g} s."
+            f"damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )
 
 

@@ -562,6 +562,32 @@ def test_regression_contacts_are_exported_with_radau(tmp_path):
     assert export(tmp_path, ball_and_pin).integrator == "radau"
 
 
+def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
+    """An arm of 64 elements took 4 s per millisecond with Radau, without a warning."""
+
+    def build(damping):
+        mech = bd.Mechanism()
+        steel = bd.Material.of("steel")
+        strip = bd.Section.rectangle(steel, width=0.02, height=0.004, damping=damping)
+        arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip, elements=1))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+        mech.add(bd.Moment("motor", arm.end, mech.input("torque")))
+        mech.observe("tip", arm.end)
+        return mech, arm
+
+    settings = {"t_end": 0.1, "platforms": ()}
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"without damping \(arm\), which adaptive steps res"
+    ):
+        export(tmp_path, build(0.0)[0], integrator="radau", **settings)
+    export(tmp_path, build(0.0)[0], integrator="radau", inputs=[], **settings)
+    export(tmp_path, build(0.0)[0], integrator="alpha", **settings)
+    export(tmp_path, build(1e-5)[0], integrator="radau", **settings)
+    mech, arm = build(0.0)
+    mech.add(bd.RayleighDamping("damping", arm, stiffness=1e-5))
+    export(tmp_path, mech, integrator="radau", **settings)
+
+
 @pytest.mark.parametrize("width", [0.002, 0.1])
 def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path, width):
     """A force that acts in a narrow region was lost without notice, with both integrators."""
