@@ -150,6 +150,7 @@ def test_regression_formulations_that_fail_are_not_assessed():
     assert note.startswith("The formulations of the model fail and are not assessed: Newton's")
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_an_accuracy_beyond_the_meshes_is_refused():
     result = bd.certify_modes(cantilever(), accuracy=1e-12, n=4)
     assert not result.status.success

@@ -394,6 +394,7 @@ def test_exceptions_of_progress_have_the_certificate_so_far(finished):
     assert not certificate.status.success
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_the_largest_stress_of_a_tapered_leaf_is_certified_at_the_same_sections():
     """Sections moved with the mesh: 7 % of half the range were certified as 0.2 %."""
     thicknesses = (0.0149, 0.0134, 0.012, 0.0105, 0.0086, 0.0058, 0.003)

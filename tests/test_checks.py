@@ -195,6 +195,7 @@ def test_sound_mechanism_has_no_findings():
         assert f"\n{topic}" in str(findings)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_a_stopped_run_predicts_the_method_and_steps_of_the_complete_run(monkeypatch):
     """The pilot runs of the prediction were shorter: it named another error control."""
     monkeypatch.setattr(checks, "_MAX_MEASURED_TIME", 0.0)

@@ -90,6 +90,7 @@ def test_arch_in_the_guide_snaps_through():
     assert heights.min() < -5e-3
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_forces_in_the_guide():
     names = run_page("forces")
     solution = bd.simulate(names["mech"], bd.Ida(rtol=1e-4), t_end=0.3)

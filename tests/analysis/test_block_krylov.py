@@ -72,6 +72,7 @@ def test_invariant_space_is_exact():
     assert_allclose(krylov.values[:6], [6.0, 5.0, 4.0, 3.0, 2.0, 1.0], rtol=1e-12)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_eigenvalues_inside_a_cluster_do_not_converge():
     exact = np.concatenate([[2.0], 1.0 - 0.1 * np.linspace(0.0, 1.0, 999) ** 4])
     krylov = krylov_space(np.diag(exact), 2)

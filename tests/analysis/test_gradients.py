@@ -242,6 +242,7 @@ def test_start_in_equilibrium():
     assert_agrees_with_forward(hanging, ["stiffness", "length", "load", "mass"], 0.05, method)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_equilibrium_at_the_start_is_found_once(monkeypatch):
     """It was found for the run, its equations, and four neighbors of each parameter."""
     found, relax = [], initial_conditions.relax_to_equilibrium
@@ -629,6 +630,7 @@ def test_regression_missing_springs_and_dampers_that_differ_in_their_points(kind
     assert_derivatives_of_rod(kind, alone, method, 1e-8)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("method", BOTH_METHODS, ids=repr)
 def test_regression_parameters_that_move_different_breakpoints(method, monkeypatch):
     """The second derivative was zero: the sweep of the first did not shift its breakpoint."""

@@ -252,12 +252,11 @@ def test_regression_sweeps_keep_no_chain_of_matrices(monkeypatch):
     assert sources == [None, None, None]
 
 
-@pytest.mark.parametrize(
-    ("exponent", "step", "match"),
-    [(50.0, 0.1, "is estimated at 22 %"), (300.0, 0.01, "changes by a factor of .* or more")],
-)
-def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step, match):
-    """Gradients were 91 and 66 % wrong, which runs by twice the step did not show."""
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize(("exponent", "step"), [(50.0, 0.1), (50.0, 0.05), (300.0, 0.01)])
+def test_regression_peaks_narrower_than_the_steps_are_reported(exponent, step):
+    """Errors of 91, 68 and 66 % were estimated at 22 and 6 %, and the last one was silent."""
     objective, method = bd.SmoothMaximum("ball.y_dot", exponent), bd.GeneralizedAlpha(step=step)
-    with pytest.warns(bd.BeamdaeWarning, match=match):
+    with pytest.warns(bd.BeamdaeWarning, match="depend on the steps, with errors") as record:
         bd.gradient(bounce, objective, ["height", "gravity", "restitution"], method, 0.9)
+    assert not [x for x in record if "is estimated" in str(x.message)]

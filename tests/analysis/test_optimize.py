@@ -179,6 +179,7 @@ def loaded_spring(stiffness=100.0):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_maxima_above_the_limit_of_their_smooth_maximum_are_reported():
     travel = bd.SmoothMaximum("mass.x")
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")

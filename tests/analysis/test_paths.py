@@ -180,6 +180,7 @@ def ziegler(load):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_ziegler_column_flutters_at_the_published_load():
     # Ziegler, Ing.-Arch. 20 (1952) 49: P l / k = 7/2 - sqrt(2).
     path = bd.equilibrium(ziegler(1.0), to=3.0)

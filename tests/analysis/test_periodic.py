@@ -253,6 +253,7 @@ def test_regression_the_mismatch_of_a_period_and_the_period_of_the_loads_are_nam
         bd.periodic(system, 3.0)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     ("period", "message"),
     [

@@ -197,6 +197,7 @@ def test_resonances_of_a_campbell_diagram():
     assert {"mode 1", "mode 2"} <= {text.get_text() for text in axis.texts}
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
     diagram = bd.campbell(rotor_on_a_bearing(), [1.0, 3.0, 7.0], n=3, multiples=(2, 6))
     assert set(diagram.resonances()["multiple"]) == {2, 6}
@@ -216,6 +217,7 @@ def test_regression_pictures_and_pages_show_chosen_engine_orders(tmp_path):
         bd.campbell(rotor_on_a_bearing(), [1.0], multiples=[0])
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("speeds", [[0.0, 60.0, 120.0], [0.0, 100.0, 200.0], [0.0, 250.0]])
 def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     """Interpolation of the frequencies was up to 4 % off, of their squares up to 0.7 %."""
@@ -232,6 +234,7 @@ def test_regression_resonances_of_stiffened_blades_between_few_speeds(speeds):
     assert_allclose(first, fine, rtol=1e-6)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_resonances_do_not_depend_on_the_given_speeds():
     """Whirl with 10 - W and 10 + W was interpolated as stiffening between two speeds."""
     mech = rotor_on_a_bearing()
@@ -242,6 +245,7 @@ def test_regression_resonances_do_not_depend_on_the_given_speeds():
     assert_allclose(np.sort(table["speed [rad/s]"]), [-2.5, 2.5, 5.0], rtol=1e-6)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("speeds", [[1.0, 9.0], [0.0, 7.0]])
 def test_regression_resonances_on_both_sides_of_an_instability(speeds):
     """One resonance was listed for both modes, and those of the first mode were missing."""

@@ -33,6 +33,7 @@ def test_turning_beam_stays_in_steady_rotation(settings):
     np.testing.assert_allclose(radius - 1.0, stretch, rtol=1e-4)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_periodic_motion_of_a_turning_beam():
     period = 2.0 * np.pi / SPEED
     mechanism = driven_beam(strain="exact")
@@ -56,6 +57,7 @@ def test_driver_sets_a_whole_beam_in_motion(settings):
     assert np.max(np.abs(radius - 1.0)) < 2.1 * STEEL.rho * SPEED**2 / (3.0 * STEEL.E)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_periodic_motion_of_a_driven_beam_as_drawn():
     motion = bd.periodic(driven_beam(strain="exact"), 2.0 * np.pi / SPEED)
     assert motion.status.success

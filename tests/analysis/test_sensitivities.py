@@ -619,6 +619,7 @@ def wheel_on_table(factor=1.0):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_factors_of_one_keep_the_rows_of_tables():
     """The derivative was 3.5 times too large: integers of the table had rounding errors."""
     method = bd.GeneralizedAlpha(step=0.01)

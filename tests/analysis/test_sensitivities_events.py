@@ -417,6 +417,7 @@ def stop_force(stiffness=1e4):
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_contact_forces_have_derivatives_while_the_contact_is_open():
     # Fixed steps, so that differences of runs have no noise beyond Newton's tolerance.
     method = bd.GeneralizedAlpha(step=1e-3, newton_tolerance=1e-12)

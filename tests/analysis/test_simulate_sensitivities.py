@@ -61,6 +61,7 @@ def test_a_parameter_name_or_a_built_mechanism_is_accepted():
     assert stiff.derivatives.parameters == {"stiffness": 90.0}
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_inputs_are_those_of_the_run():
     push = 3.0
     run = bd.simulate(driven, ALPHA, inputs={"push": push}, sensitivities="stiffness")

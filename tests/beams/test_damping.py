@@ -223,6 +223,7 @@ def speed_under_drag(v0, mass, drag):
     return lambda t: mass * v0 * np.exp(-mass * t) / (mass + drag * v0 * (1.0 - np.exp(-mass * t)))
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(("mass", "drag"), [(0.8, 0.0), (0.0, 1.5), (0.8, 1.5)])
 def test_free_strip_decelerates_along_and_across_its_axis(mass, drag):
     angle, along, across = 0.4, 0.7, 1.3
@@ -256,6 +257,7 @@ def test_a_falling_strip_reaches_its_terminal_velocity():
     assert_allclose(solution.v[-1, 1], -terminal, rtol=1e-3)  # 1 - tanh(7.1) = 1e-6
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("frame", ["tangent", "chord"])
 def test_momenta_of_a_free_arc_decay_with_the_mass_coefficient(frame):
     """Internal damping has no resultant; the mass term is -MASS times each momentum."""
@@ -384,6 +386,7 @@ def test_internal_damping_ratio_is_half_the_coefficient_times_the_frequency(law,
     assert_allclose(np.log(maxima[0] / maxima[-1]) / 6.0, decrement, rtol=1e-3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(("strain", "share"), [("linear", 1e-12), ("nonlinear", 5e-6)])
 def test_both_internal_dampings_agree_for_small_deformations(strain, share):
     # Equal matrices for linear strains; the difference is 0.03 (A / r)^2 for nonlinear strains.
@@ -393,6 +396,7 @@ def test_both_internal_dampings_agree_for_small_deformations(strain, share):
     assert_allclose(one, other, rtol=0.0, atol=share * SMALL)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_rayleigh_damping_grows_with_the_square_of_the_amplitude():
     """Linear strains contain the shortening v'^2 / 2 of a bent beam as an axial strain.
 
@@ -478,6 +482,7 @@ def pendulum(E, drag, frame="chord", retardation=0.0):
     return mech, bar
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_energy_dissipated_by_drag_on_a_stiff_pendulum():
     """I psi'' = m g L/2 cos(psi) - c L^4/4 psi'^2, linear in psi'^2 as a function of psi."""
     stiff, ratio = 6e8, 1.0

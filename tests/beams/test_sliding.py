@@ -207,6 +207,7 @@ def test_reported_reactions_replace_the_slider():
     assert_allclose(by_loads, numeric.reaction(q, lam=lam)[:-1], atol=1e-12)  # rounding errors
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_reaction_on_the_beam_is_normal_to_its_axis():
     mech = bead_on_hanging_arc(4)
     slide = mech.part("slide")
@@ -222,6 +223,7 @@ def test_reaction_on_the_beam_is_normal_to_its_axis():
         slide.reaction_on("b")
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("ends", ["record", "stop"])
 def test_passing_an_end_is_an_event(ends):
     mech = bd.Mechanism()

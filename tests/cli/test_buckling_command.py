@@ -31,6 +31,7 @@ def buckling(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(app, ["buckling", "column.py", *arguments])
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_table_and_a_picture_are_written(buckling):
     result = buckling("-n", "2", "--set", "height=0.001")
     assert result.exit_code == 0, result.output

@@ -224,6 +224,7 @@ def test_run_writes_table_settings_picture_and_page(command):
     assert "arm.html" in result.stdout
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_run_without_a_page(command):
     assert command("run", ARM, "--no-estimate", "--no-page").exit_code == 0
     names = {path.name for path in Path("results").iterdir()}
@@ -484,6 +485,7 @@ def test_a_model_function_that_returns_nothing_is_an_error(command):
     assert "empty: the function must return a Mechanism, got None." in result.stderr
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_the_error_of_an_interrupted_run_is_not_estimated(command, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt

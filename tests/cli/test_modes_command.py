@@ -88,6 +88,7 @@ def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tabl
     assert [list(row) for row in table.texts][1:] == rows
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_campbell_diagrams_print_and_write_their_resonances(modes, tmp_path):
     """They were only on the page; speeds had three digits, such as 1.26e+03 rad/s for 12000 rpm."""
     speeds = "--speed", "0:120rpm:3", "--multiple", "2", "--multiple", "1", "--no-page"

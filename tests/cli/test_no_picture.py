@@ -135,6 +135,7 @@ def test_a_study_prints_its_results_before_it_writes_page_and_pictures(tmp_path,
     assert not kinds & {".html", ".png", ".svg"}
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_path):
     path, data = tmp_path / "column.py", tmp_path / "measured.csv"
     path.write_text(MODEL)

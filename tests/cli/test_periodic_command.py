@@ -35,6 +35,7 @@ def periodic(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(app, ["periodic", "model.py", *arguments])
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_the_period_begins_at_t_start(periodic):
     options = ["--set", "force=1.0", "--set", "growth=0.0", "--period", "4", "--rtol", "1e-6"]
     # A quarter of the period later, the load is a cosine of the time since the start.
@@ -46,6 +47,7 @@ def test_the_period_begins_at_t_start(periodic):
     assert table["mass.x [m]"].iloc[0] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_self_excited_motion_is_written(periodic):
     result = periodic()
     assert result.exit_code == 0, result.output

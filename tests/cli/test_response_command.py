@@ -79,6 +79,7 @@ def test_a_constant_period_belongs_to_another_parameter(response):
     assert_allclose([point["bob.x half range [m]"] for point in points], expected, rtol=1e-5)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_a_curve_that_ends_early_is_a_failure_with_partial_results(response):
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6", "--max-points", "2")
     assert result.exit_code == 1

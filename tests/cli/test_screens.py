@@ -290,7 +290,7 @@ def test_regression_help_texts_keep_brackets(monkeypatch, columns):
     for name, command in typer.main.get_command(app).commands.items():
         texts = [command.help, *(getattr(x, "help", None) for x in command.params)]
         brackets = re.findall(r"\[[^\]]*\]", " ".join(filter(None, texts)))
-        for _ in range(2):  # Texts are the same after a help page.
+        for _ in range(2 if name == "run" else 1):  # Texts are the same after a help page.
             shown = CliRunner().invoke(app, [name, "--help"]).stdout
             assert [x for x in brackets if x not in shown] == [], name
         found += brackets

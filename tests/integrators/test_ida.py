@@ -137,6 +137,7 @@ def test_sundials_prints_nothing(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_memory_of_large_systems_does_not_grow_with_their_square(monkeypatch):
     """At 1024 elements a full matrix for the identity took 6 GB and most of the time."""
     sizes = {}

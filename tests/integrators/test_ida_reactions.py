@@ -85,6 +85,7 @@ def test_regression_the_reaction_of_a_driven_nonholonomic_row(formulation, rtol)
     assert_allclose(solution.lam[:, 0], pull, rtol=0.0, atol=1e-3 * MASS * GRAVITY)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize(
     "integrator",
     [bd.GeneralizedAlpha, *(pytest.param(x, marks=slow) for x in (bd.Ida, bd.Radau))],

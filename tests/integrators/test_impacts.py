@@ -235,6 +235,7 @@ def test_regression_touching_balls_pass_an_impact_on():
     assert solution.warnings == ()
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_stacked_balls_pass_impacts_on_and_back():
     """A gap whose balls moved alike for an instant changed its side, and they interpenetrated."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

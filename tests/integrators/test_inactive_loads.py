@@ -62,6 +62,7 @@ def test_regression_loads_of_a_cut_spring_are_zero(method):
     assert run.quality.energy_imbalance < 1e-3
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_derivatives_of_loads_of_a_cut_spring():
     run = bd.sensitivities(cut, "stiffness", METHOD, output_step=0.1, estimate_error=False)
     step = 1e-3

@@ -180,8 +180,8 @@ def test_checkpoint_without_end_state_is_rejected(tmp_path):
 def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
     path = bd.simulate(slider(), bd.Radau(), 0.1).checkpoint(tmp_path / "end.json")
     whole, original = path.read_bytes(), Checkpoint.read(path)
-    rejections = 0
-    for k in range(0, 8 * len(whole), 11):
+    rejections, bits = 0, range(0, 8 * len(whole), 89)
+    for k in bits:
         damaged = bytearray(whole)
         damaged[k // 8] ^= 1 << k % 8
         path.write_bytes(damaged)
@@ -191,8 +191,8 @@ def test_checkpoint_with_a_flipped_bit_is_rejected_or_equal(tmp_path):
             rejections += 1
         else:
             assert checkpoint == original
-    # The remaining bytes are white space.
-    assert rejections > 0.5 * len(whole)
+    # The others are in white space.
+    assert rejections > 0.69 * len(bits)
 
 
 def test_truncated_checkpoint_is_rejected(tmp_path):

@@ -71,6 +71,7 @@ def test_methods_continue_across_samples(method, friction, monkeypatch):
     assert all("creeps" in warning for warning in run.warnings)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("form", ["index3", "stabilized-index2"])
 def test_generalized_alpha_remains_of_second_order(form):
     def law(sample):
@@ -86,6 +87,7 @@ def test_generalized_alpha_remains_of_second_order(form):
     assert (np.log2(np.divide(*errors)) > 3.6).all()
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_steps_that_do_not_divide_the_sampling_interval_restart():
     def two_rates(every):
         mech = crank(every=every)

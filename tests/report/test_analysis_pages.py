@@ -404,6 +404,7 @@ def rotor():
     return bd.campbell(mech, [6.0, 1.0, 3.0], n=3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_path):
     page = build_campbell_page(rotor, "rotor")
     cases = {(case["rank"], case["family"]): case for case in page["cases"]}
@@ -500,6 +501,7 @@ def test_regression_labels_of_multiples_of_the_speed_do_not_overlap(rotor, windo
     assert find_label_overlaps(tab) == []
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_labels_of_campbell_pictures_do_not_overlap(rotor):
     """The labels of the modes were at the lowest speed, where modes 2 and 3 have one frequency."""
     frequencies = rotor.eigenvalues.imag.copy()

@@ -69,6 +69,7 @@ def test_the_figure_of_a_run_has_curves(tmp_path):
     assert colored_share(path) > 1e-3
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_the_figure_of_a_run_without_observables_shows_energies(tmp_path):
     frame = FRAME[["t [s]", "energy.kinetic [J]"]]
     assert colored_share(time_plots.save_run_figure(tmp_path / "run.png", frame, "title")) > 1e-3
@@ -385,6 +386,7 @@ def test_lines_connect_runs_by_setting_and_show_the_range_of_times(tmp_path, fig
     assert axis.get_xlim()[1] > 3.0
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_names_with_markup_give_valid_svg(tmp_path):
     name = f"{ODD}\x07\x1b[0m <!-- --> &"
     rows = [{"group": name, "series": f"_{name}", "label": name, "elements": n} for n in (2, 4)]

@@ -276,6 +276,7 @@ def test_plots_of_several_runs_have_a_legend(run, tmp_path):
     assert run.plot("tip.y")._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_of_many_columns_twelve_are_plotted(run):
     names = list(run.table().columns[1:]) + list(run.coordinates().columns)
     figure = run.plot(*dict.fromkeys(names)).figure

@@ -76,6 +76,7 @@ def test_few_rows_are_exempt():
     assert not sentences(lambda t: np.sin(1e3 * t), rows=99)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_default_rows_of_a_long_run_that_miss_a_vibration_are_reported():
     """Cycles counted in such rows gave 57 % of the fatigue damage of a blade, without a word."""
     mech = bd.Mechanism()

@@ -108,6 +108,7 @@ def test_regression_devices_pipes_and_folders_are_not_read(tmp_path, read):
         read(tmp_path)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_an_archive_is_refused_before_it_is_unpacked(tmp_path):
     """3 MB were unpacked to 3.2 GB, of which this file is a hundredth."""
     path = tmp_path / "a.run"

@@ -174,6 +174,7 @@ def test_the_times_of_the_warning_contain_the_peak():
     assert_allclose(run.at_times(times)["stop.N"].max(), peak(1e10), rtol=1e-3)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_rows_that_contain_the_peak_issue_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -217,6 +218,7 @@ def loaded_leaf():
     return mech
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_stresses_under_constant_loads_between_rows_are_reported():
     """Rows contained 9 % of a stress, and the run had no warning and a certificate."""
     with pytest.warns(bd.BeamdaeWarning, match=MISSED.replace("largest", r"\w+")) as caught:

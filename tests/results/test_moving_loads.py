@@ -84,6 +84,7 @@ def test_sliding_points_are_moving_loads(start, count):
     assert len(about_moving_loads(solution)) == count
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_section_forces_that_sensors_measure_have_a_warning():
     mech, beam = bridge()
     for column in ("N", "Q", "M"):

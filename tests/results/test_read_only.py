@@ -18,6 +18,7 @@ def test_writing_into_everything_handed_out_changes_nothing(name, tmp_path):
         assert list_changes(RESULTS[name](tmp_path)) == []
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_the_walk_finds_shared_memory():
     """The walk itself can fail: an array and a table that are not protected."""
     result = run()

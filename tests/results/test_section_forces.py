@@ -204,6 +204,7 @@ def test_inactive_parts_have_no_load():
     assert np.max(np.abs(solution.section_forces(beam).M)) < 1e-9 * SMALL
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_section_forces_do_not_depend_on_position_and_direction():
     arc = bd.Arc(radius=0.7, length=0.9)
     there = bd.Arc(radius=0.7, length=0.9, start=(3.0, -5.0), angle=2.0)

@@ -80,6 +80,7 @@ def test_the_warning_names_further_columns():
     assert not small_motion_warnings(fixed)  # The step does not refer to amplitudes.
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("integrator", [bd.Radau(1e-5), bd.Ida(1e-5)])
 def test_regression_small_motions_that_the_steps_resolve_have_no_warning(integrator):
     """Errors of several percent were announced for columns that are far more accurate."""

@@ -589,6 +589,7 @@ def test_interrupted_studies_are_resumed(tmp_path, monkeypatch):
     assert set(second["status"]) == {"ok"}
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_repetitions_give_the_median_wall_time_and_its_extremes(tmp_path):
     results = run(create_study(SWINGS[:1], repetitions=3), tmp_path)
     (line,) = results.table.to_dict("records")

@@ -154,6 +154,7 @@ def test_asymmetric_path_of_an_arch_is_closed(side):
     assert_allclose(symmetric_again.q[-1], symmetric_path.q[-1], atol=1e-9)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_follower_load_causes_flutter_without_buckling():
     """A follower load has no potential: the column is stable up to 20.05 EI / L^2."""
     path = bd.equilibrium(equilibria.column("body", 1.0, elements=12), to=[15.0, 21.0], step=15.0)

@@ -115,6 +115,7 @@ def test_models_have_the_data_of_table_1():
         assert_allclose(used[table_1.PENDULUM, quantity], value, rtol=1e-12)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_summary_follows_from_the_stored_tables():
     table = summarize_claims(run.CLAIMS, tables())
     pd.testing.assert_frame_equal(table, stored("summary"))

@@ -138,6 +138,7 @@ def test_attempt_is_refused_by_a_beamdae_error_alone():
     assert "raised SystemExit" in _try(lambda words: exit(0))[1]
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_every_public_name_has_a_working_call(monkeypatch):
     assert catalog.list_uncovered_names() == []
     monkeypatch.setattr(bd, "__all__", ["Weld", "Lever", "Arc"])

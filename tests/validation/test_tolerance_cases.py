@@ -194,6 +194,7 @@ def assert_auto_keeps_its_bound(name):
     assert np.all(excess < case.bound * rtol), dict(zip(columns, errors / rtol, strict=True))
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("name", ["tutorial_four_bar", "hammered_cantilever", "kepler"])
 def test_regression_auto_keeps_its_bound_in_free_swings_impacts_and_orbits(name):
     """Errors of positions were 1440, 92 and 604 rtol, of deflections 6730 and 136 rtol."""
