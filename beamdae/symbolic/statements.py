@@ -47,6 +47,7 @@ __all__ = [
     "RangeKernel",
     "RangeStatement",
     "Variable",
+    "forget_meshes",
     "rebuilt_for_mesh",
 ]
 
@@ -382,10 +383,16 @@ class Quantity:
             )
         )
 
+    @cached_property
+    def _built_for(self) -> object | None:
+        """Meshes for which the quantity was built, see `forget_meshes`; None if unknown."""
+        # A cached property because fingerprints of models omit these.
+        return None
+
     @property
     def current(self) -> Quantity:
         """The quantity, rebuilt for the present coordinates of the bodies if this is possible."""
-        if self.recipe is None or not self.can_be_rebuilt:
+        if self.recipe is None or self._built_for is _present_meshes or not self.can_be_rebuilt:
             return self
         build, arguments, options, _ = self.recipe
         rebuilt = build(*arguments, **options)
@@ -404,6 +411,14 @@ class _Recipe(NamedTuple):
 
 
 _Build = TypeVar("_Build", bound=Callable[..., Quantity])
+# Replaced when meshes may have changed. An object, so that copies and pickled quantities differ.
+_present_meshes = object()
+
+
+def forget_meshes() -> None:
+    """Let the quantities built so far be rebuilt, because meshes may have changed."""
+    global _present_meshes
+    _present_meshes = object()
 
 
 def rebuilt_for_mesh(build: _Build) -> _Build:
@@ -415,13 +430,16 @@ def rebuilt_for_mesh(build: _Build) -> _Build:
 
     @wraps(build)
     def build_and_remember(*arguments: Any, **options: Any) -> Quantity:
+        meshes = _present_meshes
         quantity = build(*arguments, **options)
         results = (quantity.pieces, quantity.expression, quantity.data)
         recipe = _Recipe(build_and_remember, arguments, options, results)
         if quantity.recipe is not None:
-            return replace(quantity, recipe=recipe)
-        # The quantity is new; a copy would convert its fields to read-only data again.
-        set_fields(quantity, recipe=recipe)
+            quantity = replace(quantity, recipe=recipe)
+        else:
+            # The quantity is new; a copy would convert its fields to read-only data again.
+            set_fields(quantity, recipe=recipe)
+        set_fields(quantity, _built_for=meshes)
         return quantity
 
     return cast("_Build", build_and_remember)

@@ -1,5 +1,6 @@
 """Element ends at the attachments of a beam: accuracy, order of the parts, warnings, limits."""
 
+import pickle
 import warnings
 from itertools import pairwise
 
@@ -393,3 +394,19 @@ def test_section_forces_of_a_beam_divided_at_its_attachments():
     expected = force * np.maximum(0.37 - forces.s, 0.0)
     assert_allclose(np.ravel(forces.M), expected, atol=1e-6 * force)
     assert_allclose(np.ravel(forces.strained[2]), expected, atol=1e-6 * force)
+
+
+def test_quantities_are_rebuilt_only_if_the_mesh_may_have_changed():
+    mech = arm(2)
+    beam = mech.parts["arm"]
+    strain = beam.strain(s=0.45, offset=0.0)
+    assert strain.current is strain
+    bd.equations_of_motion(mech)
+    ((before,), (after,)) = strain.pieces, strain.current.pieces
+    assert before.operator.shape != after.operator.shape or np.any(
+        before.operator.toarray() != after.operator.toarray()
+    )
+    present = beam.strain(s=0.45, offset=0.0)
+    assert present.current is present
+    copied = pickle.loads(pickle.dumps(present))
+    assert copied.current is not copied

@@ -206,3 +206,19 @@ def test_observed_loads_follow_changes_of_inputs():
     mech.observe("push", push.force)
     solution = bd.simulate(mech, t_end=0.1, output_step=0.1, inputs={"thrust": 5.0})
     assert_allclose(solution.table()["push.Fx [N]"], 15.0, rtol=1e-14)
+
+
+def test_regression_an_observed_force_law_is_called_once():
+    """Each observed column called the law twice, which took a quarter of a case of a sweep."""
+    calls = []
+
+    def pull(block, t):
+        calls.append(t)
+        return (-block.position[0], 0.0)
+
+    mech = bd.Mechanism()
+    block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0)))
+    law = mech.add(bd.ForceLaw("pull", block.point, pull))
+    calls.clear()
+    mech.observe("force", law.force)
+    assert len(calls) == 1

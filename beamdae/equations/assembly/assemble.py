@@ -43,6 +43,7 @@ from beamdae.symbolic.statements import (
     Quantity,
     RangeStatement,
     Variable,
+    forget_meshes,
 )
 
 Array = np.ndarray
@@ -213,6 +214,8 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         names = [f"{part.name}.{x.name}" for x in coordinates]
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
         part.prepare(attached.get(id(part), []), id(part) in fixed or is_requested)
+    if any(type(part).prepare is not Part.prepare for part in mechanism.parts.values()):
+        forget_meshes()
 
 
 def _part_coordinates(
