@@ -418,18 +418,31 @@ def create_sweep_page(swept: SweepResults) -> dict[str, Any]:
             case |= {"family": family or case["family"], "series": family}
             case["rank"] = value if isinstance(value, (int, float)) else row
     numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
-    lines = [line for panel in swept.panels() for line in panel.split()]
-    varying = [
-        column
-        for panel in drop_constant(swept.sweep, swept.table, lines)
-        for column in panel.lines.values()
-    ]
-    responses = [key for key in map(extra_column_key, varying) if key in numeric]
     content["axes"] = {
         "x": extra_column_key(parameter_column(x)),
-        "y": next(iter(responses), None),
+        "y": _choose_response(swept, numeric),
     }
     return content
+
+
+def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
+    """Return the key of the response that a page plots first, or None if no response varies.
+
+    This is an output or, of an observed column, the extreme of larger magnitude.
+    """
+    for panel in swept.panels():
+        varying = [
+            column
+            for line in drop_constant(swept.sweep, swept.table, panel.split())
+            for column in line.lines.values()
+            if extra_column_key(column) in numeric
+        ]
+        extremes = [panel.lines[x] for x in ("max", "min") if panel.lines.get(x) in varying]
+        if varying:
+            return extra_column_key(
+                max(extremes or varying, key=lambda x: swept.table[x].abs().max())
+            )
+    return None
 
 
 def _add_motion(content: dict[str, Any], swept: SweepResults, grid: ParameterGrid) -> None:
