@@ -303,6 +303,22 @@ def test_regression_parameters_without_effect_cause_a_warning(exact):
     assert not any("changes of stiffness" in x for x in texts)
 
 
+@bd.model(t_end=2.0)
+def oscillator_beside_another(stiffness=30.0, push=1.0):
+    mech = oscillator(stiffness=stiffness)
+    other = mech.add(bd.PointMass("other", 1.0, at=(0.0, 1.0)))
+    mech.add(bd.Force("push", other.point, (push, 0.0)))
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_parameters_without_effect_on_any_column_cause_a_warning(exact):
+    """They were undetermined without a warning."""
+    data = {name: exact[name] for name in ("t [s]", "mass.x")}
+    with pytest.warns(bd.BeamdaeWarning, match="Changes of push by .* do not change the fitted"):
+        bd.fit(oscillator_beside_another, data, ["stiffness", "push"], METHOD)
+
+
 @SLOW
 def test_regression_fits_that_explain_little_cause_a_warning(exact):
     # The model oscillates at half of the measured frequency, and only the damping is free.

@@ -12,6 +12,7 @@ from beamdae.analysis.optimization import search
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint
+from beamdae.analysis.optimization.search import Search
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -483,6 +484,24 @@ def test_interrupts_return_the_best_design_so_far(partial):
             bd.optimize(*arguments, **options)
         result = caught.value.partial
     assert (result.status.kind, result.evaluations) == ("interrupted", 2)
+
+
+def test_regression_interrupts_during_the_first_gradient_return_the_first_design(monkeypatch):
+    """The value of the first design was lost."""
+
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Search, "_scale", interrupt)
+    result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
+    assert (result.status.kind, result.evaluations) == ("interrupted", 1)
+    assert result.objective == pytest.approx(STEEL.rho * LENGTH * WIDTH * 0.02)
+
+
+def test_regression_numbers_without_effect_on_all_quantities_are_named():
+    """The search stated that it had converged, without a word."""
+    with pytest.warns(bd.BeamdaeWarning, match="nor a constraint depends on load at the best"):
+        bd.optimize(cantilever, bd.Mass(), ["width", "load"], bounds={"width": (0.01, 0.03)})
 
 
 @pytest.mark.parametrize("last", [1, 2])

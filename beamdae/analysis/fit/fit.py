@@ -239,7 +239,6 @@ def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> list
         )
     ]
     values = {**problem.parameters, **result.parameters}
-    warn_of_idle_parameters(
+    return warn_of_idle_parameters(
         problem.model, values, lambda x: as_equations("fit", x, problem.start), idle
     )
-    return idle

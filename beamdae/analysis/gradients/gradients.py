@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -244,8 +244,11 @@ def gradient(
     )
     if estimate_error:
         with keep_result(result, "gradient", INTERRUPTED_ESTIMATE):
-            _warn_of_step_errors(run, objective, derivatives)
-            _warn_of_narrow_peaks(solution, objective)
+            narrow = list(_name_narrow_peaks(solution, objective))
+            for sentence in narrow:
+                warn_user(sentence)
+            if not narrow:
+                _warn_of_step_errors(run, objective, derivatives)
     return result
 
 
@@ -445,10 +448,11 @@ def _warn_of_step_errors(run: DifferentiableRun, objective: Objective, derivativ
     warn_of_step_errors(run.flat.name, run.method, lambda: changes(derivatives), repeat)
 
 
-def _warn_of_narrow_peaks(solution: Solution, objective: Objective) -> None:
-    """Warn if a `SmoothMaximum` depends on the steps, because its peaks are narrower than these.
+def _name_narrow_peaks(solution: Solution, objective: Objective) -> Iterator[str]:
+    """Yield a sentence on each `SmoothMaximum` whose peaks are narrower than the steps.
 
-    Gradients by other steps may have the same errors, so that their comparison does not show them.
+    It depends on the steps. Gradients by other steps have similar errors: for velocities of a
+    bouncing ball, their comparison estimated errors of 68 % and 38 % at 6 %.
     """
     grid = SampleGrid.of(solution.trajectory)
     for _, term in objective.terms:
@@ -456,11 +460,11 @@ def _warn_of_narrow_peaks(solution: Solution, objective: Objective) -> None:
             y = read_column(solution.at_times(grid.t), term.column)[1]
             change = term.change_between_samples(grid.t, y, grid.weights)
             if change > _MAX_CHANGE_BETWEEN_SAMPLES:
-                warn_user(
+                yield (
                     f"{derivative_call()}: |{term.column}|^{term.exponent:g} changes by a factor "
                     f"of {np.exp(min(change, _MAX_PRINTED_CHANGE)):.2g} or more from step to step "
-                    "at its peaks, so that its SmoothMaximum depends on the steps; use shorter "
-                    "steps or a smaller exponent."
+                    "at its peaks, so that its SmoothMaximum and the gradient depend on the steps, "
+                    "with errors of unknown size; use shorter steps or a smaller exponent."
                 )
 
 

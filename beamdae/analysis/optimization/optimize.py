@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from beamdae.analysis.gradients.objectives import Objective
 from beamdae.analysis.optimization.analyses import RunSettings, assemble_design
 from beamdae.analysis.optimization.problem import DesignProblem
@@ -18,6 +20,7 @@ from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
     kind_of_message,
+    list_first,
     require_choice,
     require_count,
     require_positive,
@@ -33,6 +36,8 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.model_functions import Model
+
+_MAX_NAMES = 5  # of numbers without effect in a warning
 
 
 @interruptible
@@ -164,11 +169,20 @@ def optimize(
             raise Interrupted(result.status.sentence, result, "optimize")
         return result
     # The search does not move numbers without effect.
-    moved = search.best.numbers != problem.first
-    idle = [name for name, x in zip(problem.flat.entries, moved, strict=True) if not x]
+    has_moved = search.best.numbers != problem.first
+    idle = np.array(problem.names)[~has_moved].tolist()
     # Name and call of a flat model are those of a model.
     flat: Any = problem.flat
-    warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
+    unused = warn_of_idle_parameters(flat, flat.values, assemble_design, idle)
+    if search.stationarity is not None:
+        is_stuck = ~has_moved & ~search.stationarity.has_effect
+        names = [x for x in np.array(problem.names)[is_stuck].tolist() if x not in unused]
+        if names:
+            warn_user(
+                "optimize: neither the objective nor a constraint depends on "
+                f"{list_first(names, _MAX_NAMES)} at the best design, so that the search keeps the "
+                "first values."
+            )
     messages = [] if result.status.success else [f"optimize: {result.status.sentence}."]
     of_analyses = list_warnings(result.analyses)
     messages += [

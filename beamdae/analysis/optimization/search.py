@@ -75,10 +75,13 @@ class Stationarity:
         Lagrange multipliers (C,): decrease of the objective per unit by which a limit is relaxed.
     residual
         Norm of the gradient of the Lagrange function, relative to that of the objective.
+    has_effect
+        False (k,) for numbers on which neither the objective nor a constraint depends.
     """
 
     multipliers: Array
     residual: float
+    has_effect: Array
 
 
 @dataclass(frozen=True)
@@ -153,10 +156,13 @@ class Search:
         first = problem.design(problem.first)
         problem.require_known_units()
         self._first_analyses = first.results
-        bounds = [0.0, *(abs(limit.bound) for limit in problem.limits)]
-        self._scales = np.array([x or self._scale(first, k) for k, x in enumerate(bounds)])
         try:
-            self._record(problem.first, first)
+            try:
+                bounds = [0.0, *(abs(limit.bound) for limit in problem.limits)]
+                self._scales = np.array([x or self._scale(first, k) for k, x in enumerate(bounds)])
+            finally:
+                # The result of an interrupted search is at least the first design.
+                self._record(problem.first, first)
             # Errors of the gradient concern the model rather than a design.
             self._gradients(problem.first / problem.sizes)
             status = self._minimize()
@@ -390,7 +396,8 @@ class Search:
         # A stationary objective without constraints has a gradient of the size of its rounding.
         size = max(float(np.linalg.norm(gradient)), 1.0)
         multipliers *= self._scales[0] / self._scales[1:]
-        return Stationarity(multipliers, float(residual) / size)
+        has_effect = np.any(np.vstack([gradient, jacobian]), axis=0)
+        return Stationarity(multipliers, float(residual) / size, has_effect)
 
 
 def find_active_bounds(problem: DesignProblem, numbers: Array) -> tuple[Array, Array]:

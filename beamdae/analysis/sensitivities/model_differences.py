@@ -259,13 +259,14 @@ def warn_of_idle_parameters(
     parameters: Mapping[str, Any],
     assemble: Callable[[Any], EquationsOfMotion],
     names: Sequence[str],
-) -> None:
-    """Warn of each parameter in `names` that has no effect on a model.
+) -> list[str]:
+    """Warn of each parameter in `names` that has no effect on a model, and return these names.
 
     See `difference_model` for the other arguments.
     """
+    idle: list[str] = []
     if not names:
-        return
+        return idle
     base = assemble(model(**parameters))
     for name in names:
         value = float(parameters[name])
@@ -276,6 +277,8 @@ def warn_of_idle_parameters(
             continue
         if is_idle:
             warn_without_effect(model.name, name)
+            idle.append(name)
+    return idle
 
 
 def warn_without_effect(model: str, name: str) -> None:
