@@ -171,6 +171,7 @@ def test_parameters_that_are_not_powers_are_rejected(tmp_path):
         export(tmp_path, ball, parameters=["load"])
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_parameters_end_where_the_model_ends(tmp_path):
     """The FMU accepted values that the model function rejects, such as a negative mass."""
 
@@ -562,6 +563,7 @@ def test_regression_contacts_are_exported_with_radau(tmp_path):
     assert export(tmp_path, ball_and_pin).integrator == "radau"
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_undamped_beams_have_a_warning_if_inputs_jump(tmp_path):
     """An arm of 64 elements took 4 s per millisecond with Radau, without a warning."""
 

@@ -61,6 +61,7 @@ def test_regression_paths_of_skates_keep_the_bound(rtol):
     assert np.all(errors[positions] < 30.0 * rtol * half_ranges[positions])
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("integrator", [bd.Auto, bd.Ida])
 def test_regression_long_runs_keep_the_bound(integrator):
     """A pendulum was wrong by 273 rtol after 80 periods."""

@@ -72,6 +72,7 @@ def test_accumulating_bounces_end_the_run(integrator):
     assert solution.columns["gap [m]"].min() > -1e-6
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_regression_impacts_of_a_flexible_tip_name_the_cause():
     """The advice was to activate a joint or, for elastic impacts, to separate thresholds."""
     mech = bd.Mechanism(gravity=(0.0, -G))

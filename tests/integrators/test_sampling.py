@@ -50,6 +50,7 @@ def forbid_resuming(monkeypatch):
     monkeypatch.setattr(stepper.FixedAlphaStepper, "_count_resumed_steps", lambda *_: 0)
 
 
+@pytest.mark.slow(reason="half a second and more")
 @pytest.mark.parametrize("friction", [0.0, 0.2], ids=["smooth", "friction"])
 @pytest.mark.parametrize("method", METHODS)
 def test_methods_continue_across_samples(method, friction, monkeypatch):

@@ -83,6 +83,7 @@ def test_contacts_that_close_later_do_not_affect_the_start():
     np.testing.assert_array_equal(*accelerations)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_derivatives_agree_with_runs():
     names, method = (
         ["speed", "length", "filling"],

@@ -364,6 +364,7 @@ def test_equilibria_have_no_waves(swinging):
     np.testing.assert_allclose(envelope["M max error [N m]"], forces.error[2][0])
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_diagrams_are_saved_as_figures(swinging, tmp_path):
     plot = swinging.diagram("beam", "M", t=0.1)
     assert plot.save(tmp_path / "M.png").stat().st_size > 5000

@@ -146,6 +146,7 @@ def test_slow_path_has_the_exact_critical_points(setting):
     check_path(*setting)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_loads_of_thin_column_are_not_lost_in_rounding():
     # L / h = 1e5: eigenvalues of the stiffness alone gave errors of 1e-3, and 32 elements were
     # stable beyond both loads. 2e-4: rounding of the axial force.

@@ -80,6 +80,7 @@ def test_path_of_the_shallow_arch_passes_both_limit_points(arch_path):
     assert_allclose(factors, [first.factor, second.factor], rtol=1e-9)
 
 
+@pytest.mark.slow(reason="half a second and more")
 def test_arch_snaps_through_above_its_limit_load(arch_path):
     first = arch_path.critical[0]
     above = 1.001 * first.factor
