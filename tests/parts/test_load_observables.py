@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from support import ARC, EXACT_VARIANT, UNEVEN_ELEMENTS, VARIANTS, NumericEquati
 import beamdae as bd
 from beamdae.equations.measures import ObservedRows
 from beamdae.parts.forces.load_observables import ObservableBeamLoad, ObservableLoad
+from beamdae.symbolic.signal_pickling import pickle_with_signals
 
 CHORD = VARIANTS[2]
 TIME = (0.7, 0.7)
@@ -104,6 +108,17 @@ def test_loads_on_all_points_are_equivalent_to_the_generalized_forces(name):
 
 
 BEAM_LOADS = [name for name in NAMES if isinstance(mechanism(name)[1], ObservableBeamLoad)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_regression_mechanisms_with_observed_loads_can_be_copied_and_pickled(name):
+    # Certificates failed, because "ctypes objects containing pointers cannot be pickled".
+    mech, load = mechanism(name)
+    for statement in load.forces(np.zeros(2)):
+        statement.kernel.force_kernel.load_native()  # Machine code cannot be copied.
+    mech.observe("load", load.power)
+    for again in (copy.deepcopy(mech), pickle.loads(pickle_with_signals(mech))):
+        assert again.observables["load"].columns == mech.observables["load"].columns
 
 
 @pytest.mark.parametrize("variant", [CHORD, EXACT_VARIANT], ids=str)

@@ -68,8 +68,9 @@ class _StatementValues:
 
     Attributes
     ----------
-    kernels
-        Kernel of each statement.
+    forces
+        Function (time, q, v, lam, data) -> generalized forces f = -F of one copy, for each
+        statement. Unlike kernels, functions can be copied and pickled.
     sizes
         Number of local coordinates of one copy for each piece of each statement.
     counts
@@ -83,7 +84,7 @@ class _StatementValues:
         so that they follow changes of an input.
     """
 
-    kernels: tuple[ForceKernel, ...]
+    forces: tuple[ca.Function, ...]
     sizes: tuple[tuple[int, ...], ...]
     counts: tuple[int, ...]
     combine: Callable[[list[_Copy], Local], SX]
@@ -95,11 +96,10 @@ class _StatementValues:
         all_q, all_v = (
             x if self.operator is None else ca.mtimes(self.operator, x) for x in (local.q, local.v)
         )
-        for kernel, sizes, count, signals in zip(
-            self.kernels, self.sizes, self.counts, self.signals, strict=True
+        for function, sizes, count, signals in zip(
+            self.forces, self.sizes, self.counts, self.signals, strict=True
         ):
-            x = kernel.local
-            symbols = ca.vertcat(x.time, x.q, x.v, x.lam, x.data)
+            n_data = function.size1_in("data")
             # The operator of a piece stacks the rows of all copies.
             starts = first + count * np.cumsum([0, *sizes])
             for copy in range(count):
@@ -108,14 +108,12 @@ class _StatementValues:
                     for start, size in zip(starts, sizes, strict=False)
                     for row in range(start + copy * size, start + (copy + 1) * size)
                 ]
-                data = SX(local.data[first_data : first_data + x.n_data])
+                data = SX(local.data[first_data : first_data + n_data])
                 for signal, numbers in signals:
                     data[numbers] = signal.value_symbol
-                first_data += x.n_data
+                first_data += n_data
                 q, v = all_q[rows], all_v[rows]
-                values = ca.densify(ca.vertcat(local.time, q, v, local.lam, data))
-                # Unlike a function call, a substitution allows for other symbols in the force.
-                force = ca.densify(ca.substitute(-kernel.force, symbols, values))
+                force = ca.densify(function(local.time, q, v, local.lam, data))
                 copies.append(_Copy(force, q, v, rows, sizes))
             first = int(starts[-1])
         return self.combine(copies, local)
@@ -139,7 +137,7 @@ def _observe(
         operator = _stack_operators(statements)
         pieces = (Piece(body, sp.csr_array(sp.eye_array(operator.shape[1]))),)
     values = _StatementValues(
-        tuple(s.kernel for s in statements),
+        tuple(_force_function(s.kernel) for s in statements),
         tuple(tuple(p.operator.shape[0] // s.count for p in s.pieces) for s in statements),
         tuple(s.count for s in statements),
         combine,
@@ -154,6 +152,14 @@ def _observe(
         statements[0].joint,
         joint_part,
         load_of=part,
+    )
+
+
+def _force_function(kernel: ForceKernel) -> ca.Function:
+    x = kernel.local
+    names = ["time", "q", "v", "lam", "data"]
+    return ca.Function(
+        "force", [x.time, x.q, x.v, x.lam, x.data], [-kernel.force], names, ["force"]
     )
 
 
