@@ -3,6 +3,7 @@
     python validation/performance/benchmark.py --peer PYTHON --before PATH
     python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
+    python validation/performance/benchmark.py --commands   `beamdae run`, from the shell to its end
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), and PATH is a checkout of beamdae; the
 tables of a missing tool are omitted. "price of Python" is the time of a run without a pilot run,
@@ -35,6 +36,8 @@ from hub_beam import hub_beam
 from measurement import (
     RESULTS,
     TimeSamples,
+    environment_of_users,
+    processor_time_of_children,
     time_action,
     time_in_turns,
     time_integration,
@@ -70,6 +73,8 @@ SYSTEMS: Systems = (
 )
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
 # Step and rate at which operations are evaluated; the times do not depend on them.
+# Options of `beamdae run`.
+COMMANDS = ((), ("--no-estimate",), ("--no-picture",), ("--no-estimate", "--no-picture"))
 STEP = 1e-3  # s
 RATE = 2e3  # 1/s
 
@@ -240,16 +245,40 @@ def time_building() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def time_command() -> pd.DataFrame:
-    """Return the wall time of a command from shell to table."""
-    command = [sys.executable, "-m", "beamdae", "run", str(MODELS_FOLDER / "hub_beam.py"), "--out"]
-    walls = []
+def time_commands(rounds: int) -> pd.DataFrame:
+    """Return times of `beamdae run` with warm caches, also to the table, which precedes the files.
+
+    The commands take turns.
+    """
+    best: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for _ in range(4):
-            begin = time.perf_counter()
-            subprocess.run([*command, folder], check=True, capture_output=True)
-            walls.append(time.perf_counter() - begin)
-    return pd.DataFrame([{"command": "beamdae run hub_beam.py", "wall [s]": min(walls)}])
+        for k in range(rounds + 1):
+            for options in COMMANDS:
+                times = _time_command([str(MODELS_FOLDER / "hub_beam.py"), *options], folder)
+                if k:  # the first turn fills the caches
+                    row = best.setdefault(" ".join(["run hub_beam.py", *options]), times)
+                    row.update({name: min(x, times[name]) for name, x in row.items()})
+    return pd.DataFrame([{"command": name} | times for name, times in best.items()])
+
+
+def _time_command(arguments: list[str], folder: str) -> dict[str, float]:
+    used, begin = processor_time_of_children(), time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "beamdae", "run", *arguments, "--out", folder],
+        env=environment_of_users(),
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.read1()
+    to_table = time.perf_counter() - begin
+    process.communicate()
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    return {
+        "table after [s]": to_table,
+        "wall [s]": time.perf_counter() - begin,
+        "processor [s]": processor_time_of_children() - used,
+    }
 
 
 def _time_factorization(
@@ -293,6 +322,7 @@ def compare_factorizations() -> pd.DataFrame:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--linear", action="store_true")
+    parser.add_argument("--commands", action="store_true")
     parser.add_argument("--peer", default=sys.executable, help="an interpreter with Exudyn")
     parser.add_argument("--before", type=Path, help="a checkout to compare with")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions")
@@ -302,6 +332,9 @@ def main() -> None:
         print(compare_factorizations().to_string(index=False))
         return
     rounds = 2 if options.quick else 6
+    if options.commands:
+        write_table(options.out, "commands", time_commands(rounds))
+        return
     write_table(options.out, "price_of_python", time_runs(rounds))
     peer = start_exudyn(options.peer)
     if peer is not None:
@@ -310,7 +343,7 @@ def main() -> None:
     if options.before is not None:
         write_table(options.out, "beside_before", compare_with_checkout(options.before, rounds))
     write_table(options.out, "building", time_building())
-    print(time_command().to_string(index=False))
+    write_table(options.out, "commands", time_commands(rounds))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ Therefore, actions take turns, and ratios are computed from the smallest time of
 
 from __future__ import annotations
 
+import os
+import resource
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -49,6 +51,17 @@ def time_in_turns(
         for name, action in actions.items():
             times[name].all.append(action())
     return times
+
+
+def environment_of_users() -> dict[str, str]:
+    """Return the environment for measured processes, in which Python caches its bytecode."""
+    return {k: x for k, x in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+
+
+def processor_time_of_children() -> float:
+    """Return the processor time of all child processes that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def time_integration(

@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -30,7 +29,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from measurement import RESULTS, write_table
+from measurement import (
+    RESULTS,
+    environment_of_users,
+    processor_time_of_children,
+    write_table,
+)
 
 import beamdae as bd
 from beamdae.studies.execution import study_run
@@ -100,9 +104,9 @@ def run_sweep(number: int, t_end: float) -> dict[str, float]:
         results = study_run.run_study(study, Path(folder), LocalPool(WORKERS))
         main = time.process_time() - begin
         assert (results.table["status"] == "ok").all()
-        of_workers = resource.getrusage(resource.RUSAGE_CHILDREN)
+        of_workers = processor_time_of_children()
         loops = sum(float(file.read_text()) for file in Path(loop_folder).iterdir())
-    rest = of_workers.ru_utime + of_workers.ru_stime - loops
+    rest = of_workers - loops
     cases = len(results.table)
     return {
         "cases / s a core": cases / (loops + rest + main),
@@ -116,7 +120,7 @@ def run_sweep(number: int, t_end: float) -> dict[str, float]:
 def run_in_checkout(checkout: Path, number: int, t_end: float) -> dict[str, float]:
     """Return times per case of a sweep by the beamdae of a checkout."""
     command = [sys.executable, str(HERE), "--one", json.dumps([number, t_end])]
-    environment = {**os.environ, "PYTHONPATH": str(checkout)}
+    environment = {**environment_of_users(), "PYTHONPATH": str(checkout)}
     process = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return json.loads(process.stdout.splitlines()[-1])
 
