@@ -16,6 +16,7 @@ Array = np.ndarray
 _MAX_SPEED_RATIO = 2.0  # or its reciprocal
 _MIN_RESTITUTION_CHANGE = 0.05
 _SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
+_MIN_SPEED_SHARE = 1e-9  # of the speeds of the bodies at a gap; rounding errors of rates are below
 
 
 def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -60,16 +61,27 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
 
 def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
-    """Return the largest speed [m/s] at which a gap closes at the beginning of a contact, or 0."""
+    """Return the largest speed [m/s] at which a gap closes at the beginning of a contact, or 0.
+
+    Bodies that touch at the beginning of the interval and approach each other count, too.
+    """
     configuration = interval.configuration
     if configuration is not None and gap.part in configuration.inactive:
         return 0.0
     t, state = interval.t, interval.state
-    values = gap.evaluate(t, interval.branch, state.q)
+    steps = np.diff(t)[np.diff(t) > 0.0]
+    if not len(steps):
+        return 0.0
+    # Bodies that touch at the start and approach each other were apart a step before.
+    t = np.insert(t, 0, t[0] - steps[0])
+    q = np.insert(state.q, 0, state.q[0] - steps[0] * state.v[0], axis=0)
+    v = np.insert(state.v, 0, state.v[0], axis=0)
+    values = gap.evaluate(t, interval.branch, q)
     (last_open,) = np.nonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
     if not len(last_open):
         return 0.0
     ahead = _SLOPE_SHARE * np.diff(t)[last_open]
-    q = state.q[last_open] + ahead[:, None] * state.v[last_open]
-    later = gap.evaluate(t[last_open], interval.branch, q)
-    return float(np.max((values[last_open] - later) / ahead, initial=0.0))
+    q, v = q[last_open], v[last_open]
+    later = gap.evaluate(t[last_open], interval.branch, q + ahead[:, None] * v)
+    speeds = (values[last_open] - later) / ahead
+    return float(np.max(speeds[speeds > _MIN_SPEED_SHARE * (np.abs(v) @ gap.lengths)], initial=0.0))
