@@ -21,10 +21,9 @@ from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import BaseMesh, choose_base_meshes, with_meshes
 from beamdae.beams.sliding import MAX_ELEMENTS_WITH_SLIDER
-from beamdae.errors import BeamdaeError, require_count, require_positive, short_repr
+from beamdae.errors import BeamdaeError, require_count, require_positive
 from beamdae.integrators import Integrator
 from beamdae.interrupts import interruptible
-from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.results.analysis_certificate import AnalysisCertificate
 from beamdae.results.certificate import MAX_ACCURACY
@@ -36,6 +35,7 @@ from beamdae.results.columns import (
 )
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import half_range
+from beamdae.simulation import as_mechanism
 
 Array = np.ndarray
 
@@ -278,10 +278,7 @@ def _certify(
             f"{name}: accuracy must be at most {MAX_ACCURACY:g}, got {accuracy:g}; 0.01 is 1 %."
         )
     names = require_certified_columns(name, columns)
-    if isinstance(model, Model):
-        model = model()
-    if not isinstance(model, Mechanism):
-        raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")
+    model = as_mechanism(name, model)
     bases = choose_base_meshes(model, _FIRST_ELEMENTS, start)
     notes = tuple(
         f"{beam}: mesh and theory are not assessed, because {base.fixed_by}."

@@ -324,6 +324,21 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
         return Solution.from_packed(equations, packed_run_from_arrays(equations, arrays, content))
 
 
+def as_mechanism(name: str, model: Any) -> Mechanism:
+    """Return a mechanism, or the mechanism that a model builds; `name` begins the message.
+
+    Raises
+    ------
+    BeamdaeError
+        If `model` is neither a mechanism nor a model function.
+    """
+    if isinstance(model, Model):
+        model = model()
+    if not isinstance(model, Mechanism):
+        raise BeamdaeError(f"{name}: expected a model or a mechanism, got {short_repr(model)}.")
+    return model
+
+
 def as_equations(
     name: str, model: Any, start: Any = None, *, sampled: bool = False
 ) -> EquationsOfMotion:

@@ -26,7 +26,6 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.interrupts import interruptible
-from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.section_forces.section_motions import (
@@ -34,6 +33,7 @@ from beamdae.results.section_forces.section_motions import (
     evaluate_sections,
     position_and_angle,
 )
+from beamdae.simulation import as_mechanism
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,21 +128,13 @@ def imperfect(model: Any, shape: Any, amplitude: float | None = None) -> Mechani
     >>> bool(abs(abs(path.columns["tip.x [m]"][-1]) - 1e-3 / (1 - 4 / 3.14159**2)) < 1e-5)
     True
     """
-    model = _build_mechanism(_NAME, model)
+    model = as_mechanism(_NAME, model)
     deviations = _find_deviations(_NAME, model, shape)
     if amplitude is not None:
         amplitude = require_finite(_NAME, "amplitude", amplitude)
     elif not isinstance(shape, Mapping):
         raise BeamdaeError(f"{_NAME}: a mode has no size; pass amplitude= [m].")
     return _deviate(f"{_NAME}: amplitude", model, deviations, amplitude)
-
-
-def _build_mechanism(call: str, model: Any) -> Mechanism:
-    if isinstance(model, Model):
-        model = model()
-    if not isinstance(model, Mechanism):
-        raise BeamdaeError(f"{call}: expected a model or a mechanism, got {short_repr(model)}.")
-    return model
 
 
 def _find_deviations(call: str, mechanism: Mechanism, shape: Any) -> dict[str, _Deviation]:
@@ -260,7 +252,7 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     BeamdaeWarning
         If the path of an amplitude has no critical point, or ended early, as in `equilibrium`.
     """
-    model = _build_mechanism("knock_down", model)
+    model = as_mechanism("knock_down", model)
     deviations = _find_deviations("knock_down", model, shape)
     values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
