@@ -324,6 +324,25 @@ def test_regression_modes_at_rest_of_turning_mechanisms_have_a_warning(
         assert bd.modes(mech, about=bd.rotation(speed)).warnings[1:] == ()
 
 
+@pytest.mark.parametrize("analysis", [bd.modes, bd.linearize])
+@pytest.mark.parametrize(("speed", "is_reported"), [(0.1, False), (20.0, True)])
+def test_regression_turning_mechanisms_may_have_states(analysis, speed, is_reported):
+    """An integrator of power ended modes: "undamped modes are not supported with states"."""
+    mech = with_driver(*particle_in_rotor(), law=lambda t: speed * t)
+    power = mech.sensor("power", mech.parts["cross"].power)
+    mech.state("work", power, unit="J")
+    # A slow state, at 0.01 rad/s, is no slow vibration.
+    mech.state("filter", lambda x, t: 0.01 * (power - x), unit="W")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        result = analysis(mech)
+    assert any(x.startswith("drivers turn disk at 20") for x in result.warnings) == is_reported
+    if analysis is bd.modes:
+        expected = bd.modes(with_driver(*particle_in_rotor(), law=lambda t: speed * t))
+        vibrations = result.eigenvalues[result.eigenvalues.imag > 0.0]
+        assert_allclose(vibrations, expected.eigenvalues, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("gravity", "is_reported"), [(0.0, True), (9.81, False)])
 def test_modes_at_rest_of_bodies_with_given_rotations_have_a_warning(gravity, is_reported):
     """Given velocities of an oscillation do not last."""

@@ -6,6 +6,7 @@ problems.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,24 @@ def solve_eigenproblem(
     return _normalize(lin, values, shapes, count)._replace(others=others)
 
 
+@single_threaded
+def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
+    """Return the lowest angular frequencies [rad/s] without damping, with first-order states held.
+
+    The symmetric parts of M and K are used. The rates of growth of unstable motions count as
+    frequencies; free motions and states have frequency zero. At least `count` frequencies are
+    computed if there are as many.
+    """
+    e, tangent = lin.equations, lin.tangent
+    is_state = np.zeros(e.n)
+    is_state[e.states] = 1.0
+    moving = sp.diags_array(1.0 - is_state)
+    mass, stiffness = (sp.csc_array(moving @ x @ moving) for x in (tangent.mass, tangent.stiffness))
+    held = tangent._replace(mass=sp.csc_array(mass + sp.diags_array(is_state)), stiffness=stiffness)
+    problem = SymmetricProblem(replace(lin, tangent=held))
+    return np.sqrt(np.abs(problem.solve(count + len(e.states)).squares))
+
+
 def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, Array]:
     """Return all modes of equations with first-order states, from dense matrices.
 
@@ -99,10 +118,14 @@ def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, A
     """
     e, tangent = lin.equations, lin.tangent
     if not damped or lin.nonholonomic.any():
-        problem = "undamped modes" if not damped else "constraints on velocities"
+        problem, remedy = (
+            ("constraints on velocities", "bd.linearize")
+            if damped
+            else ("undamped modes", "damping=True")
+        )
         raise BeamdaeError(
             f"modes: {problem} are not supported with states such as {e.q_names[e.states[0]]}; "
-            "use damping=True and bd.linearize, or remove the states."
+            f"use {remedy}, or remove the states."
         )
     if e.n > _MAX_STATE_COORDINATES:
         raise BeamdaeError(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.eigenproblems.eigensolution import massless_error, solve_eigenproblem
+from beamdae.analysis.eigenproblems.eigensolution import massless_error, undamped_frequencies
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -171,8 +171,9 @@ def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
     potential = float(v @ (lin.tangent.stiffness @ v)) / speed**2
     if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (lin.tangent.mass @ v)):
         return ()
-    rates = np.abs(solve_eigenproblem(lin.linearized_equations, _SLOW_MODES, False).values)
-    if abs(speed) <= _MIN_RELATIVE_SPEED * np.min(rates[rates > 0.0], initial=np.inf):
+    frequencies = undamped_frequencies(lin.linearized_equations, _SLOW_MODES)
+    slowest = np.min(frequencies[frequencies > 0.0], initial=np.inf)
+    if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
         return ()
     cause = "drivers turn" if is_driven else "given velocities turn"
     part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))
