@@ -17,26 +17,17 @@ from beamdae.cli.command_wrapper import EXIT_CODES, Command, Commands, wrap_comm
 from beamdae.cli.output import record_warning
 from beamdae.errors import BeamdaeWarning, KernelWarning
 
-# Modules in `cli.commands`, and the functions `<name>_command` in them, by the name of the command.
-_COMMAND_MODULES = {
-    "run": "run",
-    "compare": "compare",
-    "sweep": "sweep",
-    "check": "check",
-    "draw": "draw",
-    "view": "view",
-    "static": "static",
-    "buckling": "buckling",
-    "modes": "modes",
-    "periodic": "periodic",
-    "response": "response",
-    "fit": "fit",
-    "optimize": "optimize",
-    "export": "export",
-    "list": "list",
-    "examples": "examples",
-    "new": "examples",
+# Commands by the group in which the help shows them.
+_GROUPS = {
+    "Models": ("new", "examples", "list", "draw", "view", "check"),
+    "Runs": ("run", "sweep", "compare"),
+    "Statics and vibrations": ("static", "buckling", "modes", "periodic", "response"),
+    "Parameters and export": ("fit", "optimize", "export"),
 }
+_GROUP_OF_COMMAND = {name: group for group, names in _GROUPS.items() for name in names}
+# Modules in `cli.commands` that do not have the name of their command. Their functions are
+# `<name>_command`.
+_MODULES = {"new": "examples"}
 
 
 @cache
@@ -50,10 +41,10 @@ def create_app(*names: str) -> typer.Typer:
         epilog=EXIT_CODES,
     )
     app.callback()(_beamdae)
-    for name in names or _COMMAND_MODULES:
-        module = import_module(f"beamdae.cli.commands.{_COMMAND_MODULES[name]}")
-        command = getattr(module, f"{name}_command")
-        app.command(name, cls=Command)(wrap_command(name, command))
+    for name in names or _GROUP_OF_COMMAND:
+        module = import_module(f"beamdae.cli.commands.{_MODULES.get(name, name)}")
+        command = wrap_command(name, getattr(module, f"{name}_command"))
+        app.command(name, cls=Command, rich_help_panel=_GROUP_OF_COMMAND[name])(command)
     return app
 
 
@@ -71,7 +62,7 @@ def main() -> None:
         _configure_warnings()
         with completion.rejoin_bash_words():
             # Importing all commands takes longer than the start of a command.
-            create_app(*(name for name in sys.argv[1:2] if name in _COMMAND_MODULES))(
+            create_app(*(name for name in sys.argv[1:2] if name in _GROUP_OF_COMMAND))(
                 prog_name="beamdae"
             )
     except SystemExit as problem:
@@ -123,4 +114,7 @@ def _beamdae(
         ),
     ] = False,
 ) -> None:
-    """Simulate planar mechanisms with curved, flexible beams."""
+    """Simulate planar mechanisms with curved, flexible beams.
+
+    Begin with `beamdae new my_model.py` or `beamdae run example:four_bar`.
+    """
