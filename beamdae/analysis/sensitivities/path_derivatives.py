@@ -169,7 +169,7 @@ class FlutterPoint:
     @cached_property
     def _by_load(self) -> Pencil:
         """Change of the linearized motion along the path, by the load factor."""
-        constant, x = constant_loads(self.system), self.x
+        constant, x = LoadDerivatives(self.system), self.x
         along = constant.motion_tangent(x, self.mu, self._load_response)
         n, system = self.system.equations.n, self.system
         state = State(x[:n], np.zeros(n), np.zeros(n), x[n:])
@@ -343,7 +343,7 @@ class SingularPoint:
     @cached_property
     def _constant(self) -> LoadDerivatives:
         """Derivatives along directions of x alone."""
-        return constant_loads(self.system)
+        return LoadDerivatives(self.system)
 
     @cached_property
     def _by_factor(self) -> sp.csc_array:
@@ -360,8 +360,3 @@ class SingularPoint:
         direction = self._test.scales.unknowns * self._load_response[0]
         along = self._scale(self._constant.tangent(self.x, self.mu, direction))
         return sp.csc_array(along + self._by_factor)
-
-
-def constant_loads(system: LoadedEquations) -> LoadDerivatives:
-    """Return derivatives of a system along directions of x alone."""
-    return LoadDerivatives(system)
