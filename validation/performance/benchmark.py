@@ -72,9 +72,9 @@ SYSTEMS: Systems = (
     ("slider_crank", {"frame": "chord"}),
 )
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
-# Step and rate at which operations are evaluated; the times do not depend on them.
 # Options of `beamdae run`.
 COMMANDS = ((), ("--no-estimate",), ("--no-picture",), ("--no-estimate", "--no-picture"))
+# Step and rate at which operations are evaluated; the times do not depend on them.
 STEP = 1e-3  # s
 RATE = 2e3  # 1/s
 
