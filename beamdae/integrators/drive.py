@@ -43,7 +43,7 @@ from beamdae.integrators.method import (
 from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
-from beamdae.integrators.sampling import RepeatedSample, Sampler
+from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
 from beamdae.integrators.step_history import OutOfMemoryError, RunSegment, StepHistory
 from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
@@ -335,7 +335,7 @@ class _RunInProgress:
 
     def execute(self) -> tuple[Trajectory, Status]:
         try:
-            status = self._repeat_samples(self._integrate_intervals())
+            status = self._explain(self._repeat_samples(self._integrate_intervals()))
         except KeyboardInterrupt:
             return self.report_interrupt()
         except ProgressError as error:
@@ -353,6 +353,11 @@ class _RunInProgress:
         except BeamdaeError as problem:
             return self._failure(problem)
         return status
+
+    def _explain(self, status: Status) -> Status:
+        """Add growing values of controllers to the reason of a run that did not reach its end."""
+        growth = "" if status.success else describe_growth(self._repeated)
+        return replace(status, sentence=f"{status.sentence}; {growth}") if growth else status
 
     def report_interrupt(self) -> tuple[Trajectory, Status]:
         acknowledge()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from beamdae.parts.control.controller import Controller
 
 Array = np.ndarray
 
+# Increase of a held value that indicates an unstable loop if the run fails.
+_UNSTABLE_GROWTH = 1e6
 # Times closer to a sample than this fraction of the sampling interval are equal up to rounding.
 _SAME_SAMPLE = 1e-6
 
@@ -36,6 +39,27 @@ class RepeatedSample(NamedTuple):
     def repeat(self) -> None:
         """Take the sample again; raise BeamdaeError unless the result is the same."""
         self.controller.require_repeatable(*self.arguments, self.result)
+
+
+def describe_growth(samples: Sequence[RepeatedSample]) -> str:
+    """Return a sentence on the driven input that has increased most; "" below a factor of 1e6."""
+    largest_factor, sentence = _UNSTABLE_GROWTH, ""
+    for controller in dict.fromkeys(sample.controller for sample in samples):
+        values = np.array([x.result for x in samples if x.controller is controller])
+        for drive, column in zip(controller.drives, values.T, strict=False):
+            used = column[column != 0.0]
+            if not used.size:
+                continue
+            first, last = used[0], used[np.argmax(np.abs(used))]
+            if abs(last) >= largest_factor * abs(first):
+                largest_factor = abs(last / first)
+                unit = "" if drive.unit == "-" else f" {drive.unit}"
+                sentence = (
+                    f"{controller.name} has changed {drive.name} from {first:.3g}{unit} to "
+                    f"{last:.3g}{unit}, so its loop may be unstable; check the signs and sizes of "
+                    "its gains, and every="
+                )
+    return sentence
 
 
 class Sampler:

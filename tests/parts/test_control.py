@@ -1,5 +1,7 @@
 """Controllers: continuous blocks of states, and sampled laws, against closed forms."""
 
+import re
+
 import control
 import numpy as np
 import pytest
@@ -112,6 +114,20 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
     with pytest.warns(bd.BeamdaeWarning, match=reason):
         run = bd.simulate(build_servo(law, state=[0.0]), bd.Radau(), t_end=1.0)
     assert run.status.kind == "failed"
+
+
+@pytest.mark.parametrize("method", [bd.Radau(), bd.Ida(), bd.GeneralizedAlpha(5e-3)])
+def test_regression_unstable_loops_are_named_where_runs_stop(method):
+    """Extreme loads, the acceleration of a part or the return value of the law was blamed."""
+
+    def unstable(sample):
+        return 1e5 * (sample.reads[0] - 1.0) * (1.0 + 1e-3 * sample.index)
+
+    with pytest.warns(bd.BeamdaeWarning):
+        run = bd.simulate(build_servo(unstable), method, t_end=5.0)
+    assert not run.status.success
+    assert re.search(r"servo has changed torque from -1e\+05 N m to .*e\+", run.status.sentence)
+    assert run.status.sentence.endswith("check the signs and sizes of its gains, and every=")
 
 
 def test_regression_laws_with_memory_of_their_own_end_the_run():
