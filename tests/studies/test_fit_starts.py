@@ -37,6 +37,7 @@ def test_the_best_of_several_starts_is_returned_and_resumed(tmp_path):
     assert best.parameters["stiffness"] == pytest.approx(40.0, rel=1e-2)
     assert [x.done for x in steps] == [0, 1, 2, 3]
     table = best.starts
+    assert best.evaluations in table["evaluations"].to_list()
     assert list(table["status"]) == ["limited", "limited", "ok"]
     assert table["first stiffness"].iloc[0] == 200.0
     assert best.chi_square == pytest.approx(table["chi-square"].min(), rel=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -204,6 +205,10 @@ def fit(
                 raise
             acknowledge()
             end = interrupt.partial
+        if table is not None:
+            # Those of the search from the best start, whose end is evaluated again.
+            best = table["chi-square"].astype(float).idxmin()
+            end = replace(end, evaluations=int(table["evaluations"][best]))
     result = create_fit(problem, scaling, end, table)
     if result.status.kind == "interrupted":
         if partial == "raise":

@@ -41,6 +41,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     difference_model,
 )
 from beamdae.analysis.sensitivities.run_derivatives import (
+    assemble_neighbors,
     derive_states,
     differentiate_start,
     find_stop,
@@ -361,7 +362,7 @@ class DifferentiableRun:
                 name,
                 self.flat.values,
                 self.equations,
-                lambda x: as_equations(derivative_call(), x, self.start),
+                assemble_neighbors(self.equations, self.start),
                 moves_operators=True,
             )
         return self._models[key]

@@ -13,7 +13,7 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -36,18 +36,20 @@ from beamdae.analysis.sensitivities.radau_replay import differentiate_radau_step
 from beamdae.analysis.sensitivities.start_derivatives import (
     StartDerivatives,
     differentiate_together,
+    has_unique_equilibrium,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.smooth_intervals import SAME_TIME
+from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.events.impacts import apply_impact, select_active_constraints
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.event_records import EventRecord
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
@@ -530,6 +532,48 @@ def differentiate_start(
     if base.start is not None and base.start.description == EQUILIBRIUM:
         dq = derivatives.correct_equilibrium(time, at, dq, dp)
     return dq, dv
+
+
+def assemble_neighbors(
+    base: EquationsOfMotion, start: Any, build: Callable[[Any], Any] = lambda x: x
+) -> Callable[[Any], EquationsOfMotion]:
+    """Return the function that assembles models at neighboring values of parameters.
+
+    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
+    that of the run, whose derivative follows from the static equations, see
+    `StartDerivatives.correct_equilibrium`.
+
+    Parameters
+    ----------
+    base, start
+        Equations of the run, and its start; None for that of the model.
+    build
+        Function that completes a mechanism.
+    """
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(derivative_call(), build(mechanism), start)
+
+    time = time_on_branch(base.breakpoints, 0.0)
+    if (
+        base.start is None
+        or base.start.description != EQUILIBRIUM
+        or base.configurations is not None
+        or base.redundant
+        or len(base.states)
+        or start_adds_velocities(base, time)
+        or not has_unique_equilibrium(base, time)
+    ):
+        return assemble
+
+    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
+        neighbor = as_equations(derivative_call(), build(mechanism), AS_DRAWN)
+        if neighbor.n != base.n:  # Rejected by the caller.
+            return neighbor
+        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
+        return assemble(mechanism) if start_adds_velocities(result, time) else result
+
+    return assemble_as_drawn
 
 
 def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:

@@ -26,7 +26,11 @@ from beamdae.analysis.sensitivities.model_differences import (
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_columns
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
-from beamdae.analysis.sensitivities.run_derivatives import RunDerivatives, differentiate_event_time
+from beamdae.analysis.sensitivities.run_derivatives import (
+    RunDerivatives,
+    assemble_neighbors,
+    differentiate_event_time,
+)
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     complete_parameters,
@@ -484,12 +488,11 @@ def _difference_models(
 ) -> dict[str, Difference]:
     """Return the models around the value of each parameter; `mechanism` is the model itself."""
 
-    def assemble(built: Any) -> EquationsOfMotion:
-        if inputs is not None and built is not mechanism:
-            built = built.with_inputs(inputs)
-        return as_equations(derivative_call(), built, start)
+    def with_inputs(built: Any) -> Any:
+        return built if inputs is None else built.with_inputs(inputs)
 
-    base = assemble(mechanism)
+    base = as_equations(derivative_call(), mechanism, start)
+    assemble = assemble_neighbors(base, start, with_inputs)
     return {
         name: difference_model(model, name, values, base, assemble, moves_operators=True)
         for name in names

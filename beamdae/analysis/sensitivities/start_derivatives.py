@@ -46,6 +46,11 @@ _TIME_DIFFERENCE = 1e-5
 # Larger corrections of a differenced equilibrium, relative to the difference, are motions without
 # stiffness.
 _MAX_EQUILIBRIUM_CORRECTION = 1e-4
+# Larger errors of a solution of the static equations show that the equilibrium is not unique. Those
+# of stiff beams reach 1e-7. The second limit applies to the same equilibrium, perhaps with other
+# rounding errors.
+_MAX_EQUILIBRIUM_ERROR = 1e-6
+_MAX_CORRECTED_EQUILIBRIUM_ERROR = 1e-5
 # Difference of time for partial derivatives with respect to time, relative to the step.
 _STEP_FRACTION = 1e-3
 # Stiffnesses of contacts are proportional to the square root of the penetration, whose slope has no
@@ -110,6 +115,27 @@ class _Store:
                 self.results.clear()
             self.results[key] = build()
         return self.results[key]
+
+
+def factorize_equilibrium(matrix: sp.csc_array) -> tuple[Any, sp.csc_array, float]:
+    """Return the factors of static equations (None if singular), the matrix, and their error.
+
+    The error is that of a solution, relative to its entries. It is large if the equilibrium is not
+    unique.
+    """
+    try:
+        factors = splu(matrix)
+    except RuntimeError:
+        return None, matrix, np.inf
+    expected = np.ones(matrix.shape[0])
+    return factors, matrix, float(np.max(np.abs(factors.solve(matrix @ expected) - expected)))
+
+
+def has_unique_equilibrium(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if derivatives of the equilibrium at the start follow from static equations."""
+    at = ConsistencySolver(equations).state(time, equations.q0, np.zeros(equations.n))
+    matrix = StaticEquations(equations, time).matrix(at.q, at.lam)
+    return factorize_equilibrium(matrix)[-1] <= _MAX_EQUILIBRIUM_ERROR
 
 
 @dataclass(frozen=True)
@@ -323,22 +349,25 @@ class StartDerivatives:
         """Return the derivative of equilibrium positions, given an approximation dq.
 
         It solves [[K, G^T + dF/dlam], [G, 0]] (dq, dlam) = -(dF/dp dp + d(G^T lam)/dp dp, dg/dp dp)
-        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is returned unchanged.
+        with K = d(F + G^T lam)/dq. If the equilibrium is not unique, dq is corrected only if the
+        correction is small.
         """
         e = self.equations
         rest, zeros = State(at.q, *self._zeros), State(dq, *self._zeros)
         rest = rest._replace(lam=at.lam)
         force, levels, reactions = self._evaluate_motion(time, rest, zeros, dp)
         residual = np.concatenate([force + reactions, levels[0]])
-        try:
-            factors = self._states.get(
-                ("equilibrium",),
-                (time, at.q, at.lam),
-                lambda: splu(StaticEquations(e, time).matrix(at.q, at.lam)),
-            )
-        except RuntimeError:
+        factors, matrix, error = self._states.get(
+            ("equilibrium",),
+            (time, at.q, at.lam),
+            lambda: factorize_equilibrium(StaticEquations(e, time).matrix(at.q, at.lam)),
+        )
+        if factors is None:
             return dq
-        change = factors.solve(-residual)[: e.n]
+        solution = factors.solve(-residual)
+        if error <= _MAX_CORRECTED_EQUILIBRIUM_ERROR:
+            return dq + (solution + factors.solve(-residual - matrix @ solution))[: e.n]
+        change = solution[: e.n]
         size = np.max(np.abs(dq), initial=0.0)
         is_small = np.max(np.abs(change), initial=0.0) <= _MAX_EQUILIBRIUM_CORRECTION * size
         return dq + change if is_small else dq
