@@ -443,27 +443,65 @@ def test_table_names_the_moving_parts():
     assert set(table["kind"]) == {"vibration"}
 
 
-@pytest.mark.parametrize(("stiffness_ratio", "hides"), [(1.0, False), (1e5, False), (1e8, True)])
-def test_frequencies_hidden_by_rounding_errors_of_stiff_beams_are_announced(stiffness_ratio, hides):
-    """A strip with L/h = 100 carries an almost rigid link; its lowest mode is at 2.15 Hz."""
+def two_beams(stiffness_ratios, formulation, damping=0.0):
+    """Return a clamped beam with L/h = 100 that carries another one, of these relative moduli."""
     mech = bd.Mechanism()
-    sections = (
-        bd.Section.rectangle(bd.Material(210e9 * factor, 0.3, 7800.0), width=0.02, height=0.01)
-        for factor in (1.0, stiffness_ratio)
-    )
-    settings = {"elements": 4, "formulation": "exact"}
-    strip, link = (
-        mech.add(bd.Beam(name, bd.Line((x, 0.0), (x + 1.0, 0.0)), section, **settings))
-        for name, x, section in zip(("strip", "link"), (0.0, 1.0), sections, strict=True)
-    )
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
-    mech.add(bd.Weld("joint", strip.end, link.start))
+    end = mech.ground.at(0.0, 0.0)
+    for k, ratio in enumerate(stiffness_ratios):
+        steel = bd.Material(210e9 * ratio, 0.3, 7800.0)
+        section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
+        line = bd.Line((float(k), 0.0), (k + 1.0, 0.0))
+        beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
+        mech.add(bd.Weld(f"joint {k}", end, beam.start))
+        end = beam.end
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("stiffness_ratio", "hides"), [(1.0, False), (1e5, False), (1e8, True), (1e12, True)]
+)
+def test_frequencies_hidden_by_rounding_errors_of_stiff_beams_are_announced(stiffness_ratio, hides):
+    """A strip carries an almost rigid link; its lowest mode is at 2.15 Hz."""
+    mech = two_beams((1.0, stiffness_ratio), "exact")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         modes = bd.modes(mech, n=3)
     assert any("rounding errors of the stiffest parts" in str(w.message) for w in caught) == hides
     if not hides:
         assert np.all(modes.frequencies > 2.0)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-6])
+@pytest.mark.parametrize("is_stiff_first", [False, True])
+def test_regression_modes_of_floating_frames_do_not_depend_on_the_stiffness_contrast(
+    damping, is_stiff_first
+):
+    """The null space of the joints mixed stiff and soft motions: 0 and 5 times the frequency."""
+    order = -1 if is_stiff_first else 1
+    moderate, extreme = (
+        bd.modes(two_beams((1.0, ratio)[::order], "floating frame", damping), n=3).eigenvalues
+        for ratio in (1e7, 1e12)
+    )
+    assert_allclose(extreme.imag, moderate.imag, rtol=1e-5)
+    assert_allclose(extreme.real, moderate.real, rtol=1e-4)
+
+
+def test_regression_free_motions_that_deform_a_beam_are_announced():
+    """At a stiffness contrast of 3e7, the bound is below 5 % of the square of the second mode."""
+    modes = bd.modes(two_beams((1.0, 3e7), "exact"), n=4)
+    assert modes.kinds[0] == "free motion"
+    assert any("rounding errors of the stiffest parts" in warning for warning in modes.warnings)
+    free = bd.modes(free_strip(), n=4)
+    assert free.kinds[0] == "free motion"
+    assert not free.warnings
+
+
+def free_strip():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-4)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    mech.add(bd.Beam("strip", line, section, 8, formulation="exact"))
+    return mech
 
 
 def hinged_or_clamped_beam(elements, formulation, nodes=4, is_clamped=True):

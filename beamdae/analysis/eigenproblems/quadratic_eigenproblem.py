@@ -21,9 +21,11 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     MAX_FALLBACK_COORDINATES,
     ZERO_SQUARE_RATIO,
     UndampedModes,
+    combine_images,
     convergence_error,
     is_symmetric,
     is_symmetric_matrix,
+    orthonormalize,
     quadratic_form_rounding,
     scaled_null_space,
 )
@@ -372,35 +374,36 @@ class QuadraticProblem:
         """
         tangent, e, s = self.tangent, self.e, self.shift
         free = sp.csc_array(self._weighted_free.T)
-        basis, left = (
-            scaled_null_space(sp.csc_array(sp.vstack([rows, free])), e.position_scales)
-            for rows in (tangent.position_jacobian, sp.csc_array(tangent.reactions.T))
-        )
-        mass, damping, stiffness = (
-            left.T @ (matrix @ basis)
-            for matrix in (tangent.mass, tangent.damping, tangent.stiffness)
-        )
-        shifted = stiffness + s * damping + s**2 * mass
-        lu, pivots, info = la.lapack.dgetrf(shifted)
-        if info != 0 or not np.isfinite(lu).all():
-            raise _singular_error()
-        factors = lu, pivots
-        by_rate = -s * la.lu_solve(factors, mass)
+        rows = sp.csc_array(sp.vstack([tangent.position_jacobian, free]))
+        basis = orthonormalize(scaled_null_space(rows, e.position_scales), tangent.mass)
+        weighted = tangent.mass @ basis
+        images = -s * self._invert_columns(weighted)
+        by_rate = weighted.T @ images
+        damping = tangent.damping @ basis
         if not np.any(damping):
             # Eigenvalues of the inverse of K + s^2 M times s M are s / (s^2 - l^2).
             inverses, vectors = la.eig(-by_rate)
             is_accurate = _is_accurate(inverses)
             inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
-            values, vectors = _roots_of_squares(s**2 - s / inverses, vectors)
-            return values, basis @ vectors
-        by_position = by_rate - la.lu_solve(factors, damping)
-        matrix = np.block(
-            [[by_position, by_rate], [np.eye(len(by_rate)) / s + by_position, by_rate]]
-        )
+            shapes = combine_images(images @ vectors, basis @ vectors, tangent.mass)
+            return _roots_of_squares(s**2 - s / inverses, shapes)
+        damped_images = images - self._invert_columns(damping)
+        by_position = weighted.T @ damped_images
+        count = len(by_rate)
+        matrix = np.block([[by_position, by_rate], [np.eye(count) / s + by_position, by_rate]])
         inverses, vectors = la.eig(matrix)
         is_accurate = _is_accurate(inverses)
-        values = s + 1.0 / inverses[is_accurate]
-        return values, basis @ vectors[: len(by_rate), is_accurate]
+        inverses, vectors = inverses[is_accurate], vectors[:, is_accurate]
+        image = damped_images @ vectors[:count] + images @ vectors[count:]
+        shapes = combine_images(image, basis @ vectors[:count], tangent.mass)
+        return s + 1.0 / inverses, shapes
+
+    def _invert_columns(self, columns: Array) -> Array:
+        """Return the admissible solutions of (K + s C + s^2 M) x + H mu = b for columns b."""
+        zeros = np.zeros(self.e.m)
+        solutions = [self._solve_shifted(np.concatenate([b, zeros]))[: self.e.n] for b in columns.T]
+        images = np.reshape(solutions, (len(solutions), self.e.n)).T
+        return images - self._free @ (self._weighted_free.T @ images)
 
     def _apply_inverse(self, y: Array) -> Array:
         """Return (A - s E)^-1 E y."""
@@ -447,7 +450,8 @@ class QuadraticProblem:
         zero_square = float(np.max(zero_squares[is_zero], initial=0.0))
         is_upper = ~is_zero & (values.imag > -_IMAGINARY_TOLERANCE * size)
         if is_symmetric(self.lin):
-            values = self._refine_values(values, shapes)
+            is_split = is_rotating & _is_split_double(values, np.sqrt(rounding))
+            values = np.where(is_split, values, self._refine_values(values, shapes))
         # Rounding of the stiffness moves an undamped eigenvalue off the imaginary axis. The real
         # part is removed unless dampers dissipate more energy than rounding.
         power = np.abs(np.real(np.einsum("ij,ij->j", shapes.conj(), damping @ shapes)))
@@ -498,8 +502,9 @@ class QuadraticProblem:
         if not shapes.shape[1]:
             return shapes, shapes.real
         scales = self.e.position_scales[:, None]
-        parts = np.hstack([shapes.real, shapes.imag]) / scales
+        parts = shapes / scales
         parts = parts / np.maximum(np.linalg.norm(parts, axis=0), _TINY)
+        parts = np.hstack([parts.real, parts.imag])
         left_vectors, singular, _ = la.svd(parts, full_matrices=False)
         basis = scales * left_vectors[:, singular > _RANK_TOLERANCE * singular[0]]
         # A double zero eigenvalue, which occurs if the rotation speed may change, has only one free

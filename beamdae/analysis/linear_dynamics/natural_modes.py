@@ -23,6 +23,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.mesh_errors import mesh_warnings
+from beamdae.beams.beam import Beam
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
 from beamdae.interrupts import interruptible
@@ -44,6 +45,9 @@ _MASS_ROUNDING = 1e-20
 # Largest bound on the rounding error of a squared frequency, relative to the square, without a
 # warning. Actual errors are below a tenth of the bound, as for free strips with L/h = 1e6.
 _MAX_SQUARE_ROUNDING = 0.05
+# Smallest share of the kinetic energy of a beam, without that of its rigid motion, of a motion that
+# deforms the beam. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
+_MIN_DEFORMATION_SHARE = 1e-3
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -301,7 +305,8 @@ def compute_modes(
     lin = linearize_about("modes", model, about, require_finite("modes", "t", t))
     solution = solve_eigenproblem(lin.linearized_equations, count, is_damped)
     kinds = classify_modes(lin.linearized_equations, solution)
-    lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution)))
+    mechanism = model if isinstance(model, Mechanism) else None
+    lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution, mechanism)))
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
         warnings.append("there are no modes because joints and drivers fix every coordinate.")
@@ -316,7 +321,6 @@ def compute_modes(
             f"the state is unstable: {number}, and the fastest growth is by a factor of e in "
             f"{1.0 / max(growing):.3g} s."
         )
-    mechanism = model if isinstance(model, Mechanism) else None
     result = Modes(
         lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
     )
@@ -327,16 +331,21 @@ def compute_modes(
     return replace(result, warnings=tuple(warnings))
 
 
-def _rounding_warnings(lin: Linearization, solution: EigenSolution) -> list[str]:
+def _rounding_warnings(
+    lin: Linearization, solution: EigenSolution, mechanism: Mechanism | None
+) -> list[str]:
     """Return a warning if rounding errors of the stiffness hide slow modes, or none.
 
     The stiffest parts determine these errors. A mode whose frequency they hide is found as a free
-    motion; its bound is compared with the slowest of the other modes.
+    motion: it deforms a beam, or its bound is not small compared with the slowest of the other
+    modes.
     """
     squares = np.abs(solution.values) ** 2
     bounds = quadratic_form_rounding(lin.tangent.stiffness, solution.shapes)
     references = np.where(squares > 0.0, squares, np.min(squares[squares > 0.0], initial=np.inf))
     is_hidden = bounds > _MAX_SQUARE_ROUNDING * references
+    if mechanism is not None:
+        is_hidden |= (squares == 0.0) & _deforms_beams(lin, solution.shapes, mechanism)
     if not np.any(is_hidden):
         return []
     limit = np.sqrt(np.max(bounds[is_hidden]) / _MAX_SQUARE_ROUNDING) / (2.0 * np.pi)
@@ -345,3 +354,25 @@ def _rounding_warnings(lin: Linearization, solution: EigenSolution) -> list[str]
         "vibrations, because rounding errors of the stiffest parts reach the stiffness of the "
         "softest ones; replace very stiff beams by rigid bodies, or very thin ones by thicker ones."
     ]
+
+
+def _deforms_beams(lin: Linearization, shapes: Array, mechanism: Mechanism) -> Array:
+    """Return a mask (k,) of the shapes, (n, k), that are no rigid motion of one of the beams."""
+    e, mass = lin.equations, lin.tangent.mass
+    frame, q = RotatingCoordinates.from_equations(e), lin.state.q
+    motions = [frame.translation_vector(axis) for axis in (0, 1)]
+    motions.append(frame.generator @ q + frame.angle_vector)
+    is_deforming = np.zeros(shapes.shape[1], bool)
+    for part in e.parts:
+        if not isinstance(mechanism.parts.get(part.name), Beam):
+            continue
+        rows = part.rows
+        inertia = mass[rows][:, rows]
+        rigid, motion = np.stack(motions, axis=1)[rows], shapes[rows]
+        momenta = inertia @ rigid
+        motion = motion - rigid @ np.linalg.solve(rigid.T @ momenta, momenta.T @ motion)
+        energies, totals = (
+            np.einsum("ij,ij->j", x.conj(), inertia @ x).real for x in (motion, shapes[rows])
+        )
+        is_deforming |= energies > _MIN_DEFORMATION_SHARE * totals
+    return is_deforming
