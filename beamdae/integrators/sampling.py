@@ -33,7 +33,7 @@ class RepeatedSample(NamedTuple):
     """
 
     controller: Controller
-    arguments: tuple[float, int, Array, Array]
+    arguments: tuple[float, int, Array, Array, int]
     result: Array
 
     def repeat(self) -> None:
@@ -116,11 +116,11 @@ class Sampler:
             index = round(ratio)
             if abs(ratio - index) <= _SAME_SAMPLE:
                 reads, before = read(t, branch, q, v), q[rows]
-                values = controller.next_values(t, index, reads, before)
+                values = controller.next_values(t, index, reads, before, k)
                 updates.append((rows, values))
                 count = self._counts[k]
                 if count & (count - 1) == 0:
-                    arguments = t, index, reads.copy(), before.copy()
+                    arguments = t, index, reads.copy(), before.copy(), k
                     sample = RepeatedSample(controller, arguments, values)
                     sample.repeat()
                     self._repeated.append(sample)

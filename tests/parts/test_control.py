@@ -116,6 +116,18 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
     assert run.status.kind == "failed"
 
 
+def test_regression_noise_of_several_controllers_is_independent():
+    """Controllers with the default seed received the same random numbers."""
+    mech = build_servo(lambda sample: sample.random.normal())
+    others = [mech.input(name) for name in ("second", "third")]
+    for k, value in enumerate(others):
+        mech.add(bd.Controller(f"noise {k}", 0.05, [], [value], lambda x: x.random.normal()))
+    run = bd.simulate(mech, bd.GeneralizedAlpha(0.01), t_end=20.0, output_step=0.05)
+    noise = np.corrcoef([run[name][1:] for name in ("torque", "second", "third")])
+    # Four standard deviations of the coefficients of 400 independent pairs.
+    assert np.abs(noise - np.eye(3)).max() < 4.0 / np.sqrt(400.0)
+
+
 @pytest.mark.parametrize("method", [bd.Radau(), bd.Ida(), bd.GeneralizedAlpha(5e-3)])
 def test_regression_unstable_loops_are_named_where_runs_stop(method):
     """Extreme loads, the acceleration of a part or the return value of the law was blamed."""

@@ -66,12 +66,12 @@ class Sample:
     every: float
     reads: Array
     state: Array
-    seed: int = field(repr=False)
+    seed: tuple[int, int, int] = field(repr=False)
 
     @cached_property
     def random(self) -> np.random.Generator:
         """Random numbers of this sample; the same in every run with the same `seed`."""
-        return np.random.default_rng((self.seed, self.index))
+        return np.random.default_rng(self.seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Controller(Part):
     delay
         Number of whole samples after which the values take effect, at most 1000.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers. Those of several controllers are independent.
 
     Raises
     ------
@@ -239,7 +239,9 @@ class Controller(Part):
         piece = Piece(self, sp.csr_array(np.eye(n)))
         return [ForceStatement(self.name, ForceKernel(local, local.v), (piece,), np.zeros((0, 1)))]
 
-    def next_values(self, t: float, index: int, reads: Array, values: Array) -> Array:
+    def next_values(
+        self, t: float, index: int, reads: Array, values: Array, stream: int = 0
+    ) -> Array:
         """Return the coordinates after sample number `index` at time `t` [s].
 
         Parameters
@@ -250,6 +252,8 @@ class Controller(Part):
             Measured values.
         values
             Coordinates before the sample.
+        stream
+            Number of the controller in the mechanism, for independent random numbers.
 
         Raises
         ------
@@ -258,15 +262,15 @@ class Controller(Part):
         """
         n_driven = len(self.drives)
         n_queue = n_driven * (1 + self.delay)
-        numbers, state = self._call_law(t, index, reads, values[n_queue:])
+        numbers, state = self._call_law(t, index, reads, values[n_queue:], stream)
         # The first values of the queue are in effect.
         return np.array([*values[n_driven:n_queue].tolist(), *numbers, *state])
 
     def require_repeatable(
-        self, t: float, index: int, reads: Array, values: Array, result: Array
+        self, t: float, index: int, reads: Array, values: Array, stream: int, result: Array
     ) -> None:
         """Raise BeamdaeError if the law fails or `next_values` does not return `result` again."""
-        repeated = self.next_values(t, index, reads, values)
+        repeated = self.next_values(t, index, reads, values, stream)
         if not np.array_equal(repeated, result):
             differs = repeated != result
             raise BeamdaeError(
@@ -276,11 +280,12 @@ class Controller(Part):
             )
 
     def _call_law(
-        self, t: float, index: int, reads: Array, state: Array
+        self, t: float, index: int, reads: Array, state: Array, stream: int
     ) -> tuple[list[float], list[float]]:
         """Return the values of the driven inputs and the state after a sample."""
         n_driven = len(self.drives)
-        sample = Sample(t, index, self.every, reads.copy(), state.copy(), self.seed)
+        seed = self.seed, index, stream
+        sample = Sample(t, index, self.every, reads.copy(), state.copy(), seed)
         try:
             result = self.law(sample)
         except Exception as problem:
