@@ -7,7 +7,6 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -42,7 +41,9 @@ class _SingleThreadedBlas(contextlib.ContextDecorator):
             is_limited = self._limits is not None
             if is_limited == (self._n_active > 0):
                 return
-        _call_in_thread(self._follow_count)
+        # A thread takes 0.1 ms, on busy machines up to 8 ms.
+        if is_limited or _may_have_threads():
+            _call_in_thread(self._follow_count)
 
     def _follow_count(self) -> None:
         """Limit or restore as the number of contexts requires now.
@@ -52,7 +53,7 @@ class _SingleThreadedBlas(contextlib.ContextDecorator):
         """
         with self._lock:
             if self._n_active > 0 and self._limits is None:
-                self._limits = _find_libraries(len(sys.modules)).limit(limits=1, user_api="blas")
+                self._limits = _find_libraries().limit(limits=1, user_api="blas")
             elif self._n_active == 0 and self._limits is not None:
                 self._limits.restore_original_limits()
                 self._limits = None
@@ -91,19 +92,36 @@ def _call_after_last_thread(function: Callable[[], None]) -> None:
     function()
 
 
-@lru_cache(maxsize=1)
-def _find_libraries(n_modules: int) -> ThreadpoolController:
-    """Return the BLAS libraries in memory; `n_modules` is the number of imported modules.
+# Libraries in memory, by the number of imported modules when they were searched for.
+_libraries: dict[int, ThreadpoolController] = {}
+
+
+def _find_libraries() -> ThreadpoolController:
+    """Return the BLAS libraries in memory.
 
     A search takes half a millisecond; libraries are loaded by imports of modules, or else
     `find_new_libraries` is called.
     """
-    return ThreadpoolController()
+    n_modules = len(sys.modules)
+    found = _libraries.get(n_modules)
+    if found is None:
+        found = ThreadpoolController()
+        _libraries.clear()
+        _libraries[n_modules] = found
+    return found
+
+
+def _may_have_threads() -> bool:
+    """Return True if BLAS has several threads, or has not been searched for."""
+    known = _libraries.get(len(sys.modules))
+    return known is None or any(
+        x.num_threads > 1 for x in known.select(user_api="blas").lib_controllers
+    )
 
 
 def find_new_libraries() -> None:
     """Include a library that was opened without an import, from the next context on."""
-    _find_libraries.cache_clear()
+    _libraries.clear()
 
 
 single_threaded = _SingleThreadedBlas()

@@ -292,6 +292,18 @@ def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
+def test_regression_runs_start_no_threads_if_blas_has_one(monkeypatch):
+    """Each run started two to four threads, which took up to 8 ms each on busy machines."""
+    with blas_threads.single_threaded:
+        assert set(threads_of_blas().values()) == {1}
+        with monkeypatch.context() as context:
+            outer = blas_threads._SingleThreadedBlas()
+            blas_threads._find_libraries()
+            context.setattr(blas_threads, "_call_in_thread", pytest.fail)
+            with outer:
+                pass
+
+
 def test_regression_blas_of_sundials_has_one_thread():
     """SUNDIALS is opened without an import, which alone made the libraries be searched again."""
     program = (
@@ -321,7 +333,7 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
         return threadpoolctl.ThreadpoolController()
 
     monkeypatch.setattr(blas_threads, "ThreadpoolController", interrupted_search)
-    blas_threads._find_libraries.cache_clear()
+    blas_threads.find_new_libraries()
     with pytest.raises(KeyboardInterrupt), blas_threads.single_threaded:
         pass
     search_threads[0].join()
