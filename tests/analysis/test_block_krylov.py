@@ -195,6 +195,7 @@ def spinning_blades(damping):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("damping", [0.0, 1e-6])
 def test_regression_gyroscopic_modes_need_few_solutions(damping, monkeypatch):
     """False eigenvalues off the axis kept the space growing to all motions: 100 modes took 300 s.

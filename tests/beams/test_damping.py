@@ -343,6 +343,7 @@ def envelope(eta, rate, frequency, ratio):
     return np.hypot(eta, (rate + ratio * frequency * eta) / damped)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_mass_proportional_damping_decays_all_modes_at_the_same_rate():
     frequency = modes().frequency[:3]
     mass = 0.3 * frequency[0]

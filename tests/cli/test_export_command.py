@@ -38,6 +38,7 @@ def run(*arguments):
     return CliRunner().invoke(create_app("export"), command)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_file_and_json(here):
     result = run("--outputs", "mass.x", "--parameters", "stiffness,mass", "--json", "--fmi", "3")
     assert result.exit_code == 0, result.output

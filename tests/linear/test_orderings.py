@@ -66,6 +66,7 @@ def test_relative_fill_of_a_chain_is_independent_of_its_length(joint, frame):
     assert_allclose(fills[1], fills[0], rtol=0.15)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.parametrize("name", ["Ida", "Radau", "Radau, complex"])
 def test_relative_fill_of_an_undamped_beam_is_independent_of_its_elements(name):
     fills = []

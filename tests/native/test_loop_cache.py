@@ -114,6 +114,7 @@ def test_changed_loop_is_compiled_again(tmp_path, builds):
     assert len(builds) == 1 + len(CHANGES)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_loop_of_another_numba_is_not_loaded(tmp_path, builds, monkeypatch):
     assert run(tmp_path) == TOTAL
     monkeypatch.setattr(loops, "installed_version", lambda name: "0.0")
@@ -203,6 +204,7 @@ def test_missing_numba_or_llvmlite_gives_one_warning(tmp_path, missing, raising)
     assert "Traceback" not in errors
 
 
+@pytest.mark.slow(reason="half a second")
 def test_native_off_neither_compiles_nor_warns(tmp_path):
     lines, errors = run_in_new_process(tmp_path, {"BEAMDAE_NATIVE": "off"}, missing=[])
     assert lines == ["no machine code", "no machine code", "False"]

@@ -45,6 +45,7 @@ def test_numba_compiles_other_functions_as_before():
         other_function(np.array([1.0, np.inf]))
 
 
+@pytest.mark.slow(reason="half a second")
 def test_unknown_numba_compiles_without_replaced_parts(monkeypatch):
     @contextmanager
     def fail():

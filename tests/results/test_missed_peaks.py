@@ -247,6 +247,7 @@ def test_regression_missed_extremes_come_before_notes_on_the_model():
     assert second.startswith("idle: the part exerts no force")
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_errors_of_constant_columns_are_no_peaks_and_no_vibrations():
     """The stress of a blade at constant speed varies by 3e-8; rows of 4 us were recommended."""
     speed = 314.0

@@ -35,6 +35,7 @@ def about_moving_loads(solution):
     return [x for x in solution.warnings if "passes the element" in x]
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_observed_section_forces_below_a_moving_load_have_a_warning():
     mech, beam = bridge()
     mech.observe("middle", beam.section_forces(1.0))

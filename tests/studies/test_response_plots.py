@@ -47,6 +47,7 @@ def test_curves_connect_runs_in_order_of_the_parameter():
         swept.map()
 
 
+@pytest.mark.slow(reason="half a second")
 def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     plot = speed_radius_sweep.plot("tip.x max")
     (axes,) = plot.figure.axes

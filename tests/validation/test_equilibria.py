@@ -176,6 +176,7 @@ def test_path_is_independent_of_the_scale_of_the_load(scale):
     assert branch.factor * scale == pytest.approx(1.0, rel=2e-6)
 
 
+@pytest.mark.slow(reason="half a second")
 def test_path_of_the_deep_arch_passes_both_limit_points_and_the_reversal():
     # Control of the displacement ends at 5.6 EI / R^2, where the crown turns back.
     path = bd.equilibrium(equilibria.deep_arch(), to={"crown.y": -40.0}, control="arc length")

@@ -222,6 +222,7 @@ def clone(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_rebuild_of_one_mechanism_keeps_the_scores_of_the_others(clone):
     file = clone / "results" / "scores.csv"
     before = pd.read_csv(file)
