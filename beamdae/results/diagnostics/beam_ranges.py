@@ -289,7 +289,9 @@ def _beam_range(term: RangeTerm, deformations: _Deformations) -> BeamRange:
         count = len(samples)
         ratio = _relative_change(term, samples, largest[:count], changes[:count])
         error = deformations.error_factor * ratio
-        if axial_samples is not None and deflection > 0.0:
+        # Without faster vibrations along the axis, as in equilibria, the bending error includes it.
+        vibrates = deformations.axial_factor > deformations.error_factor
+        if axial_samples is not None and vibrates and deflection > 0.0:
             change = float(np.max(changes[:, 2])) / (deflection * term.length)
             axial_error = deformations.axial_factor * change
             error = max(error, axial_error)
