@@ -784,15 +784,59 @@ class Beam(Part):
 
         For `largest_stress`, it is the middle of the longest element.
         """
+        sections = Beam.sections_of_strains(quantity)
+        if sections is None:
+            return None
+        beam, arc_lengths = sections
+        if len(arc_lengths) == 1:
+            return beam, arc_lengths[0]
+        longest = int(np.argmax(beam.mesh.element_lengths))
+        return beam, float(np.mean(beam.mesh.element_bounds[longest : longest + 2]))
+
+    @staticmethod
+    def sections_of_strains(quantity: Quantity) -> tuple[Beam, tuple[float, ...]] | None:
+        """Return beam and arc lengths [m] if a quantity was computed from the strains there."""
         build = None if quantity.recipe is None else quantity.recipe.build
         if build not in (Beam._evaluate_strains, Beam._evaluate_largest_stress):
             return None
         assert quantity.recipe is not None
         beam, s, *_ = quantity.recipe.arguments
-        if build is Beam._evaluate_strains:
-            return beam, float(s)
-        longest = int(np.argmax(beam.mesh.element_lengths))
-        return beam, float(np.mean(beam.mesh.element_bounds[longest : longest + 2]))
+        return beam, (float(s),) if build is Beam._evaluate_strains else s
+
+    @staticmethod
+    def values_of_section_forces(quantity: Quantity, forces: Array, s: Sequence[float]) -> Array:
+        """Return the columns of a quantity of strains for given section forces.
+
+        Parameters
+        ----------
+        quantity
+            A quantity with `sections_of_strains`.
+        forces
+            N [N], Q [N] and M [N m], (3, sections).
+        s
+            Arc lengths of these sections [m]; they need not be those of the quantity.
+
+        Returns
+        -------
+        ndarray
+            Columns of each section (columns, sections). Those of `largest_stress` are the largest
+            magnitude in the section, twice.
+        """
+        assert quantity.recipe is not None
+        beam, _, *settings = quantity.recipe.arguments
+        N, _, M = forces
+        sections = [beam.section.at(x) for x in s]
+        stiffness = np.array([(x.EA, x.EI, x.material.E) for x in sections])
+        EA, EI, modulus = stiffness.T
+        if quantity.recipe.build is Beam._evaluate_largest_stress:
+            levers = [[beam.stress_lever(x, side) for x in s] for side in ("top", "bottom")]
+            largest = np.max([np.abs(N / EA + x * M / EI) for x in np.array(levers)], axis=0)
+            return np.stack([modulus * largest] * len(quantity.columns))
+        _, kind, *numbers = settings
+        if kind is section_forces:
+            return forces
+        strain = N / EA + numbers[0] * M / EI
+        return (modulus * strain if kind is fiber_stress else strain)[None]
 
     @rebuilt_for_mesh
     def _evaluate_strains(

@@ -20,7 +20,7 @@ from beamdae.beams.element_data import assemble_element_data, require_free_curve
 from beamdae.beams.mesh import Mesh, consists_of_numbers, is_shareable
 from beamdae.beams.reference_frames import compute_frame_angle, resolve_frame
 from beamdae.beams.sections import Section, VaryingSection
-from beamdae.beams.strains import no_rotation
+from beamdae.beams.strains import elastic_force_function, no_rotation
 from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve
 from beamdae.errors import (
     BeamdaeError,
@@ -327,6 +327,21 @@ class Kinematics(ABC):
         """Largest error of the element curvature times the length of the beam; 0 by default."""
         return 0.0
 
+    def point_forces(self, q: Array) -> Array | None:
+        """Return elastic (N, Q, M) at the stiffness points, or None (default) if there are none.
+
+        Parameters
+        ----------
+        q
+            Coordinates of the beam (n,).
+
+        Returns
+        -------
+        ndarray or None
+            Section forces (elements, points, 3) [N, N, N m] at the Gauss points of each element.
+        """
+        return None
+
     @property
     def strain_validity(self) -> StrainValidity | None:
         """Data for assessing the strains, in element coordinates; None (default) for no assessment.
@@ -475,6 +490,12 @@ class FormulationKinematics(Kinematics):
     def data(self, gravity: Array) -> Array:
         """Return the data of the elements under `gravity` (2,), shape (n_data, elements)."""
         return assemble_element_data(self._point_data, self.section, gravity)
+
+    def point_forces(self, q: Array) -> Array | None:
+        """Return elastic (N, Q, M) at the stiffness points (elements, points, 3) [N, N, N m]."""
+        elements = (self.operator @ q).reshape(self.mesh.elements, -1)
+        forces = elastic_force_function(self.element)(elements, self.data(np.zeros(2)).T)
+        return forces.reshape(self.mesh.elements, self.stiffness_points, -1)
 
     def material_point(self, s: float) -> MaterialPoint:
         """Return the section at arc length s [m], on the reference curve."""

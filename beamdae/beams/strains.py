@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol
 
 import casadi as ca
 
 from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.statements import SX, Local
 
@@ -62,6 +64,22 @@ def elastic_work(
     return force, strain_energy, dissipated
 
 
+@cache
+def elastic_force_function(element: _StrainElement) -> RowFunction:
+    """Return the function of (q, data) of an element for EA eps11, GA 2 eps12 and EI kappa11.
+
+    The values of one stiffness point follow those of the previous one.
+    """
+    local = Local(element.size, element.n_data)
+    data = element.layout.split(local.data)
+    forces = [
+        data.elasticity(k) * strain
+        for k, (_, strain) in enumerate(element.strain_points(data.stiffness, local.q))
+    ]
+    values = ca.densify(ca.vertcat(*forces))
+    return RowFunction(ca.Function("elastic_forces", [local.q, local.data], [values]))
+
+
 def half_height(stiffness: SX) -> SX:
     """Return half the height of a rectangle with the stiffnesses (EA, GA, EI) [m]."""
     return ca.sqrt(3.0 * stiffness[BENDING] / stiffness[AXIAL])
@@ -73,7 +91,13 @@ def slice_column(numbers: Any, first: int, count: int) -> Any:
 
 
 class _StrainElement(Protocol):
-    """Element type whose strains `InterpolatedStrains` can interpolate."""
+    """Element type with strains at stiffness points."""
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def n_data(self) -> int: ...
 
     @property
     def layout(self) -> ElementDataLayout: ...

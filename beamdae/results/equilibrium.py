@@ -22,6 +22,7 @@ from beamdae.results.diagnostics.beam_ranges import (
     measure_beam_ranges,
     strain_warnings,
 )
+from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state
@@ -334,12 +335,17 @@ class Equilibrium(HasPage):
         Interrupted
             If Ctrl-C ends the call.
         """
-        at_rest = np.zeros_like(self.q[-1:])
-        state = State(self.q[-1:], at_rest, at_rest, self.lam[-1:])
-        factors = dict.fromkeys(self._inactive, 0.0)
-        for names, factor in zip(self.loads, self.factors[-1].tolist(), strict=True):
-            factors |= dict.fromkeys(names, factor)
+        _, state, factors = self._select_loaded_state(-1)
         return recover_section_forces_at_state(self.equations, beam, self.t, state, factors, s)
+
+    def _select_loaded_state(self, row: int) -> LoadedState:
+        """Return the state and the load factors of a row; those of inactive parts are zero."""
+        q, lam = self.q[[row]], self.lam[[row]]
+        at_rest = np.zeros_like(q)
+        factors = dict.fromkeys(self._inactive, 0.0)
+        for names, factor in zip(self.loads, self.factors[row].tolist(), strict=True):
+            factors |= dict.fromkeys(names, factor)
+        return LoadedState(np.full((1, 2), self.t), State(q, at_rest, at_rest, lam), factors)
 
     def diagram(self, beam: Any, what: str = "M") -> Plot:
         """Plot a section force of a beam at the end of the path over its arc length.
@@ -375,8 +381,10 @@ class Equilibrium(HasPage):
         beams = (beam.warning for beam in self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
+        meshes = mesh_error_warnings(self.equations, self.columns, self._select_loaded_state)
         of_model = self.equations.build_warnings
-        return tuple(filter(None, (*of_model, *self.notes, free, *beams, *strains, *outside)))
+        found = (*of_model, *self.notes, free, *beams, *strains, *meshes, *outside)
+        return tuple(filter(None, found))
 
     def metadata(self, **further: Any) -> dict[str, Any]:
         """Return status, settings and warnings for `to_csv`; `further` adds or replaces entries."""

@@ -32,6 +32,7 @@ from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
+from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
     StepExtremes,
@@ -56,6 +57,7 @@ from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.provenance import describe_provenance, state_hash
+from beamdae.results.section_forces.balance import group_rows
 from beamdae.results.storage.files import versions as installed_versions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable
@@ -259,6 +261,7 @@ class RunData:
             *self._step_warnings(),
             *slow_sliding_warnings(self.equations, self.trajectory),
             *impact_speed_warnings(self.equations, self.trajectory),
+            *mesh_error_warnings(self.equations, checked.columns, checked._select_loaded_state),
             *moving_load_warnings(self.equations, self.trajectory),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
             *table_range_warnings(self.equations, self.trajectory),
@@ -281,6 +284,12 @@ class RunData:
         """Return rows of the observed columns at ascending times [s]."""
         rows, state = self.trajectory.at(times)
         return self._observe(rows, *state)
+
+    def _select_loaded_state(self, row: int) -> LoadedState:
+        """Return the state at an output time; load factors of inactive parts are zero."""
+        t = self.t[[row]]
+        ((_, factors),) = group_rows(self.trajectory, t)
+        return LoadedState(*self.trajectory.at(t), factors)
 
     def _step_warnings(self) -> Iterator[str]:
         """Yield warnings about forces that fixed steps do not resolve."""

@@ -50,6 +50,12 @@ def create_range_table():
     return terminal.range_table(observed, errors)
 
 
+def test_label_of_errors_says_that_they_are_of_the_time_integration():
+    """Without these words, they were read as those of stresses, which the mesh determines."""
+    head = " ".join(" ".join(create_range_table().texts[0]).split())
+    assert "error of time integration over half the range" in head
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
     [

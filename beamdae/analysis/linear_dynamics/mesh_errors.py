@@ -10,7 +10,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.sections import Section
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.section_forces.recovery import elastic_axial_forces
+from beamdae.results.section_forces.balance import elastic_axial_forces
 
 Array = np.ndarray
 

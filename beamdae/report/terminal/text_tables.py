@@ -29,6 +29,8 @@ _ROUNDING = 1e-12
 _RESOLUTION_FACTOR = 10.0
 _MIN_RATE = 1e-3  # of decay or growth [1/s]; those of free motions are rounding errors
 _HEADER_LINE_LETTERS = 12
+# These errors do not include those of the mesh.
+_SHOWN_HEADERS = {"error over half the range": "error of time integration over half the range"}
 
 _SETTINGS_IN_FILES = ("orders", "error_test_failures")  # shown only in files
 _SETTINGS_WITH_ROWS = ("integrator", "amplitudes", "limited_by")  # shown in separate rows
@@ -157,7 +159,11 @@ def range_table(
     columns = [Column("min", 2), Column("max", 3), Column("end", 1)]
     always_shown = (names[0], names[-1]) if names else ()
     columns += [
-        Column(textwrap.fill(x, _HEADER_LINE_LETTERS), 0 if x in always_shown else 4) for x in names
+        Column(
+            textwrap.fill(_SHOWN_HEADERS.get(x, x), _HEADER_LINE_LETTERS),
+            0 if x in always_shown else 4,
+        )
+        for x in names
     ]
     error_values = [] if errors is None else [np.asarray(errors[x]).tolist() for x in names]
     rows = [

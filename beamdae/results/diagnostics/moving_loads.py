@@ -44,7 +44,7 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
         return
     paths: dict[str, tuple[float, float]] = {}
     for name, observed in mechanism.observables.items():
-        quantity, columns = _measured_quantity(observed)
+        quantity, columns = measured_quantity(observed)
         section = None if columns == ("N",) else Beam.section_of_strains(quantity)
         for load in loads if section else ():
             beam, s = section  # type: ignore[misc]
@@ -71,7 +71,7 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             )
 
 
-def _measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
+def measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
     """Return a quantity and the names of its observed columns; sensors measure one of them."""
     recipe = observed.recipe
     sensor = recipe.arguments[0] if recipe is not None and recipe.arguments else None

@@ -167,9 +167,10 @@ class _LoadCollector:
         sizes = [piece.operator.shape[0] // count for piece in pieces]
         forces = -factor * self._evaluate_statement(entry, count)
         for piece, last, size in zip(pieces, np.cumsum(sizes), sizes, strict=True):
-            if piece.owner is not self._beam:
-                continue
             force = forces[..., last - size : last]
+            # Laws that read sensors have no force on the coordinates that these measure.
+            if piece.owner is not self._beam or not force.any():
+                continue
             if piece.s is None:
                 self._add_to_elements(force)
             else:

@@ -1,0 +1,234 @@
+"""Warnings about observed stresses, strains and section forces that the mesh does not resolve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.shape_functions import gauss_points, lagrange_weights
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
+from beamdae.errors import list_first
+from beamdae.results.columns import remove_unit, split_unit
+from beamdae.results.diagnostics.moving_loads import measured_quantity
+from beamdae.results.section_forces.balance import (
+    SAME_SECTION_TOLERANCE,
+    balanced_and_elastic_forces,
+)
+from beamdae.symbolic.statements import Quantity
+
+Array = np.ndarray
+
+_MAX_UNREPORTED_ERROR = 0.04
+# Values below this share of the largest one along the beam, such as moments near hinges, have
+# errors relative to this share.
+_MIN_SHARE = 0.25
+# Interpolation across the end of an element indicates mesh errors. Columns with a smaller indicated
+# error, relative to their largest magnitude, are not compared with the loads, which takes ten times
+# as long. Indicated errors are at least 0.15 times the mesh error; smaller ones, of 0.02 to 0.12,
+# were measured where the strains of a floating frame are wrong.
+_MIN_INDICATED_ERROR = 0.01
+_MIN_INDICATED_SHARE = 0.14
+# Values below this share of those that the largest of N, Q and M / radius of gyration would cause
+# have errors relative to this share; those of unloaded sections are rounding errors.
+_MIN_STRESS_SHARE = 1e-3
+_MAX_NAMES = 3  # of further columns
+
+
+class LoadedState(NamedTuple):
+    """State of a mechanism and the load factors that act in it.
+
+    Attributes
+    ----------
+    time
+        Time and branch, (1, 2).
+    state
+        The state as arrays with one row.
+    factors
+        Load factors by part name; missing factors are 1.
+    """
+
+    time: Array
+    state: State
+    factors: Mapping[str, float]
+
+
+class _ColumnError(NamedTuple):
+    """Largest magnitude of a column, and its error.
+
+    Attributes
+    ----------
+    header
+        Header of the column.
+    s
+        Arc length [m].
+    value, balanced
+        The value from the strains and the value in equilibrium with the loads.
+    relative
+        Relative error [-].
+    """
+
+    header: str
+    s: float
+    value: float
+    balanced: float
+    relative: float
+
+
+def mesh_error_warnings(
+    equations: EquationsOfMotion,
+    columns: Mapping[str, Array],
+    state_at: Callable[[int], LoadedState],
+) -> Iterator[str]:
+    """Yield a warning per beam whose stresses, strains or section forces are wrong by over 4 %.
+
+    The columns follow from the strains of one element, whose polynomials do not follow boundary
+    layers, such as those near the clamps of beams under tension, of the length sqrt(EI / N), and
+    loads within elements. At its largest magnitude, a column is compared with the section forces in
+    equilibrium with the loads, whose errors are much smaller; see `SectionForces`.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    columns
+        Observed columns (k,) by header.
+    state_at
+        Function that returns the state of a row of the columns.
+    """
+    mechanism = equations.mechanism
+    errors: dict[Beam, list[_ColumnError]] = {}
+    evaluator = _Evaluator(equations, state_at)
+    for name, observed in ({} if mechanism is None else mechanism.observables).items():
+        quantity, names = measured_quantity(observed)
+        sections = Beam.sections_of_strains(quantity)
+        if sections is None:
+            continue
+        all_names = [x.name for x in quantity.columns]
+        for header, column in zip(format_headers(name, observed.columns), names, strict=True):
+            error = evaluator.measure(
+                header, columns[header], quantity, all_names.index(column), *sections
+            )
+            if error is not None and error.relative > _MAX_UNREPORTED_ERROR:
+                errors.setdefault(sections[0], []).append(error)
+    for beam, of_beam in errors.items():
+        yield _describe(beam, of_beam)
+
+
+class _Evaluator:
+    """Errors of columns at rows of a result."""
+
+    def __init__(
+        self, equations: EquationsOfMotion, state_at: Callable[[int], LoadedState]
+    ) -> None:
+        self._equations, self._state_at = equations, cache(state_at)
+        # Columns of one beam often have their extremes in the same row.
+        self._evaluate = cache(self._evaluate_forces)
+        self._evaluate_points = cache(self._evaluate_point_forces)
+
+    def measure(
+        self,
+        header: str,
+        values: Array,
+        quantity: Quantity,
+        column: int,
+        beam: Beam,
+        sections: tuple[float, ...],
+    ) -> _ColumnError | None:
+        """Return the error of a column at its largest magnitude; None if it is small or zero."""
+        row = int(np.argmax(np.abs(values)))
+        value = float(values[row])
+        if value == 0.0 or not np.isfinite(value):
+            return None
+
+        def convert(forces: Array, s: tuple[float, ...]) -> Array:
+            return Beam.values_of_section_forces(quantity, forces, s)[column]
+
+        indicated = np.inf
+        points = self._evaluate_points(beam, row)
+        if points is not None and beam.mesh.elements > 1:
+            interpolations = _interpolate(beam, points, sections)
+            own, smoothed = (convert(x, sections) for x in interpolations)
+            indicated = float(np.max(np.abs(smoothed - own)))
+            if indicated < _MIN_INDICATED_ERROR * abs(value):
+                return None
+        s = (*sections, *beam.mesh.element_bounds.tolist())
+        forces = self._evaluate(beam, row, s)
+        balanced, elastic = (convert(x, s) for x in forces)
+        of_sections = slice(len(sections))
+        largest = int(np.argmax(np.abs(balanced[of_sections])))
+        change = float(balanced[largest] - elastic[np.argmax(np.abs(elastic[of_sections]))])
+        section = beam.section.at(sections[largest])
+        radius = np.sqrt(section.second_moment / section.area)
+        force = np.max(np.abs(forces[0]) / np.array([[1.0], [1.0], [radius]]))
+        units = convert(np.diag([force, force, force * radius]), (sections[largest],) * 3)
+        if indicated < _MIN_INDICATED_SHARE * abs(change):
+            return None
+        scale = max(
+            abs(value),
+            abs(value + change),
+            _MIN_SHARE * float(np.max(np.abs(balanced))),
+            _MIN_STRESS_SHARE * float(np.max(np.abs(units))),
+        )
+        return _ColumnError(header, sections[largest], value, value + change, abs(change) / scale)
+
+    def _evaluate_forces(self, beam: Beam, row: int, s: tuple[float, ...]) -> tuple[Array, Array]:
+        """Return section forces from the loads and from the strains, (3, sections) each."""
+        time, state, factors = self._state_at(row)
+        arc_lengths = np.array(s)
+        before = arc_lengths > (1.0 - SAME_SECTION_TOLERANCE) * beam.length
+        forces = balanced_and_elastic_forces(
+            beam, self._equations, time, state, arc_lengths, before, factors
+        )
+        balanced, elastic = (x[:, 0] for x in forces)
+        return balanced, elastic
+
+    def _evaluate_point_forces(self, beam: Beam, row: int) -> Array | None:
+        """Return section forces at the stiffness points, see `Kinematics.point_forces`."""
+        assert self._equations.mechanism is not None
+        rows = map_coordinates(self._equations.mechanism).slice_of(beam)
+        return beam.kinematics.point_forces(self._state_at(row).state.q[0, rows])
+
+
+def _interpolate(beam: Beam, points: Array, sections: tuple[float, ...]) -> tuple[Array, Array]:
+    """Interpolate section forces between the stiffness points, (3, sections) each.
+
+    The first interpolation uses the points of the element only, as the strains do, and the second
+    one also the nearest point of the adjacent element.
+    """
+    mesh = beam.mesh
+    xi_points, _ = gauss_points(points.shape[1])
+    lengths = mesh.element_lengths
+    own, smoothed = [], []
+    for s in sections:
+        element, xi = mesh.locate(s)
+        side = 1 if element == 0 or (xi > 0.0 and element < mesh.elements - 1) else -1
+        neighbor = element + side
+        gap = (1.0 - xi_points[-1]) * lengths[neighbor] / lengths[element]
+        forces = points[element]
+        own.append(np.dot(lagrange_weights(xi_points, xi), forces))
+        more_points = np.append(xi_points, side * (1.0 + gap))
+        more_forces = np.vstack([forces, points[neighbor][0 if side > 0 else -1]])
+        smoothed.append(np.dot(lagrange_weights(more_points, xi), more_forces))
+    return np.array(own).T, np.array(smoothed).T
+
+
+def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
+    errors = sorted(errors, key=lambda x: -x.relative)
+    worst, unit = errors[0], split_unit(errors[0].header)[1]
+    others = [f"{remove_unit(x.header)} {_percent(x)}" for x in errors[1:]]
+    further = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+    return (
+        f"{beam.name}: the mesh error of {remove_unit(worst.header)} is about "
+        f"{_percent(worst)}{further}: its largest value, from the strains, is {worst.value:.4g} "
+        f"{unit}, and equilibrium with the loads requires {worst.balanced:.4g} {unit}; use shorter "
+        f"elements near s = {worst.s:.4g} m, or solution.section_forces({beam.name!r})."
+    )
+
+
+def _percent(error: _ColumnError) -> str:
+    return f"{100.0 * error.relative:.2g} %"

@@ -1,0 +1,186 @@
+"""Section forces of a beam from its loads and from its strains.
+
+Cut the beam at the arc length s. The segment beyond the cut exerts a force n and a moment m on the
+segment before the cut. This force and moment balance the concentrated loads F_k, M_k at r_k and
+the distributed loads f, mu on the segment before the cut, including d'Alembert forces:
+
+    n(s) = -sum F_k - int_0^s f ds,
+    m(s) = -sum (M_k + (r_k - r(s)) x F_k) - int_0^s (mu + (r - r(s)) x f) ds.
+
+Section forces jump at concentrated loads. Distributed loads are interpolated by polynomials through
+the inertia points of each element and integrated, so that inside an element the moment has a higher
+polynomial degree than any derivative of the displacements. The sum of all loads on the beam, which
+is the residual of the run, is distributed uniformly along the beam, so that the section forces at
+both ends equal the end reactions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.shape_functions import gauss_points
+from beamdae.beams.strains import identity
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.results.section_forces.applied_loads import (
+    ALL_LOADS,
+    AppliedLoads,
+    collect_applied_loads,
+)
+from beamdae.results.section_forces.section_motions import (
+    SectionFunction,
+    evaluate_sections,
+    position_and_angle,
+    strains_and_rates,
+)
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+# Row indices and the load factors that apply to these rows.
+RowGroup = tuple[Array, Mapping[str, float]]
+
+SAME_SECTION_TOLERANCE = 1e-9  # distance of equal arc lengths, relative to the length of the beam
+
+
+def balanced_and_elastic_forces(
+    beam: Beam,
+    equations: EquationsOfMotion,
+    times: Array,
+    state: State,
+    s: Array,
+    before: Array,
+    factors: Mapping[str, float] = ALL_LOADS,
+) -> tuple[Array, Array]:
+    """Return section forces (N [N], Q [N], M [N m]) from the loads and from the strains.
+
+    Parameters
+    ----------
+    beam
+        The beam.
+    equations
+        Equations of motion of the mechanism.
+    times, state
+        Rows (t, branch), (rows, 2), and the states at these times, one row per time.
+    s
+        Arc lengths (sections,) [m].
+    before
+        For each section, True to evaluate just before a concentrated load at this section, False
+        to evaluate just beyond it, (sections,).
+    factors
+        Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
+
+    Returns
+    -------
+    tuple of ndarray
+        Section forces in equilibrium with the loads (3, rows, sections), and section forces
+        computed from the strains (3, rows, sections).
+    """
+    sections = _BeamSections(beam, equations, state)
+    loads = collect_applied_loads(beam, equations, times, state, factors)
+    balanced = sections.resolve_wrenches(s, _accumulate_loads(beam, loads, s, before))
+    return balanced, sections.elastic_forces(s)
+
+
+def elastic_axial_forces(beam: Beam, equations: EquationsOfMotion, state: State, s: Array) -> Array:
+    """Return the axial forces [N] from the strains at arc lengths (k,) [m] of one state, (k,)."""
+    sections = _BeamSections(beam, equations, State(*(x[None] for x in state)))
+    return np.asarray(sections.elastic_forces(s)[0, 0])
+
+
+def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:
+    """Return the sum of the loads before each section, (rows, sections, 3).
+
+    The residual, the sum of all loads on the beam, is distributed uniformly and subtracted.
+    """
+    mesh, length = beam.mesh, beam.length
+    weights = gauss_points(mesh.nodes)[1]
+    by_element = np.einsum("rekc,k->rec", loads.line_loads, weights)
+    zero = np.zeros_like(by_element[:, :1])
+    up_to_element = np.concatenate([zero, np.cumsum(by_element, axis=1)], axis=1)
+    element, xi = (np.array(x) for x in zip(*map(mesh.locate, s.tolist()), strict=True))
+    integrals = _integrate_polynomials(mesh.nodes, xi)
+    in_element = np.einsum("rpkc,pk->rpc", loads.line_loads[:, element], integrals)
+    near = SAME_SECTION_TOLERANCE * length
+    limit = np.where(before, s - near, s + near)
+    is_included = (loads.arc_lengths[:, None] < limit[:, None]).astype(float)
+    total = up_to_element[:, element] + in_element + is_included @ loads.wrenches
+    residual = up_to_element[:, -1] + loads.wrenches.sum(axis=1)
+    return total - (s / length)[:, None] * residual[:, None]
+
+
+def _integrate_polynomials(points: int, xi: Array) -> Array:
+    """Return the integrals from -1 to `xi` of the Lagrange polynomials of the Gauss points.
+
+    The shape is (len(xi), points).
+    """
+    powers = xi[:, None] ** np.arange(1, points + 1) - (-1.0) ** np.arange(1, points + 1)
+    return powers / np.arange(1, points + 1) @ _lagrange_coefficients(points)
+
+
+@lru_cache
+def _lagrange_coefficients(points: int) -> Array:
+    """Return the coefficients of the Lagrange polynomials of Gauss points, (power, point)."""
+    return np.linalg.inv(np.vander(gauss_points(points)[0], increasing=True))
+
+
+class _BeamSections:
+    """Positions, angles and strains of beam sections at several states."""
+
+    def __init__(self, beam: Beam, equations: EquationsOfMotion, state: State) -> None:
+        assert equations.mechanism is not None
+        rows_of_beam = map_coordinates(equations.mechanism).slice_of(beam)
+        self._beam, self._beam_state = beam, tuple(x[:, rows_of_beam] for x in state[:3])
+        self._start = self._locate(np.zeros(1))[0]
+
+    def _locate(self, s: Array) -> tuple[Array, Array]:
+        """Return positions (rows, sections, 2) [m] and angles (rows, sections) [rad]."""
+        points = [self._beam.kinematics.material_point(x) for x in s.tolist()]
+        at = [SectionFunction(point.operator, point.motion) for point in points]
+        motion = evaluate_sections(position_and_angle, at, *self._beam_state)
+        # Sections are normal to the curve. The inclination of a material point is not used, because
+        # it is the angle of an element, and elements meet at small angles.
+        return motion[..., :2], motion[..., 2] + self._beam.curve.tangent_angle(s)
+
+    def resolve_wrenches(self, s: Array, wrenches: Array) -> Array:
+        """Return (N, Q, M) from the sums of the loads before each section, (3, rows, sections)."""
+        position, angle = self._locate(s)
+        n, arm = -wrenches[..., :2], position - self._start
+        cosine, sine = np.cos(angle), np.sin(angle)
+        axial = cosine * n[..., 0] + sine * n[..., 1]
+        shear = cosine * n[..., 1] - sine * n[..., 0]
+        # M is positive if it stretches the left side: a clockwise moment on the preceding segment.
+        moment = wrenches[..., 2] + arm[..., 0] * n[..., 1] - arm[..., 1] * n[..., 0]
+        return np.stack([axial, shear, moment])
+
+    def elastic_forces(self, s: Array) -> Array:
+        """Return (N, Q, M) from the strains and their rates, (3, rows, sections)."""
+        kinematics = self._beam.kinematics
+        strains = [kinematics.strains(x) for x in s.tolist()]
+        at = [SectionFunction(strain.operator, strain.values) for strain in strains]
+        values = evaluate_sections(strains_and_rates, at, *self._beam_state)
+        at = [SectionFunction(*kinematics.force_rotation(x)) for x in s.tolist()]
+        rotation = evaluate_sections(identity, at, *self._beam_state)[..., 0]
+        sections = [self._beam.section.at(x) for x in s.tolist()]
+        stiffness = np.array([(x.EA, x.GA, x.EI) for x in sections])
+        damping = np.array([x.damping for x in sections])[:, None]
+        forces = np.moveaxis(stiffness * (values[..., :3] + damping * values[..., 3:]), -1, 0)
+        forces[0] += np.sin(rotation) * forces[1]
+        return forces
+
+
+def group_rows(trajectory: Trajectory, times: Array) -> list[RowGroup]:
+    """Group consecutive rows with the same active parts; load factors of inactive parts are 0."""
+    index = trajectory.interval_index(times)
+    groups: list[RowGroup] = []
+    for k, interval in enumerate(trajectory.intervals):
+        configuration = interval.configuration
+        factors = {} if configuration is None else dict.fromkeys(configuration.inactive, 0.0)
+        rows = np.flatnonzero(index == k)
+        if groups and groups[-1][1] == factors:
+            rows = np.concatenate([groups.pop()[0], rows])
+        groups.append((rows, factors))
+    return [(rows, factors) for rows, factors in groups if len(rows)]
