@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -342,7 +343,7 @@ class Curve(_SplineCurve):
                 f"Curve: the function must return a number, got {short_repr(value)} at "
                 f"x = {x:.6g} m."
             )
-        if not np.isfinite(y):
+        if not math.isfinite(y):
             raise BeamdaeError(
                 f"Curve: the function is {y} at x = {x:.6g} m; the value must be finite for "
                 f"every x in {short_repr(self.x)}."
