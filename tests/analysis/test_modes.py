@@ -535,6 +535,22 @@ def test_regression_modes_with_long_elements_have_a_warning(
         assert "elements are too long" in repr(result) or "see .warnings" in repr(result)
 
 
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_elements_are_not_too_long_for_axial_waves(formulation):
+    """The third mode is axial: an error of 2.6 % was reported for 1.1e-6."""
+    steel = bd.Material.of("steel")
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(steel, width=0.02, height=0.1)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    bar = mech.add(bd.Beam("bar", line, section, elements=2, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), bar.start))
+    modes = bd.modes(mech, n=3)
+    assert_allclose(modes.frequencies[2], 0.25 * np.sqrt(steel.E / steel.rho), rtol=2e-6)
+    assert not modes.warnings
+    # The fourth axial frequency is 5 % too high.
+    assert "mode 4 and 7 more" in bd.modes(mech, n=12).warnings[0]
+
+
 def test_regression_campbell_diagrams_with_long_elements_have_one_warning():
     mech = hinged_or_clamped_beam(2, "exact")
     texts = bd.campbell(mech, [0.0, 5.0, 10.0], n=3).warnings

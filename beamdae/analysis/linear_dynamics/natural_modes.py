@@ -325,9 +325,9 @@ def compute_modes(
         lin.about, solution.values, solution.shapes.T, kinds, lin.state.q, mechanism, (), lin
     )
     if mechanism is not None:
-        values = result.eigenvalues[:assessed]
+        values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
-        warnings.extend(mesh_warnings(mechanism, lin.equations, lin.state, values, shares))
+        warnings.extend(mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares))
     return replace(result, warnings=tuple(warnings))
 
 
