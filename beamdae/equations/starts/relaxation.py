@@ -111,7 +111,8 @@ class GradientFlow:
     @cached_property
     def _perturbation(self) -> Array:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begin))
-        return _PERTURBATION * self.measure.scale * signs
+        # States of fast filters are far smaller than their scale.
+        return self.static.equations.without_states(_PERTURBATION * self.measure.scale * signs)
 
     def initial_acceleration(self) -> tuple[Array, Array]:
         """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
