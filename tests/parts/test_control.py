@@ -116,6 +116,23 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
     assert run.status.kind == "failed"
 
 
+@pytest.mark.parametrize("rate", [1.0, 50.0, 200.0, 2e3, 1e4])
+def test_regression_equilibria_of_loops_with_fast_filters_are_found(rate):
+    """Rounding of states was relative to their scale, of which filters reach a tiny fraction."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
+    notch = np.polymul([1.0, 0.1 * rate, rate**2], [1.0, 0.2 * rate, 4.0 * rate**2])
+    poles = np.polymul([1.0, 1.4 * rate, rate**2], [1.0, 2.8 * rate, 4.0 * rate**2])
+    error = bd.transfer_function(mech, "notch", 0.1 - x, notch, poles)
+    force = bd.pid(mech, "servo", error, kp=6.0, ki=4.0, kd=3.0, rate=-v)
+    mech.add(bd.Force("motor", stage.point, (force - 1.5, 0.0)))
+    found = bd.equilibrium(mech)
+    assert found["x"].iloc[-1] == pytest.approx(0.1, rel=1e-9)
+    assert found["servo integral"].iloc[-1] == pytest.approx(1.5 / 4.0, rel=1e-9)
+
+
 def test_regression_noise_of_several_controllers_is_independent():
     """Controllers with the default seed received the same random numbers."""
     mech = build_servo(lambda sample: sample.random.normal())
