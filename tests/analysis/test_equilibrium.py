@@ -140,6 +140,29 @@ def test_contact_carries_the_applied_force():
     assert max(abs(x[-1]) for x in normal) == pytest.approx(50.0, rel=1e-9)
 
 
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+@pytest.mark.parametrize("stiffness", [1e6, 1e9, 1e10])
+def test_regression_stiff_contacts_at_several_points_carry_a_body(stiffness, exponent):
+    """Steps into the contacts and out of them ended with "no equilibrium was found"."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    box = mech.add(bd.RigidBody("box", 2.0, 0.1, (0.0, 0.1)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    # One foot begins 2 cm below the floor, and the other one 2 cm above.
+    for name, x in (("left", -0.2), ("right", 0.3)):
+        foot = box.at(x, 0.1 * x)
+        contact = mech.add(bd.Contact(name, foot, floor, stiffness, exponent))
+        mech.observe(name, contact.force)
+    mech.add(bd.Spring("guide", mech.ground.at(-1.0, 0.1), box.at(0.0, 0.1), 10.0))
+    path = bd.equilibrium(mech)
+    assert path.status.success
+    forces = [np.asarray(path[f"{name}.N"])[-1] for name in ("left", "right")]
+    # Distances of the feet from the center of mass, along the line through them, which is level.
+    left, right = (np.dot([x, 0.1 * x - 0.1], [1.0, 0.1]) for x in (-0.2, 0.3))
+    share = right / (right - left)
+    # At the lowest stiffness, penetrations change the inclination by 1e-5.
+    assert_allclose(forces, 2.0 * 9.81 * np.array([share, 1.0 - share]), rtol=1e-4)
+
+
 def test_friction_is_zero_at_rest_with_a_warning():
     mech = bd.Mechanism()
     block = mech.add(bd.RigidBody("block", 1.0, 1.0, (0.0, 0.0)))

@@ -24,6 +24,12 @@ _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
 _NEGLIGIBLE_GAP = 1e-9
 _CONVERGED_STEP = 1e-10
 
+# Iterations of Newton's method in a step of a cautious flow.
+_MAX_ITERATIONS = 10
+_ITERATION_TOLERANCE = 1e-3  # last change, relative to the step
+_SHARE_REDUCTION = 0.25
+_SMALLEST_SHARE = 1e-8  # of a change; penetrations of stiff contacts are small beside their motion
+
 # Squared pseudo-time of the flow.
 _FIRST_STEP = 0.01  # displacement by the initial accelerations in the first step
 _LAST_SQUARE_RATIO = 1e11  # upper bound, relative to the first
@@ -97,12 +103,19 @@ class FlowStep(NamedTuple):
 
 @dataclass(frozen=True)
 class GradientFlow:
-    """Implicit steps along the gradient flow of a mechanism from the positions `begin`, (n,)."""
+    """Implicit steps along the gradient flow of a mechanism from the positions `begin`, (n,).
+
+    A step is one iteration of Newton's method for the implicit Euler method. A cautious flow, for
+    forces that change abruptly within steps, such as those of contacts, iterates to convergence. It
+    shortens each change until the next one is not larger (natural monotonicity test: Deuflhard,
+    Newton Methods for Nonlinear Problems, 2004, section 3.3).
+    """
 
     static: StaticSystem
     begin: Array
     solver: ConsistencySolver
     measure: DisplacementMeasure
+    is_cautious: bool = False
 
     @cached_property
     def _is_angle(self) -> Array:
@@ -133,7 +146,8 @@ class GradientFlow:
     def try_step(self, q: Array, lam: Array, square: float) -> FlowStep | None:
         """Return a trial step of pseudo-time T with T^2 = `square`.
 
-        Returns None if the matrix is singular or `size` exceeds `_MAX_STEP`.
+        Returns None if the matrix is singular, `size` exceeds `_MAX_STEP`, or the iterations of a
+        cautious flow do not converge.
         """
         static, n, m = self.static, len(q), len(lam)
         mass = self.solver.mass_matrix(static.time, q)
@@ -141,10 +155,6 @@ class GradientFlow:
         ends = np.append(mass.indptr, np.full(m, mass.indptr[-1]))
         entries = (mass.data * (1.0 / square), mass.indices, ends)
         weight = sp.csc_array(entries, shape=(n + m, n + m))
-        try:
-            solve = splu(sp.csc_array(static.matrix(q, lam) + weight)).solve
-        except RuntimeError:
-            return None
         way = np.minimum(
             self.measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * self.measure.scale
         )
@@ -153,19 +163,40 @@ class GradientFlow:
         def size(change: Array) -> float:
             return float(np.max(self.measure.distances(change[:n]) / sizes))
 
-        residual = static.residual(q, lam)
-        change = -solve(residual)
-        step_size = size(change)
-        if not step_size <= _MAX_STEP:
+        def unbalance(x: Array) -> Array:
+            return static.residual(x[:n], x[n:]) + weight @ (x - origin)
+
+        x = origin = np.concatenate([q, lam])
+        is_converged = not self.is_cautious
+        for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
+            last, forces = x, static.residual(x[:n], x[n:])
+            try:
+                solve = splu(sp.csc_array(static.matrix(x[:n], x[n:]) + weight)).solve
+            except RuntimeError:
+                return None
+            change = -solve(forces + weight @ (x - origin))
+            change_size, share = size(change), 1.0
+            if self.is_cautious:
+                while not size(solve(unbalance(last + share * change))) <= change_size:
+                    share *= _SHARE_REDUCTION
+                    if share < _SMALLEST_SHARE:
+                        return None
+            x = last + share * change
+            step_size = size(x - origin)
+            if not step_size <= _MAX_STEP:
+                return None
+            if change_size <= max(_ITERATION_TOLERANCE * step_size, _CONVERGED_STEP):
+                is_converged = True
+                break
+        if not is_converged:
             return None
-        perturbed = static.residual(q + self._perturbation, lam)
-        rounding = size(solve(perturbed - residual))
-        q, lam = q + change[:n], lam + change[n:]
-        gaps = static.residual(q, lam)
+        perturbed = static.residual(last[:n] + self._perturbation, last[n:])
+        rounding = size(solve(perturbed - forces))
+        gaps = static.residual(x[:n], x[n:])
         gaps[:n] = 0.0
         correction = -solve(gaps)
-        q, lam = q + correction[:n], lam + correction[n:]
-        return FlowStep(q, lam, step_size, size(correction), rounding)
+        x = x + correction
+        return FlowStep(x[:n], x[n:], step_size, size(correction), rounding)
 
 
 def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
@@ -178,7 +209,8 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
     where K is the stiffness of F + G^T lam, and a second system with this matrix to close the
     joints. Short pseudo-times T keep steps small and lead to stable equilibria; long pseudo-times
     converge quadratically, like Newton's method. The step size does not depend on the orientation
-    of the mechanism.
+    of the mechanism. If these steps do not end, for example because they jump into stiff contacts
+    and out of them, a cautious flow is tried, see `GradientFlow`.
 
     Raises
     ------
@@ -188,12 +220,28 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
         farthest.
     """
     e, solver = static.equations, ConsistencySolver(static.equations)
-    q = begin = solver.state(static.time, q, np.zeros(e.n)).q
-    flow = GradientFlow(static, begin, solver, DisplacementMeasure.of(e))
-    a, lam = flow.initial_acceleration()
+    begin = solver.state(static.time, q, np.zeros(e.n)).q
+    measure = DisplacementMeasure.of(e)
+    for is_cautious in (False, True):
+        flow = GradientFlow(static, begin, solver, measure, is_cautious)
+        q, lam, is_steady = _follow(flow)
+        if is_steady:
+            return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
+    displacement = np.abs(q - begin)
+    worst = int(np.argmax(displacement / e.position_scales))
+    raise BeamdaeError(
+        f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "
+        f"{static.time[0]:g} s, and this coordinate moved farthest (by {displacement[worst]:.3g} "
+        f"{e.coordinates[worst].unit}); if it moves without limit, add a joint or a spring."
+    )
+
+
+def _follow(flow: GradientFlow) -> tuple[Array, Array, bool]:
+    """Return the positions and multipliers at the end of a flow, and True if they are steady."""
+    q, (a, lam) = flow.begin, flow.initial_acceleration()
     acceleration = flow.measure.farthest(a)
     if acceleration == 0.0:
-        return q, lam
+        return q, lam, True
     square = first = _FIRST_STEP / acceleration
     for _ in range(_MAX_STEPS):
         step = flow.try_step(q, lam, square)
@@ -205,18 +253,12 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
         q, lam = step.q, step.lam
         is_last = square >= _LAST_SQUARE_RATIO * first or step.rounding > _RELIABLE_ROUNDING
         if step.is_steady and is_last:
-            return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
+            return q, lam, True
         if step.rounding <= _RELIABLE_ROUNDING:
             square = min(square * _SQUARE_GROWTH, _LAST_SQUARE_RATIO * first)
         elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
             square /= _SQUARE_GROWTH
-    displacement = np.abs(q - begin)
-    worst = int(np.argmax(displacement / e.position_scales))
-    raise BeamdaeError(
-        f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "
-        f"{static.time[0]:g} s, and this coordinate moved farthest (by {displacement[worst]:.3g} "
-        f"{e.coordinates[worst].unit}); if it moves without limit, add a joint or a spring."
-    )
+    return q, lam, False
 
 
 def _is_unloaded(static: StaticSystem, q: Array) -> bool:
