@@ -243,6 +243,8 @@ def _follow(flow: GradientFlow) -> tuple[Array, Array, bool]:
     if acceleration == 0.0:
         return q, lam, True
     square = first = _FIRST_STEP / acceleration
+    last = _LAST_SQUARE_RATIO * first
+    is_last_tried = False
     for _ in range(_MAX_STEPS):
         step = flow.try_step(q, lam, square)
         if step is None or not step.is_near:
@@ -250,12 +252,18 @@ def _follow(flow: GradientFlow) -> tuple[Array, Array, bool]:
             if square < _SMALLEST_SQUARE_RATIO * first:
                 break
             continue
+        if step.is_steady and square < last and not is_last_tried:
+            # At an equilibrium, the steps up to the last one would only repeat rounding errors.
+            is_last_tried = True
+            final = flow.try_step(step.q, step.lam, last)
+            if final is not None and final.is_near and final.is_steady:
+                step, square = final, last
         q, lam = step.q, step.lam
-        is_last = square >= _LAST_SQUARE_RATIO * first or step.rounding > _RELIABLE_ROUNDING
+        is_last = square >= last or step.rounding > _RELIABLE_ROUNDING
         if step.is_steady and is_last:
             return q, lam, True
         if step.rounding <= _RELIABLE_ROUNDING:
-            square = min(square * _SQUARE_GROWTH, _LAST_SQUARE_RATIO * first)
+            square = min(square * _SQUARE_GROWTH, last)
         elif step.rounding > _MAX_ROUNDING_RATIO * _RELIABLE_ROUNDING:
             square /= _SQUARE_GROWTH
     return q, lam, False
