@@ -21,6 +21,13 @@ _ARGUMENT = re.compile(
     r"(?<![\w.-])(?P<name>[a-z]\w*)="
     r"(?P<value>'[^']*'|\"[^\"]*\"|\{[^}]*\}|True\b|False\b|(?=[\s,;.)]|$))"
 )
+# An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
+# Arguments of parts, such as the formulation of a beam, are no options.
+_CHECKED_ARGUMENT = re.compile(
+    r"(?P<call>(?:error: )?(?:simulate|certify|equilibrium|buckling|modes|campbell|periodic"
+    r"|frequency_response|fit|optimize|export_fmu|sweep|Auto|Ida|Radau|GeneralizedAlpha): )"
+    r"(?P<name>[a-z]\w*)(?= must )"
+)
 # Values of options, such as "--set step=", and exceptions of a model file are left unchanged.
 _OPTION = re.compile(r"--[\w-]+ $")
 _MODEL_ERROR = re.compile(r"(?:the model function in .*|: the import|: the constructor) failed: ")
@@ -43,7 +50,10 @@ def use_options(parameters: Iterable[Any]) -> Iterator[None]:
 
 
 def name_options(sentence: str) -> str:
-    """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end"."""
+    """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end".
+
+    Arguments without "=" are replaced if the message begins with the call that rejects them.
+    """
     options = _current_options.get()
     if not options or _MODEL_ERROR.search(sentence):
         return sentence
@@ -62,4 +72,8 @@ def name_options(sentence: str) -> str:
         text = value[1:-1]
         return f'{name} "{text}"' if " " in text else f"{name} {text}"
 
+    checked = _CHECKED_ARGUMENT.match(sentence)
+    if checked and checked["name"] in options:
+        name = max(options[checked["name"]].opts, key=len)
+        sentence = checked["call"] + name + sentence[checked.end() :]
     return _ARGUMENT.sub(replace, sentence)

@@ -11,6 +11,7 @@ from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.errors import (
     BeamdaeError,
     as_text,
+    list_first,
     plain_text,
     require_choice,
     require_iterable,
@@ -49,6 +50,7 @@ UNITS_OF_TRANSLATIONS = {
 _UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
+_MAX_NAMES = 12  # of columns in a message
 
 
 class Header(NamedTuple):
@@ -146,11 +148,12 @@ def select_columns(
         matches = [header for header in headers if reading(header) == name]
         if matches:
             return [header for header in matches if header in preferred] or matches
+    available = [remove_unit(x) for x in headers if x in preferred or not preferred]
     # Headers last, for names with another unit.
     known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
     raise BeamdaeError(
-        f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; see "
-        f"`{of.lower()}.table()` and `{of.lower()}.coordinates()` for all columns."
+        f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; "
+        f"available columns: {list_first(available, _MAX_NAMES) or 'none'}."
     )
 
 

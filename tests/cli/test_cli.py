@@ -169,9 +169,9 @@ OPTION_ERRORS = {
         "'index9'",
         "'ggl'",
     ),
-    "max_order": (["--integrator", "ida", "--max-order", "7"], "max_order", "7"),
-    "t_end": (["--t-end", "-1"], "t_end must be positive", "-1"),
-    "output_step": (["--output-step", "0"], "output_step must be positive"),
+    "max_order": (["--integrator", "ida", "--max-order", "7"], "--max-order", "7"),
+    "t_end": (["--t-end", "-1"], "--t-end must be positive", "-1"),
+    "output_step": (["--output-step", "0"], "--output-step must be positive"),
     "characters of --out": (
         ["--out", "a\nb"],
         "--out: 'a\\nb' is not a valid folder name; use printable characters.",

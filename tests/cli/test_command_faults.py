@@ -342,7 +342,7 @@ def test_a_run_at_its_time_limit_keeps_its_results(here, monkeypatch):
     assert Path("results/arm.csv").exists()
     assert titles[0].endswith(", ended early (limited)")
     result = CliRunner().invoke(app, ["run", "model.py", "--time-limit", "0"])
-    assert (result.exit_code, "time_limit must be positive" in result.stderr) == (2, True)
+    assert (result.exit_code, "--time-limit must be positive" in result.stderr) == (2, True)
 
 
 def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
@@ -368,7 +368,7 @@ def test_a_study_takes_its_time_limit_from_the_command(here, monkeypatch):
         (["--set", "mass=[/b]"], "[/b]"),
         (["--set", "mass=\ud800"], r"\ud800"),
         (["--set", "mass=1e400"], "must be finite"),
-        (["--output-step", "1e-300"], "output_step"),
+        (["--output-step", "1e-300"], "--output-step"),
         (["--checkpoint", "model.py/end.json"], "--checkpoint model.py: the folder"),
         (["--checkpoint", "/proc/nowhere/end.json"], "--checkpoint /proc/nowhere: the folder"),
         (["--checkpoint", "results"], "the path is the folder of other results"),

@@ -63,7 +63,7 @@ def test_adaptive_steps(here):
         (["--integrator", "ida"], "integrator must be one of"),
         (["--inputs", "pull"], "the model has no input 'pull'"),
         (["--platforms", "pdp11-unix"], "platforms must be one of"),
-        (["--real-time", "0"], "real_time must be a whole number of at least 1"),
+        (["--real-time", "0"], "--real-time must be a whole number of at least 1"),
     ],
 )
 def test_messages(here, arguments, message):

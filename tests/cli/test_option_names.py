@@ -41,6 +41,12 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("fit", "pass bounds={name: (lower, upper)}.", "pass --bounds NAME=LOW:HIGH."),
         ("run", "pass accept_changes=True.", "pass --accept-changes."),
         ("response", "value of between=", "value of --over"),
+        ("run", "simulate: t_end must be positive.", "simulate: --t-end must be positive."),
+        ("modes", "error: modes: n must be 1.", "error: modes: --number must be 1."),
+        ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
+        # Arguments of parts.
+        ("run", "beam: formulation must be 'exact'.", "beam: formulation must be 'exact'."),
+        ("run", "table: x must ascend.", "table: x must ascend."),
         # Not options of the command, values of options, equations and errors of a model file.
         ("run", "table: pass outside='hold'.", "table: pass outside='hold'."),
         ("run", "--set step=: a value is missing.", "--set step=: a value is missing."),
