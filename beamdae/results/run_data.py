@@ -32,6 +32,7 @@ from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
+from beamdae.results.diagnostics.long_steps import long_step_warnings
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
     MissedPeak,
@@ -154,7 +155,17 @@ class RunData:
         They include peaks between the rows. Accelerations are omitted in models without abrupt
         forces, such as contacts.
         """
-        return measure_step_extremes(self.equations, self.trajectory, self.t, lambda: self.columns)
+        return measure_step_extremes(
+            self.equations,
+            self.trajectory,
+            self.t,
+            lambda: self.columns,
+            self._has_fixed_steps,
+        )
+
+    @property
+    def _has_fixed_steps(self) -> bool:
+        return self.integrator.get("rtol") is None
 
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:
@@ -253,6 +264,7 @@ class RunData:
             *strain_warnings(
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),
+            *self._long_step_warnings(),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),
@@ -285,6 +297,13 @@ class RunData:
         rows, state = self.trajectory.at(times)
         return self._observe(rows, *state)
 
+    def _long_step_warnings(self) -> Iterator[str]:
+        """Yield a warning if fixed steps are too long for the changes of columns."""
+        # Errors of motions that the constraints determine do not accumulate.
+        if self._has_fixed_steps and self.equations.m < self.equations.n:
+            n_steps = sum(len(x.t) for x in self.trajectory.intervals)
+            yield from long_step_warnings(self.step_extremes, n_steps, self.equations.length)
+
     def _select_loaded_state(self, row: int) -> LoadedState:
         """Return the state at an output time; load factors of inactive parts are zero."""
         t = self.t[[row]]
@@ -293,7 +312,7 @@ class RunData:
 
     def _step_warnings(self) -> Iterator[str]:
         """Yield warnings about forces that fixed steps do not resolve."""
-        if self.integrator.get("rtol") is None:
+        if self._has_fixed_steps:
             yield from unresolved_force_warnings(self.equations, self.trajectory)
 
     def _part_warnings(self) -> Iterator[str]:

@@ -309,7 +309,7 @@ def test_extremes_do_not_depend_on_the_steps_that_are_rows(integrator, rows, mon
     nothing_known = missed_peaks._KnownSteps(np.zeros(0, int), np.zeros((0, 1)))
     monkeypatch.setattr(missed_peaks, "_select_known_steps", lambda *_: nothing_known)
     expected = missed_peaks.measure_step_extremes(
-        run.equations, run.trajectory, run.t, lambda: run.columns
+        run.equations, run.trajectory, run.t, lambda: run.columns, run._has_fixed_steps
     )
     assert extremes == expected
 

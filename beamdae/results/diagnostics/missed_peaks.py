@@ -34,6 +34,7 @@ _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
 _MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
+_SAME_STEP = 1e-6  # relative difference of equal steps
 _DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 
 
@@ -41,7 +42,8 @@ _DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 class StepExtremes:
     """Extremes of an observed column, their times [s], and its root mean square.
 
-    All of them include the steps and the output rows.
+    All of them include the steps and the output rows. `roughness` is the root mean square of the
+    second differences between fixed steps, without jumps; 0 for adaptive steps.
     """
 
     min: float
@@ -49,6 +51,7 @@ class StepExtremes:
     max: float
     max_time: float
     rms: float
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,7 @@ def measure_step_extremes(
     trajectory: Trajectory,
     row_times: Array,
     observed: Callable[[], Mapping[str, Array]],
+    has_fixed_steps: bool = False,
 ) -> dict[str, StepExtremes]:
     """Return the extremes of the observed columns over the steps and the output rows.
 
@@ -133,6 +137,8 @@ def measure_step_extremes(
         Times (k,) of the output rows [s].
     observed
         Function that returns the observed columns (k,) at these times, by header.
+    has_fixed_steps
+        True to measure the roughness of the columns.
     """
     headers = equations.observed_headers
     if not headers:
@@ -140,7 +146,7 @@ def measure_step_extremes(
     omitted_units = () if may_have_short_peaks(equations) else _UNITS_OF_ACCELERATIONS
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
-    squares = _SquareIntegral(rows_of_table)
+    squares, roughness = _SquareIntegral(rows_of_table), _Roughness(len(headers))
     extremes: tuple[Array, Array] | None = None
     intervals_of_rows = trajectory.interval_index(row_times)
     for number, interval in enumerate(trajectory.intervals):
@@ -156,6 +162,8 @@ def measure_step_extremes(
             columns = _evaluate_steps(evaluate, rows[block], interval, block, known)
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
+            if has_fixed_steps and interval.record is None:
+                roughness.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
             if extremes is not None:
                 pairs = zip(extremes, of_block, strict=True)
@@ -170,12 +178,13 @@ def measure_step_extremes(
     pairs = zip(extremes, of_rows, strict=True)
     times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
     return {
-        header: StepExtremes(low, low_time, high, high_time, rms)
-        for header, (low, high), (low_time, high_time), rms in zip(
+        header: StepExtremes(low, low_time, high, high_time, rms, rough)
+        for header, (low, high), (low_time, high_time), rms, rough in zip(
             headers,
             values.T.tolist(),
             times.T.tolist(),
             squares.finish().tolist(),
+            roughness.finish().tolist(),
             strict=True,
         )
         if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
@@ -250,6 +259,31 @@ class _SquareIntegral:
         self._next = len(self._rows)
         duration = self._rows[-1, 0] - self._rows[0, 0]
         return np.sqrt(self._sum / duration) if duration > 0.0 else np.abs(self._rows[0, 1:])
+
+
+class _Roughness:
+    """Root mean square of the second differences of columns between equal steps.
+
+    Of three consecutive differences, the smallest magnitude counts: jumps contain only two.
+    """
+
+    def __init__(self, n_columns: int) -> None:
+        self._sum, self._count = np.zeros(n_columns), 0
+
+    def extend(self, times: Array, columns: Array) -> None:
+        """Add ascending steps with the columns (k, n)."""
+        steps = np.diff(times)
+        is_equal = np.abs(np.diff(steps)) <= _SAME_STEP * steps[1:]
+        # Columns may be infinite or not a number at some steps.
+        with np.errstate(invalid="ignore", over="ignore"):
+            differences = np.abs(np.diff(columns, 2, axis=0)) * is_equal[:, None]
+            smallest = np.minimum(differences[2:], differences[1:-1])
+            self._sum += np.sum(np.minimum(smallest, differences[:-2]) ** 2, axis=0)
+        self._count += len(smallest)
+
+    def finish(self) -> Array:
+        """Return the roughness of each column, (n,)."""
+        return np.sqrt(self._sum / max(self._count, 1))
 
 
 def may_have_short_peaks(equations: EquationsOfMotion) -> bool:

@@ -1,0 +1,67 @@
+"""Warnings of runs with fixed steps that are too long for the changes of columns."""
+
+import numpy as np
+
+import beamdae as bd
+from beamdae.results.diagnostics import missed_peaks
+
+OMEGA = 20.0
+
+
+def oscillator():
+    """Mass of 1 kg on a spring with 20 rad/s."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(0.5, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), mass.point, OMEGA**2))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+def crank():
+    """Crank that turns at 10 rad/s and determines all positions."""
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (0.3, 0.0), mass=1.0))
+    center = (mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0))
+    mech.add(bd.Revolute("pin", *center))
+    mech.add(bd.Driver("motor", *center, lambda t: 10.0 * t))
+    mech.observe("tip", rod.at(0.3, 0.0))
+    return mech
+
+
+def warnings_of(run):
+    return [x for x in run.warnings if "fixed steps are too long" in x]
+
+
+def test_regression_coarse_fixed_steps_of_a_vibration_have_a_warning():
+    """A velocity was 54 % of its amplitude off without a word."""
+    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(0.02), 2.0)
+    exact = 0.5 * np.cos(OMEGA * run.t)
+    assert np.abs(run["mass.x_dot"] - exact).max() > 0.2 * 0.5
+    (message,) = warnings_of(run)
+    assert message.startswith("mass.x_dot: the fixed steps are too long for its changes")
+    fine = bd.simulate(oscillator(), bd.GeneralizedAlpha(2e-3), 2.0, output_step=0.02)
+    assert np.abs(fine["mass.x_dot"] - 0.5 * np.cos(OMEGA * fine.t)).max() < 0.02 * 0.5
+    assert not warnings_of(fine)
+
+
+def test_jumps_are_no_vibrations():
+    # A stick-slip force, whose sign changes within a step.
+    signs = np.repeat([1.0, -1.0], 5)
+    columns = np.tile(signs, 20)[:, None]
+    roughness = missed_peaks._Roughness(1)
+    roughness.extend(0.01 * np.arange(len(columns)), columns)
+    assert roughness.finish() == 0.0
+
+
+def test_prescribed_motions_have_no_warning():
+    # 25 steps per revolution.
+    run = bd.simulate(crank(), bd.GeneralizedAlpha(0.025), 2.0)
+    assert np.abs(run["tip.x_dot"] + 3.0 * np.sin(10.0 * run.t)).max() < 0.01 * 3.0
+    assert not warnings_of(run)
+
+
+def test_short_runs_have_no_warning():
+    # Half a period in 10 steps: half a wave is no vibration.
+    run = bd.simulate(oscillator(), bd.GeneralizedAlpha(np.pi / OMEGA / 10.0), np.pi / OMEGA)
+    assert not warnings_of(run)
