@@ -574,13 +574,13 @@ def table(
     >>> top = mech.ground.at(0.0, 0.0)
     >>> spring = mech.add(bd.Spring("spring", top, ball.point, law=characteristic))
     """
-    result = _create_table(x, y, kind, outside, name)
+    label = "table" if name is None else require_name("table", name)
+    result = _create_table(label, x, y, kind, outside)
     _warn_about_overshoot(result)
     return result
 
 
-def _create_table(x: Any, y: Any, kind: str, outside: str, name: str | None = None) -> Table:
-    label = "table" if name is None else require_name("table", name)
+def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
     require_choice(label, "kind", kind, KINDS)
     require_choice(label, "outside", outside, OUTSIDE)
     entries = require_sequence(label, "x", x, "a list of numbers or a pair of lists")
@@ -627,13 +627,19 @@ def _require_axis(part: str, name: str, values: Any, kind: str) -> Array:
             f"{part}: {name} must have at least {_MIN_ROWS[kind]} entries for kind={kind!r}, got "
             f"{len(axis)}."
         )
-    k = int(np.argmin(np.diff(axis)))
-    if axis[k + 1] <= axis[k]:
-        raise BeamdaeError(
-            f"{part}: {name} must ascend, but {axis[k]:g} is followed by {axis[k + 1]:g}; sort "
-            f"the rows by {name} and give each value once."
+    steps = np.diff(axis)
+    k = int(np.argmin(steps))
+    if steps[k] <= 0.0:
+        remedy = (
+            "reverse the order of the rows"
+            if np.all(steps < 0.0)
+            else f"sort the rows by {name} and give each value once, or make a table of each "
+            "branch of a measured loop"
         )
-    require_positive(part, f"the shortest interval of {name}", float(axis[k + 1] - axis[k]))
+        raise BeamdaeError(
+            f"{part}: {name} must ascend, but {axis[k]:g} is followed by {axis[k + 1]:g}; {remedy}."
+        )
+    require_positive(part, f"the shortest interval of {name}", float(steps[k]))
     return axis
 
 
@@ -748,7 +754,7 @@ def table_from_csv(
         _convert_column(label, header, {k + 1: columns[header][k] for k in rows})
         for header in (*chosen, value_header)
     )
-    result = _create_table(*_as_grid(label, arrays, values), kind, outside, name)
+    result = _create_table(label, *_as_grid(label, arrays, values), kind, outside)
     names = tuple(_split_header(header)[0] for header in chosen)
     result = Table(label, result.axes, result.values, kind, outside, names)
     _warn_about_overshoot(result)

@@ -471,6 +471,21 @@ def test_messages_about_csv_files(tmp_path, text, message):
 
 
 @pytest.mark.parametrize(
+    ("rows", "remedy"),
+    [
+        ("0,0\n5,1\n10,4\n5,0.5\n0,0\n", "0.01 is followed by 0.005; .*or make a table of each"),
+        ("10,4\n5,1\n0,0\n", "0.01 is followed by 0.005; reverse the order of the rows"),
+    ],
+)
+def test_regression_measured_loops_and_descending_tables_are_named(tmp_path, rows, remedy):
+    """The file had no name, and sorting a loop mixes its branches."""
+    path = tmp_path / "pad.csv"
+    path.write_text(f"travel [mm],force [kN]\n{rows}", "utf-8")
+    with pytest.raises(bd.BeamdaeError, match=rf"^table pad\.csv: x must ascend, but {remedy}"):
+        bd.table_from_csv(path)
+
+
+@pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: bd.table(X, Y, "cubic"), "table: kind must be one of .*, got 'cubic'"),
