@@ -213,8 +213,14 @@ def test_regression_steps_that_change_the_estimates_are_told():
     coarse = bd.GeneralizedAlpha(step=0.1)
     with pytest.warns(bd.BeamdaeWarning, match="shorter step"):
         result = bd.fit(oscillator, data, "stiffness", coarse, sigma=NOISE)
-    assert any("shorter step" in x for x in result.warnings)
+    (sentence,) = (x for x in result.warnings if "shorter step" in x)
     assert "shorter step" in repr(result)
+    with pytest.warns(bd.BeamdaeWarning, match="shorter step"):
+        finer = bd.fit(oscillator, data, "stiffness", bd.GeneralizedAlpha(step=0.05), sigma=NOISE)
+    shift = finer.parameters["stiffness"] - result.parameters["stiffness"]
+    stated = float(sentence.split("up to ")[1].split(" standard")[0])
+    # The fit is not linear in such changes.
+    assert stated == pytest.approx(abs(shift) / result.standard_deviations[0], rel=0.3)
     # By default, errors are controlled.
     result = bd.fit(oscillator, data, list(TRUE), sigma=NOISE)
     # The end time of the model is 1 s.

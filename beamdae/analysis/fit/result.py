@@ -661,7 +661,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         try:
             # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
             scatter = float(np.sqrt(np.mean(residuals**2)))
-            steps = _check_steps(problem, evaluation, estimate * max(1.0, scatter))
+            steps = _check_steps(problem, evaluation, estimate, max(1.0, scatter))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
@@ -902,15 +902,17 @@ def _find_outliers(residuals: Array) -> Array:
     return rows if are_few else rows[:0]
 
 
-def _check_steps(problem: FitProblem, evaluation: Evaluation, sigma: float) -> tuple[str, ...]:
+def _check_steps(
+    problem: FitProblem, evaluation: Evaluation, sigma: float, scatter: float
+) -> tuple[str, ...]:
     """Return a warning if errors of the steps change estimates.
 
     The projection of the changes of the residuals onto the columns of the Jacobian is the change of
     the estimates in standard deviations. `sigma` is the estimated factor of the standard
-    deviations of the data.
+    deviations of the data, and `scatter` the ratio of the residuals to these if it exceeds 1.
     """
     largest = max(float(np.abs(x.values / x.sigma).max()) for x in problem.data.series)
-    if sigma <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known:
+    if sigma * scatter <= _MIN_RELATIVE_SIGMA * largest and not problem.data.is_sigma_known:
         return ()
     try:
         changes = problem.step_errors(evaluation)
@@ -923,10 +925,13 @@ def _check_steps(problem: FitProblem, evaluation: Evaluation, sigma: float) -> t
     )
     is_determined = singular > _MIN_SINGULAR_RATIO * singular[0]
     shift = np.linalg.norm(changes @ directions[:, is_determined])
-    if shift <= _MAX_STEP_ERROR * sigma:
+    if shift <= _MAX_STEP_ERROR * sigma * scatter:
         return ()
     what = "a shorter step" if problem.integrator.accuracy.name == "step" else "a smaller rtol"
-    return (f"The steps of the runs change the estimates noticeably; use {what}.",)
+    return (
+        f"More accurate runs would change the estimates by up to {shift / sigma:.2g} standard "
+        f"deviations; use {what}.",
+    )
 
 
 def _column_sigma(problem: FitProblem) -> dict[str, float]:
