@@ -32,6 +32,8 @@ NEVER |= {"asyncio", "hypothesis", "IPython", "rich.traceback"}
 # Other commands and integrators, and the conversion of options by Typer.
 NEVER |= {"beamdae.cli.commands.sweep", "beamdae.integrators.ida.ida", "pydantic"}
 NEVER |= {"beamdae.integrators.alpha.generalized_alpha"}
+# Packages of beamdae for other tasks.
+UNUSED = tuple(f"beamdae.{name}" for name in ("analysis", "studies", "export", "live", "sundials"))
 
 
 @pytest.mark.slow(reason="starts a process")
@@ -57,6 +59,7 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
         imported = set(line.split())
     assert {"casadi", "beamdae.simulation"} <= imported
     assert not NEVER & imported
+    assert not [name for name in imported if name.startswith(UNUSED)]
 
 
 @pytest.mark.slow(reason="starts a process")
