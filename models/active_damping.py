@@ -29,9 +29,9 @@ def active_damping(
 
     strain = mech.sensor("strain", strip.strain(0.5 * patch, "top"))
     square = frequency**2
-    # The states have amplitudes of 4e-8 and 3e-6.
+    # The strain has an amplitude of 1.5e-4.
     filtered = bd.transfer_function(
-        mech, "filter", strain, [square], [1.0, 2.0 * ratio * frequency, square], scale=1e-6
+        mech, "filter", strain, [square], [1.0, 2.0 * ratio * frequency, square], scale=1e-4
     )
     # Under the bending moment M, the strain of the upper surface is -M height / (2 EI). The second
     # moment of the patch acts on the clamp.

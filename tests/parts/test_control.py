@@ -116,21 +116,39 @@ def test_failing_law_ends_the_run_with_a_reason(law, reason):
     assert run.status.kind == "failed"
 
 
-@pytest.mark.parametrize("rate", [1.0, 50.0, 200.0, 2e3, 1e4])
-def test_regression_equilibria_of_loops_with_fast_filters_are_found(rate):
-    """Rounding of states was relative to their scale, of which filters reach a tiny fraction."""
+def build_notch_servo(rate, target, load=0.0):
+    """Return a stage with a notch filter and a PID controller, and the two polynomials."""
     mech = bd.Mechanism()
     stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
     x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
     notch = np.polymul([1.0, 0.1 * rate, rate**2], [1.0, 0.2 * rate, 4.0 * rate**2])
     poles = np.polymul([1.0, 1.4 * rate, rate**2], [1.0, 2.8 * rate, 4.0 * rate**2])
-    error = bd.transfer_function(mech, "notch", 0.1 - x, notch, poles)
+    error = bd.transfer_function(mech, "notch", mech.input("target", target) - x, notch, poles)
     force = bd.pid(mech, "servo", error, kp=6.0, ki=4.0, kd=3.0, rate=-v)
-    mech.add(bd.Force("motor", stage.point, (force - 1.5, 0.0)))
+    mech.add(bd.Force("motor", stage.point, (force - load, 0.0)))
+    return mech, notch, poles
+
+
+@pytest.mark.parametrize("rate", [1.0, 50.0, 200.0, 2e3, 1e4])
+def test_regression_equilibria_of_loops_with_fast_filters_are_found(rate):
+    """Rounding of states was relative to their scale, of which filters reach a tiny fraction."""
+    mech, *_ = build_notch_servo(rate, 0.1, load=1.5)
     found = bd.equilibrium(mech)
     assert found["x"].iloc[-1] == pytest.approx(0.1, rel=1e-9)
     assert found["servo integral"].iloc[-1] == pytest.approx(1.5 / 4.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", [5.0, 200.0, 2e3, 1e4])
+def test_regression_periodic_motions_of_loops_with_fast_filters_are_found(rate):
+    """States of filters are far below their scale: multipliers of 4.1 for 0.33, or no motion."""
+    mech, notch, poles = build_notch_servo(rate, bd.sine(0.1, 0.5))
+    motion = bd.periodic(mech, 2.0)
+    s = 1j * np.pi
+    controller = (6.0 + 4.0 / s) * np.polyval(notch, s) / np.polyval(poles, s)
+    exact = 0.1 * abs(controller / (2.0 * s**2 + 3.0 * s + controller))
+    half_range = motion.amplitudes().loc["x [m]", "half range"]
+    assert half_range == pytest.approx(exact, rel=1e-6)
 
 
 def test_regression_noise_of_several_controllers_is_independent():

@@ -165,7 +165,7 @@ def transfer_function(
         Coefficients in descending powers of s, as in `scipy.signal.TransferFunction`. The degree of
         the numerator must not exceed that of the denominator.
     scale
-        Typical size of the states; see `Mechanism.state`.
+        Typical size of `value`, from which the scales of the states follow; see `Mechanism.state`.
     unit
         Unit of `value`, with the default of `low_pass`; x_k has this unit times s^(n - k + 1).
 
@@ -211,11 +211,18 @@ def transfer_function(
         for values in (a, np.concatenate([np.zeros(len(a) - len(b)), b]))
     )
     direct, count = b[0], len(a) - 1
+    # x_k is about value / w^(n-k+1), where w is the geometric mean of the poles other than zero.
+    # In slow filters, this size is not reached within seconds.
+    (nonzero,) = np.nonzero(a)
+    rate = max(1.0, abs(float(a[nonzero[-1]])) ** (1.0 / max(nonzero[-1], 1)))
+    sizes = [rate ** float(k - count) for k in range(count)]
     unit = _find_unit(name, value, unit)
     with _all_or_no_states(mechanism):
         states = [
-            mechanism.state(f"{name} {k + 1}", unit=_integrate_unit(unit, count - k), scale=scale)
-            for k in range(count)
+            mechanism.state(
+                f"{name} {k + 1}", unit=_integrate_unit(unit, count - k), scale=scale * x
+            )
+            for k, x in enumerate(sizes)
         ]
     # Ascending powers, without the leading coefficient 1.
     feedback, output = value, direct * value
