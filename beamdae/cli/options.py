@@ -19,6 +19,9 @@ from beamdae.errors import BeamdaeError, short_repr, suggest
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
     from beamdae.model_functions import Model
+    from beamdae.parts.rotation import Rotation
+
+_ROTATION = "rotation="  # start in steady rotation at the speed that follows
 
 
 def parse_number(text: str, unit: str) -> float:
@@ -92,8 +95,9 @@ Starts = Annotated[
     typer.Option(
         "--start",
         metavar="START",
-        help="Initial state: 'as drawn', 'equilibrium' or PART.COORDINATE=VALUE (rates end in "
-        "_dot); values are repeatable. Defaults to the model's initial state.",
+        help="Initial state: 'as drawn', 'equilibrium', a steady rotation about the origin as "
+        "rotation=SPEED in rad/s or with a unit (rotation=3000rpm), or PART.COORDINATE=VALUE "
+        "(rates end in _dot); values are repeatable. Defaults to the model's initial state.",
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
@@ -359,10 +363,10 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
     return bounds
 
 
-def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
+def parse_start(options: list[str] | None) -> str | Rotation | dict[str, float] | None:
     """Return the start described by --start, or None without --start.
 
-    The start is the name of a state or a dict of values by coordinate.
+    The start is the name of a state, a steady rotation or a dict of values by coordinate.
 
     Raises
     ------
@@ -374,6 +378,10 @@ def parse_start(options: list[str] | None) -> str | dict[str, float] | None:
         return None
     if len(options) == 1 and "=" not in options[0]:
         return options[0]
+    if len(options) == 1 and options[0].startswith(_ROTATION):
+        from beamdae.parts.rotation import rotation
+
+        return rotation(parse_number(options[0].removeprefix(_ROTATION), "rad/s"))
     values = {}
     for name, value in parse_assignments(options, "--start").items():
         try:

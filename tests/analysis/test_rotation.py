@@ -133,6 +133,24 @@ def arm(radius=0.1, bent=False):
     return mech, hub, beam
 
 
+@pytest.mark.parametrize(("speed", "is_named"), [(50.0, True), (-5.0, True), (1e-3, False)])
+def test_regression_equilibria_of_turning_mechanisms_have_a_warning(speed, is_named):
+    """They ignored centrifugal forces without a word: no stress for hundreds of MPa."""
+    mech, hub, _ = arm()
+    path = bd.equilibrium(with_driver(mech, hub, lambda t: speed * t))
+    turning = [x for x in path.warnings if "drivers turn hub" in x]
+    assert len(turning) == is_named
+    assert all(f"start=bd.rotation({speed:g})" in x for x in turning)
+
+
+def test_regression_equilibria_do_not_start_in_rotation():
+    mech, hub, _ = arm()
+    with_driver(mech, hub, lambda t: 5.0 * t)
+    for analyze in (bd.equilibrium, bd.buckling):
+        with pytest.raises(bd.BeamdaeError, match="must not be a steady rotation"):
+            analyze(mech, start=bd.rotation(5.0))
+
+
 @pytest.mark.slow(reason="a run of a rotating beam")
 @pytest.mark.parametrize("bent", [False, True])
 def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):

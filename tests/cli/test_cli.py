@@ -1,16 +1,19 @@
 """The command line: files, messages of usage and model errors, and start time."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
+from beamdae.cli.options import parse_start
 from beamdae.studies.execution.executors import SerialPool
 
 ARM = """
@@ -378,6 +381,13 @@ def test_run_starts_as_requested(command):
         command("run", ARM, "--start", "beam.theta=x"), "--start", "must be a number"
     )
     assert_usage_error(command("run", ARM, "--start", "beam.thet=1"), "did you mean 'beam.theta'")
+
+
+def test_runs_start_in_rotation_with_a_unit():
+    assert parse_start(["rotation=30rpm"]) == bd.rotation(math.pi)
+    assert parse_start(["rotation=-2"]) == bd.rotation(-2.0)
+    with pytest.raises(typer.BadParameter, match="rad/s"):
+        parse_start(["rotation=30mm"])
 
 
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])

@@ -128,3 +128,8 @@ def test_section_forces_of_beams_in_a_feedback_loop() -> None:
     run = bd.simulate(mech, t_end=0.005)
     forces = run.section_forces("strip", t=0.005)
     assert np.max(np.abs(forces.M)) > 0.0
+
+
+def test_rounding_errors_of_unloaded_beams_have_no_warning() -> None:
+    assert mesh_warnings(bd.equilibrium(clamped_strip(8, 0.0, 0.0, formulation="exact"))) == []
+    assert mesh_warnings(bd.equilibrium(blade(64))) == []

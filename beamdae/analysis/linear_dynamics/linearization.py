@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.analysis.eigenproblems.eigensolution import massless_error, undamped_frequencies
+from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
@@ -57,13 +58,6 @@ _UNBALANCED_FORCE_RATIO = 1e-6
 # If forces are unbalanced, zero squared frequencies are computed with errors below this fraction of
 # the largest acceleration in natural sizes.
 _ZERO_SQUARE_RATIO = 1e-6
-# Rotations at a lower speed, relative to the smallest natural frequency in rad/s, change it by less
-# than about 1 %.
-_MIN_RELATIVE_SPEED = 0.1
-# Number of modes among which the smallest frequency that is not zero is sought.
-_SLOW_MODES = 10
-# A motion whose potential energy is below this multiple of its kinetic energy goes on.
-_MAX_ENERGY_RATIO = 1e-2
 # Step, in natural sizes, of the finite differences of the mass matrix.
 _MASS_DIFFERENCE_STEP = 1e-3
 
@@ -153,34 +147,14 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
 
 
 def _turning_warnings(lin: Linearization) -> tuple[str, ...]:
-    """Return a warning if drivers or given velocities turn the mechanism, or nothing.
-
-    The state is at rest. Given velocities count if the motion is a free rotation.
-    """
-    e, q, at_rest = lin.equations, lin.state.q, np.zeros(lin.equations.n)
-    solver = ConsistencySolver(e)
-    is_driven = bool(np.any(solver.constraint_levels(lin.time, q, at_rest)[1]))
-    if not is_driven and not np.any(e.v0):
+    """Return a warning if the mechanism turns although the state is at rest, or nothing."""
+    turning = find_turning(lin.equations, lin.time, lin.state.q, lambda: lin.linearized_equations)
+    if turning is None:
         return ()
-    v = solver.start_state(lin.time, q, at_rest if is_driven else e.v0).v
-    angles = [k for k, x in enumerate(e.coordinates) if x.unit == "rad" and k not in e.states]
-    fastest = max(angles, key=lambda k: abs(v[k]), default=None)
-    if fastest is None or v[fastest] == 0.0:
-        return ()
-    speed = float(v[fastest])
-    potential = float(v @ (lin.tangent.stiffness @ v)) / speed**2
-    if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (lin.tangent.mass @ v)):
-        return ()
-    frequencies = undamped_frequencies(lin.linearized_equations, _SLOW_MODES)
-    slowest = np.min(frequencies[frequencies > 0.0], initial=np.inf)
-    if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
-        return ()
-    cause = "drivers turn" if is_driven else "given velocities turn"
-    part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))
     return (
-        f"{cause} {part} at {speed:.6g} rad/s, but the linearized state is at rest, without "
-        f"centrifugal forces; use about=bd.rotation({speed:.10g}) for a steady rotation "
-        "(--speed), or solution.at(t) for another motion.",
+        f"{turning.cause} at {turning.speed:.6g} rad/s, but the linearized state is at rest, "
+        f"without centrifugal forces; use about=bd.rotation({turning.speed:.10g}) for a steady "
+        "rotation (--speed), or solution.at(t) for another motion.",
     )
 
 

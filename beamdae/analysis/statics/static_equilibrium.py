@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.turning import find_turning
+from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.analysis.statics.mesh_dependence import recheck_stability
 from beamdae.analysis.statics.path_tracing import (
     EquilibriumPath,
@@ -14,12 +16,13 @@ from beamdae.analysis.statics.path_tracing import (
     free_coordinate,
     trace_path,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import require_choice, require_finite, warn_of_result, warn_user
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import BeamdaeError, require_choice, require_finite, warn_of_result, warn_user
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
+from beamdae.parts.rotation import Rotation
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.simulation import as_equations
 
@@ -50,8 +53,8 @@ def equilibrium(
 
     Solves F(t, q, 0, 0; mu) + G^T lam = 0, g(t, q) = 0 along a path that begins at the load factor
     mu = 0, by Newton's method with the exact tangent. Failed steps are shortened and repeated.
-    Laws, drivers and moving loads are evaluated at the time `t`. Dampers and friction forces vanish
-    at rest.
+    Laws, drivers and moving loads are evaluated at the time `t`. Dampers, friction and centrifugal
+    forces vanish at rest.
 
     Stability is assessed for constant loads, by the number of negative eigenvalues of the tangent
     stiffness in the motions that the joints allow. For loads without a potential (follower loads),
@@ -108,7 +111,8 @@ def equilibrium(
     Raises
     ------
     BeamdaeError
-        If the model or an argument is invalid, or no equilibrium is found at which the path begins.
+        If the model or an argument is invalid, `start` is a steady rotation, or no equilibrium is
+        found at which the path begins.
     Interrupted
         If Ctrl-C ends the call; `Interrupted.partial` is the path so far, or None before
         its first point.
@@ -159,7 +163,14 @@ def equilibrium(
             recheck.critical,
             {**settings.description, "iterations": path.iterations},
             information,
-            ((_FRICTION_WARNING,) if has_friction else ()) + recheck.notes + path.notes,
+            (
+                *((_FRICTION_WARNING,) if has_friction else ()),
+                *_turning_notes(
+                    loading.systems[-1], states[-1], float(path.factors[-1, -1:].sum())
+                ),
+                *recheck.notes,
+                *path.notes,
+            ),
             _free_coordinates(equations, path),
         )
     if result.status.kind == "interrupted" and partial == "raise":
@@ -168,6 +179,30 @@ def equilibrium(
         warn_user(f"{information.get('name', _NAME)}: {result.status.sentence}.")
     warn_of_result(result.warnings, equations.build_warnings)
     return result
+
+
+def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[str, ...]:
+    """Return a note if the mechanism turns although the equilibrium `x` is at rest, or nothing."""
+    e, at_rest = system.equations, np.zeros(system.equations.n)
+    state = State(x[: e.n], at_rest, at_rest, x[e.n :])
+
+    def linearize() -> LinearizedEquations:
+        return LinearizedEquations(e, system.motion_tangent(state, factor))
+
+    turning = find_turning(e, system.loaded.time, state.q, linearize)
+    if turning is None:
+        return ()
+    return (
+        f"{turning.cause} at {turning.speed:.6g} rad/s, but an equilibrium is at rest, without "
+        f"centrifugal forces; {_rotation_remedy(turning.speed)}.",
+    )
+
+
+def _rotation_remedy(speed: float) -> str:
+    return (
+        f"the first row of a short run with start=bd.rotation({speed:.10g}) "
+        f"(--start rotation={speed:.10g}) is the steady rotation"
+    )
 
 
 def _free_coordinates(equations: EquationsOfMotion, path: EquilibriumPath) -> tuple[str, ...]:
@@ -190,6 +225,11 @@ def initial_positions(name: str, model: Any, start: Any) -> tuple[EquationsOfMot
         return equations, start.to_checkpoint().start_equations(equations).q0
     if start is None and isinstance(model, Mechanism):
         start = model.start
+    elif isinstance(start, Rotation):
+        raise BeamdaeError(
+            f"{name}: start must not be a steady rotation, because an equilibrium is at rest; "
+            f"{_rotation_remedy(start.speed)}."
+        )
     if start is not None:
         start = require_start(name, start, ", or another equilibrium")
     equations = as_equations(name, model, AS_DRAWN if start == EQUILIBRIUM else start)

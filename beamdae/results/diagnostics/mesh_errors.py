@@ -36,6 +36,8 @@ _MIN_INDICATED_SHARE = 0.14
 # Values below this share of those that the largest of N, Q and M / radius of gyration would cause
 # have errors relative to this share; those of unloaded sections are rounding errors.
 _MIN_STRESS_SHARE = 1e-3
+# So do strains below this one in beams without loads, whose rounding errors are up to 1e-13.
+_ROUNDING_STRAIN = 1e-11
 _MAX_NAMES = 3  # of further columns
 
 
@@ -165,6 +167,7 @@ class _Evaluator:
         section = beam.section.at(sections[largest])
         radius = np.sqrt(section.second_moment / section.area)
         force = np.max(np.abs(forces[0]) / np.array([[1.0], [1.0], [radius]]))
+        force = max(_MIN_STRESS_SHARE * force, _ROUNDING_STRAIN * section.EA)
         units = convert(np.diag([force, force, force * radius]), (sections[largest],) * 3)
         if indicated < _MIN_INDICATED_SHARE * abs(change):
             return None
@@ -172,7 +175,7 @@ class _Evaluator:
             abs(value),
             abs(value + change),
             _MIN_SHARE * float(np.max(np.abs(balanced))),
-            _MIN_STRESS_SHARE * float(np.max(np.abs(units))),
+            float(np.max(np.abs(units))),
         )
         return _ColumnError(header, sections[largest], value, value + change, abs(change) / scale)
 

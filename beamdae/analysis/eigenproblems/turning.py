@@ -1,0 +1,78 @@
+"""Detection of mechanisms that turn although an analysis holds them at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.analysis.eigenproblems.eigensolution import undamped_frequencies
+from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+
+Array = np.ndarray
+
+# Rotations at a lower speed, relative to the smallest natural frequency in rad/s, change it by less
+# than about 1 %.
+_MIN_RELATIVE_SPEED = 0.1
+# Number of modes among which the smallest frequency that is not zero is sought.
+_SLOW_MODES = 10
+# A motion whose potential energy is below this multiple of its kinetic energy goes on.
+_MAX_ENERGY_RATIO = 1e-2
+
+
+class Turning(NamedTuple):
+    """Rotation that a state at rest omits.
+
+    Attributes
+    ----------
+    cause
+        The cause, such as "drivers turn hub".
+    speed
+        The speed [rad/s].
+    """
+
+    cause: str
+    speed: float
+
+
+def find_turning(
+    e: EquationsOfMotion, time: Array, q: Array, linearize: Callable[[], LinearizedEquations]
+) -> Turning | None:
+    """Return the rotation by drivers or given velocities, or None if it is slow or absent.
+
+    Given velocities count if the motion is a free rotation.
+
+    Parameters
+    ----------
+    e
+        Equations of motion of the active parts with independent constraints.
+    time
+        (t, branch).
+    q
+        Positions (n,) of the state at rest.
+    linearize
+        Function that returns the linearized equations at this state.
+    """
+    at_rest, solver = np.zeros(e.n), ConsistencySolver(e)
+    is_driven = bool(np.any(solver.constraint_levels(time, q, at_rest)[1]))
+    if not is_driven and not np.any(e.v0):
+        return None
+    v = solver.start_state(time, q, at_rest if is_driven else e.v0).v
+    angles = [k for k, x in enumerate(e.coordinates) if x.unit == "rad" and k not in e.states]
+    fastest = max(angles, key=lambda k: abs(v[k]), default=None)
+    if fastest is None or v[fastest] == 0.0:
+        return None
+    speed, linearized = float(v[fastest]), linearize()
+    tangent = linearized.tangent
+    potential = float(v @ (tangent.stiffness @ v)) / speed**2
+    if not is_driven and abs(potential) > _MAX_ENERGY_RATIO * float(v @ (tangent.mass @ v)):
+        return None
+    frequencies = undamped_frequencies(linearized, _SLOW_MODES)
+    slowest = np.min(frequencies[frequencies > 0.0], initial=np.inf)
+    if abs(speed) <= _MIN_RELATIVE_SPEED * slowest:
+        return None
+    part = next(x.name for x in e.parts if fastest in range(*x.rows.indices(e.n)))
+    return Turning(f"{'drivers' if is_driven else 'given velocities'} turn {part}", speed)
