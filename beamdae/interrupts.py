@@ -188,6 +188,8 @@ def interruptible(function: Callable[Parameters, Result]) -> Callable[Parameters
                 problem.has_ended_call = True
                 raise
             reason = problem.reason if isinstance(problem, Interrupted) else str(problem)
+            # The last step of a call inside this one is not its own.
+            reason = reason.replace(_AFTER_LAST_STEP, "")
             raise _end_call(name, reason) from problem
         except Exception as problem:
             if not acknowledge():

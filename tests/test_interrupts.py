@@ -381,3 +381,15 @@ def test_interrupts_that_are_kept_are_acknowledged():
                 is_kept = not isinstance(node.body[-1], ast.Raise)
                 has_policy = "acknowledge()" in body or "report_interrupt" in body
                 assert has_policy or not is_kept, f"{path}:{node.lineno}"
+
+
+def test_regression_last_step_of_an_inner_call_is_not_named():
+    """`optimize` said "interrupted after the last step" during its first analysis."""
+
+    @interruptible
+    def outer():
+        raise Interrupted("interrupted after the last step", call="inner")
+
+    with pytest.raises(Interrupted) as caught:
+        outer()
+    assert str(caught.value) == "outer: interrupted"

@@ -495,6 +495,7 @@ def test_regression_interrupts_during_the_first_gradient_return_the_first_design
     monkeypatch.setattr(Search, "_scale", interrupt)
     result = bd.optimize(cantilever, bd.Mass(), "width", partial="return")
     assert (result.status.kind, result.evaluations) == ("interrupted", 1)
+    assert result.status.sentence == "interrupted after 1 evaluation"
     assert result.objective == pytest.approx(STEEL.rho * LENGTH * WIDTH * 0.02)
 
 

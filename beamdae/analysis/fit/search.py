@@ -154,7 +154,7 @@ def search(
         )
     except KeyboardInterrupt:
         assert best is not None
-        reason = f"interrupted after {evaluations} evaluations"
+        reason = f"interrupted after {evaluations} evaluation{'s' * (evaluations > 1)}"
         status = Status("interrupted", reason)
         partial = SearchResult(best[1], evaluations, status, at_bounds)
         raise Interrupted(reason, partial) from None

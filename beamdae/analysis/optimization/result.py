@@ -160,10 +160,12 @@ class Optimization:
 
     def __repr__(self) -> str:
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
-        limits = f", {len(self.constraints)} constraints" if self.constraints else ""
+        count = len(self.constraints)
+        limits = f", {count} constraint{'s' * (count > 1)}" if count else ""
         return (
             f"<Optimization: {self.status.sentence}; objective {self.objective_text}{limits}, "
-            f"{self.evaluations} evaluations{bounds}>" + "".join(f" {x}" for x in self.warnings)
+            f"{self.evaluations} evaluation{'s' * (self.evaluations > 1)}{bounds}>"
+            + "".join(f" {x}" for x in self.warnings)
         )
 
     @property

@@ -171,7 +171,8 @@ class Search:
         except KeyboardInterrupt:
             acknowledge()
             count = len(self._trials)
-            status = Status("interrupted", f"interrupted after {count} evaluations")
+            sentence = f"interrupted after {count} evaluation{'s' * (count > 1)}"
+            status = Status("interrupted", sentence)
             return self._result(self._best(), status)
         except ProgressError as error:
             failure = Status("failed", str(error))
