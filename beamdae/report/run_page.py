@@ -25,7 +25,7 @@ def build_run_page(
     title: str,
     columns: Mapping[str, Any] | None = None,
     errors: Mapping[str, Any] | None = None,
-    warnings: Sequence[str] = (),
+    warnings: Sequence[str] | None = None,
     certificate: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
@@ -43,7 +43,7 @@ def build_run_page(
         Error columns with one row per observed column. The first column, half the range, is not
         shown.
     warnings
-        Warnings to show in addition to the warnings of the run.
+        Warnings to show. Defaults to those of the run.
     certificate
         Facts of the certificate of the run.
     """
@@ -58,7 +58,7 @@ def build_run_page(
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
         "made": solution.versions,
-        "notes": [*warnings, *solution.warnings],
+        "notes": list(solution.warnings if warnings is None else warnings),
         "groups": [{"id": _ID, "frames": export_run_frames(solution, enlarges=True)}],
         "tables": tables,
         "cases": [

@@ -52,6 +52,7 @@ from beamdae.results.diagnostics.singular_positions import (
 from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
@@ -264,7 +265,7 @@ class RunData:
             *strain_warnings(
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),
-            *self._long_step_warnings(),
+            *(x.sentence for x in self.suspected_errors),
             *missed_peak_warnings(self.missed_peaks),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),
@@ -275,12 +276,19 @@ class RunData:
             *impact_speed_warnings(self.equations, self.trajectory),
             *mesh_error_warnings(self.equations, checked.columns, checked._select_loaded_state),
             *moving_load_warnings(self.equations, self.trajectory),
-            *small_motion_warnings(self.equations, self.trajectory, self.integrator),
             *table_range_warnings(self.equations, self.trajectory),
             *self.resume_warnings,
             *filter(None, (self.start.warning,)),
             *self._part_warnings(),
             *self.equations.build_warnings,
+        )
+
+    @cached_property
+    def suspected_errors(self) -> tuple[SuspectedError, ...]:
+        """Those of the `warnings` that an estimate of the errors of columns may exclude."""
+        return (
+            *self._long_step_warnings(),
+            *small_motion_warnings(self.equations, self.trajectory, self.integrator),
         )
 
     def _row_warnings(self) -> Iterator[str]:
@@ -297,7 +305,7 @@ class RunData:
         rows, state = self.trajectory.at(times)
         return self._observe(rows, *state)
 
-    def _long_step_warnings(self) -> Iterator[str]:
+    def _long_step_warnings(self) -> Iterator[SuspectedError]:
         """Yield a warning if fixed steps are too long for the changes of columns."""
         # Errors of motions that the constraints determine do not accumulate.
         if self._has_fixed_steps and self.equations.m < self.equations.n:

@@ -92,3 +92,40 @@ def test_regression_warnings_of_all_parts_are_printed():
         warn_user("left: the element is too long.")
         warn_user("right: the element is too long.")
     assert [x.partition(":")[0] for x in output.warnings] == ["left", "right"]
+
+
+TRAIN = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.6)
+def train():
+    mech = bd.Mechanism()
+    car = mech.add(bd.RigidBody("car", 1500.0, 100.0, velocity=(20.0, 0.0)))
+    mech.add(bd.Prismatic("road", mech.ground.at(0.0, 0.0), car.at(0.0, 0.0)))
+    sensor = mech.add(bd.PointMass("sensor", 1e-3, at=(0.1, 0.0), velocity=(20.0, 0.0)))
+    mech.add(bd.PointOnLine("guide", car.at(0.1, 0.0), sensor.point))
+    mech.add(bd.Spring("spring", car.at(0.0, 0.0), sensor.point, 0.324, free_length=0.099))
+    mech.observe("sensor", bd.relative_motion(sensor.point, car.at(0.1, 0.0)))
+    return mech
+"""
+
+
+@pytest.mark.parametrize(
+    ("t_end", "options", "is_kept"),
+    [("0.6", (), False), ("2", (), True), ("0.6", ("--no-estimate",), True)],
+)
+def test_regression_estimates_refute_warnings_about_suspected_errors(
+    tmp_path, monkeypatch, t_end, options, is_kept
+):
+    """An error of "several percent" was suspected beside its estimate of 0.5 %."""
+    monkeypatch.chdir(tmp_path)
+    Path("train.py").write_text(TRAIN, encoding="utf-8")
+    command = ["run", "train.py", "--t-end", t_end, "--no-picture", "--output-step", "0.02"]
+    result = CliRunner().invoke(app, [*command, *options])
+    assert result.exit_code == 0, result.output
+    sentence = "amplitude of its parts"
+    assert (sentence in result.output) == is_kept
+    for suffix in ("json", "html"):
+        text = Path(f"results/train.{suffix}").read_text(encoding="utf-8")
+        assert (sentence in text) == is_kept, suffix

@@ -37,7 +37,7 @@ def test_the_page_contains_facts_tables_and_curves(run):
     errors = {"half the range": np.arange(6.0), "error": [1e-6] * 6}
     page = build_run_page(run, "arm", errors=errors, warnings=["Beware."])
     assert (page["title"], page["subtitle"]) == ("arm", "Radau: reached the end")
-    assert page["notes"] == ["Beware.", *run.warnings]
+    assert page["notes"] == ["Beware."]
     tables = {table["title"]: table for table in page["tables"]}
     # Without beams there is no table on their validity.
     assert {title: table["section"] for title, table in tables.items()} == {

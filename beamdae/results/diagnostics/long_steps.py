@@ -15,6 +15,7 @@ from beamdae.results.columns import (
     remove_unit,
 )
 from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
 
 # Root mean square of the second differences between steps relative to half the range. A vibration
 # with an angular frequency w has (w h)^2 / sqrt(2): this limit is reached with 30 steps per period,
@@ -32,7 +33,7 @@ _MAX_NAMES = 3  # of further columns in a warning
 
 def long_step_warnings(
     extremes: Mapping[str, StepExtremes], n_steps: int, length: float
-) -> Iterator[str]:
+) -> Iterator[SuspectedError]:
     """Yield a warning if fixed steps are so long that errors of several percent are likely.
 
     Parameters
@@ -61,8 +62,9 @@ def long_step_warnings(
         return
     first, *others = (remove_unit(names[k]) for k in rough)
     also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
-    yield (
+    yield SuspectedError(
         f"{first}{also}: the fixed steps are too long for its changes, so errors of several "
         "percent of half its range or more are likely; halve the step and compare, or use an "
-        "integrator with rtol."
+        "integrator with rtol.",
+        tuple(names[k] for k in rough),
     )

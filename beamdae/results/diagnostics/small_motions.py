@@ -13,6 +13,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable,
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.errors import list_first
 from beamdae.results.columns import mark_constant_columns, remove_unit
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -45,7 +46,7 @@ _MAX_NAMES = 3  # of further columns
 
 def small_motion_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory, integrator: Mapping[str, Any]
-) -> Iterator[str]:
+) -> Iterator[SuspectedError]:
     """Yield a warning if the tolerance is coarse beside the half range of observed columns.
 
     The tolerance of a rigid body refers to the amplitude of its motion. Vibrations of a vehicle
@@ -98,10 +99,11 @@ def small_motion_warnings(
     names = [x.name for x in coarse if x is not worst]
     others = f" (also {list_first(names, _MAX_NAMES)})" if names else ""
     exponent = math.floor(math.log10(_RECOMMENDED_RELATIVE_TOLERANCE / worst.ratio))
-    yield (
+    yield SuspectedError(
         f"{worst.name}{others}: half its range, {worst.half_range:.2g} {worst.unit}, is only "
         f"{1.0 / worst.ratio:.1g} of the amplitude of its parts, to which rtol={rtol:g} refers, so "
-        f"that its error can be several percent; use rtol={max(10.0**exponent, _MIN_RTOL):.0e}."
+        f"that its error can be several percent; use rtol={max(10.0**exponent, _MIN_RTOL):.0e}.",
+        tuple(x.header for x in coarse),
     )
 
 
@@ -114,8 +116,12 @@ class _SmallColumn(NamedTuple):
     half_range: float
 
     @property
+    def header(self) -> str:
+        return self.observable.headers[self.number]
+
+    @property
     def name(self) -> str:
-        return remove_unit(self.observable.headers[self.number])
+        return remove_unit(self.header)
 
     @property
     def unit(self) -> str:
@@ -123,8 +129,10 @@ class _SmallColumn(NamedTuple):
 
     def is_constant(self, length: float, rtol: float) -> bool:
         """Return True if the column varies by no more than errors of the integration."""
-        header, half_range = self.observable.headers[self.number], np.array([self.half_range])
-        return bool(mark_constant_columns([header], half_range[None], half_range, length, rtol)[0])
+        half_range = np.array([self.half_range])
+        return bool(
+            mark_constant_columns([self.header], half_range[None], half_range, length, rtol)[0]
+        )
 
 
 def _interpolation_estimate(
