@@ -47,6 +47,7 @@ from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRu
 from beamdae.results.columns import (
     mark_required_columns,
     mark_resting_columns,
+    measure_amplitudes,
     remove_unit,
     require_certified_columns,
     require_observed,
@@ -162,7 +163,10 @@ def certify(
         A model function, a mechanism, a constrained system or equations of motion. For the last
         two, the budget contains the time error only.
     accuracy
-        Largest permitted error of a column relative to half its range [-], from 1e-6 to 0.1.
+        Largest permitted error of a column relative to half its range [-], from 1e-6 to 0.1. For
+        columns that are constant but for errors, such as the stress in a steady rotation, it is
+        relative to the largest magnitude; for positions and angles, at most to the size of the
+        mechanism or 1 rad.
     columns
         Observed columns, or names of observables, that must be within the accuracy. Defaults to all
         positions, angles and deflections [m, rad] or, if there are none, to all columns. The budget
@@ -360,14 +364,24 @@ class _Run:
         return np.stack(list(self.solution.columns.values()), axis=1)
 
     @cached_property
-    def half_range(self) -> Array:
-        return 0.5 * np.ptp(self.rows, axis=0)
+    def amplitude(self) -> Array:
+        """Values to which errors are relative, see `measure_amplitudes`."""
+        return self._amplitudes[0]
 
     @cached_property
     def is_at_rest(self) -> Array:
-        """True for columns whose half range is at the level of rounding errors."""
+        """True for columns whose half range is at the level of rounding errors.
+
+        Constant columns are exempt, because they may have another value on another mesh.
+        """
         headers, length = list(self.solution.columns), self.solution.equations.length
-        return mark_resting_columns(headers, self.rows, self.half_range, length)
+        amplitude, is_constant = self._amplitudes
+        return mark_resting_columns(headers, self.rows, amplitude, length) & ~is_constant
+
+    @cached_property
+    def _amplitudes(self) -> tuple[Array, Array]:
+        headers, length = list(self.solution.columns), self.solution.equations.length
+        return measure_amplitudes(headers, self.rows, length, self.rtol)
 
 
 @dataclass(frozen=True)
@@ -415,7 +429,7 @@ def _compare(coarse: _Run, fine: _Run, accuracy: float) -> _Difference:
 
 def _scale(differences: Array, fine: _Run) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(fine.is_at_rest, 0.0, np.abs(differences) / fine.half_range)
+        return np.where(fine.is_at_rest, 0.0, np.abs(differences) / fine.amplitude)
 
 
 def _match_events(coarse: _Run, fine: _Run, times: Array) -> tuple[Array, float] | None:
@@ -769,7 +783,7 @@ class _Certification:
         unknown = np.full(count, np.nan)
         is_mechanism = isinstance(self.task.model, Mechanism)
         time = self._time.copy() if is_assessed else unknown
-        half_range, missed = last.half_range.copy(), last.solution.missed_peaks
+        half_range, missed = last.amplitude.copy(), last.solution.missed_peaks
         for k, column in enumerate(last.solution.columns):
             if column in missed and is_assessed:
                 half_range[k] = missed[column].half_range

@@ -13,7 +13,12 @@ from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.interrupts import Interrupted, interruptible
-from beamdae.results.columns import Header, largest_of_kind, mark_resting_columns
+from beamdae.results.columns import (
+    Header,
+    largest_of_kind,
+    mark_resting_columns,
+    measure_amplitudes,
+)
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -135,12 +140,12 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per observed column: half of its range [unit of the column]; the estimated largest
-        error relative to half the range [-]; and the signed error [-], the run minus the second run
-        at the time of their largest difference, relative to half the range. Errors of columns at
-        rest are 0. Errors are NaN for columns that are not finite, and for a run with a single row.
-        If no second run allows an estimate, the estimated errors are infinite and the signed errors
-        NaN.
+        One row per observed column: half of its range or, if the column is constant but for errors,
+        its largest magnitude [unit of the column]; the estimated largest error relative to this
+        [-]; and the signed error [-], the run minus the second run at the time of their largest
+        difference, in the same unit. Errors of columns at rest are 0. Errors are NaN for columns
+        that are not finite, and for a run with a single row. If no second run allows an estimate,
+        the estimated errors are infinite and the signed errors NaN.
 
     Raises
     ------
@@ -439,9 +444,10 @@ def _compare(
 ) -> ErrorColumns:
     """Return half the range, the relative error and the signed error of each column.
 
-    The signed error is the largest difference of the runs over half the range, with its sign; the
-    relative error is its magnitude times `fraction`, or `fraction` without `other`. `rtol` is the
-    tolerance of the run, 0 for fixed steps.
+    For columns that are constant but for errors, the largest magnitude replaces half the range; see
+    `measure_amplitudes`. The signed error is the largest difference of the runs over half the
+    range, with its sign; the relative error is its magnitude times `fraction`, or `fraction`
+    without `other`. `rtol` is the tolerance of the run, 0 for fixed steps.
     """
     if other is not None and other.t[-1] < solution.t[-1]:
         # An event may end the second run slightly earlier.
@@ -449,7 +455,9 @@ def _compare(
         solution, other = replace(solution, t=common), replace(other, t=common)
     rows = _stack_columns(solution)
     rows = np.where(np.isfinite(rows).all(axis=0), rows, np.nan)
+    headers, length = list(solution.columns), solution.equations.length
     half_range = 0.5 * np.ptp(rows, axis=0)
+    amplitude, _ = measure_amplitudes(headers, rows, length, rtol)
     error = np.full(len(half_range), fraction)
     signed = np.full(len(half_range), np.nan)
     is_noise = np.zeros(len(half_range), bool)
@@ -457,17 +465,18 @@ def _compare(
         differences = rows - _stack_columns(other)
         worst = np.argmax(np.abs(differences), axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            signed = np.take_along_axis(differences, worst[None], axis=0)[0] / half_range
+            difference = np.take_along_axis(differences, worst[None], axis=0)[0]
+            signed = difference / amplitude
+            is_noise = np.abs(difference) > _MIN_NOISE_SHARE * half_range
         error = fraction * np.abs(signed)
-        is_noise = np.abs(signed) > _MIN_NOISE_SHARE
-    headers = list(solution.columns)
-    is_at_rest = mark_resting_columns(headers, rows, half_range, solution.equations.length)
-    of_kind = largest_of_kind(headers, half_range, solution.equations.length)
+    is_at_rest = mark_resting_columns(headers, rows, half_range, length)
+    of_kind = largest_of_kind(headers, half_range, length)
     is_at_rest |= is_noise & (half_range <= _UNRESOLVED_TO_RTOL_RATIO * rtol * of_kind)
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):
         error, signed = (np.where(is_at_rest, 0.0, x) for x in (error, signed))
-    return {HALF_RANGE: half_range, RELATIVE_ERROR: error, SIGNED_ERROR: signed}
+    amplitude = np.where(is_at_rest, half_range, amplitude)
+    return {HALF_RANGE: amplitude, RELATIVE_ERROR: error, SIGNED_ERROR: signed}
 
 
 def _stack_columns(solution: Solution) -> Array:

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from support import rotating_blade
 from tolerances.cases import ALL
 
 import beamdae as bd
@@ -421,3 +422,12 @@ def test_regression_the_largest_stress_of_a_tapered_leaf_is_certified_at_the_sam
     stated = certificate.budget.loc["stress.largest [Pa]", "total"]
     assert certificate.status.success
     assert error < (stated + 0.002) * 0.5 * np.max(exact)  # 8 elements have fewer sections.
+
+
+def test_regression_steady_stresses_are_certified_relative_to_their_value():
+    """Their mesh error, relative to a range of 5 Pa, said nothing, and zero if it was 0 Pa."""
+    settings = {"start": bd.rotation(314.16), "t_end": 1e-3, "output_step": 1e-4}
+    certificate = bd.certify(rotating_blade(6), accuracy=0.05, columns="root", **settings)
+    assert certificate.status.success
+    error = abs(certificate.solution.columns["root [Pa]"][0] / 747.0e6 - 1.0)
+    assert error < certificate.budget.loc["root [Pa]", "mesh"] < 0.05

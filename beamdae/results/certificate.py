@@ -59,7 +59,8 @@ class ErrorBudget:
     columns
         Headers of the observed columns.
     half_range
-        Half the range of each column in the unit of the column, (columns,).
+        Half the range of each column in the unit of the column, (columns,). For columns that are
+        constant but for errors, it is the largest magnitude.
     time
         Error of the time integration, (columns,), like all following arrays; NaN if it is not
         assessed.

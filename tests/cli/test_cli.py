@@ -383,6 +383,13 @@ def test_run_starts_as_requested(command):
     assert_usage_error(command("run", ARM, "--start", "beam.thet=1"), "did you mean 'beam.theta'")
 
 
+def test_accuracy_of_chosen_columns(command):
+    assert_usage_error(command("run", ARM, "--columns", "beam"), "--columns requires --accuracy")
+    assert_usage_error(
+        command("run", ARM, "--accuracy", "1%", "--columns", "no such"), "no such", "observe"
+    )
+
+
 def test_runs_start_in_rotation_with_a_unit():
     assert parse_start(["rotation=30rpm"]) == bd.rotation(math.pi)
     assert parse_start(["rotation=-2"]) == bd.rotation(-2.0)

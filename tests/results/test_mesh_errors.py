@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from support import rotating_blade
 
 import beamdae as bd
 
@@ -78,27 +79,9 @@ def test_resolved_boundary_layers_have_no_warning(tension: float, force: float) 
     assert result.columns["root [Pa]"][-1] == pytest.approx(root_stress(tension, force), rel=0.01)
 
 
-def blade(elements: int) -> bd.Mechanism:
-    mech = bd.Mechanism()
-    hub = mech.add(bd.RigidBody("hub", mass=20.0, inertia=1.0))
-    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
-    mech.add(
-        bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=lambda t: 314.16 * t)
-    )
-    lean = math.radians(5.0)
-    line = bd.Line((0.3, 0.0), (0.3 + LENGTH * math.cos(lean), LENGTH * math.sin(lean)))
-    section = bd.Section.rectangle(TITANIUM, width=WIDTH, height=0.003, damping=2e-5)
-    part = mech.add(bd.Beam("blade", line, section, elements=elements, formulation="exact"))
-    mech.add(bd.Weld("clamp", hub.at(0.3, 0.0), part.start))
-    mech.observe("root", part.stress(0.0, "top"))
-    mech.observe("largest", part.largest_stress())
-    mech.sensor("gauge", part.stress(0.0, "top"))
-    return mech
-
-
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_stress_of_rotating_blades_is_named_with_the_right_value() -> None:
-    run = bd.simulate(blade(6), start=bd.rotation(314.16), t_end=0.002, output_step=0.001)
+    run = bd.simulate(rotating_blade(6), start=bd.rotation(314.16), t_end=0.002, output_step=0.001)
     (sentence,) = mesh_warnings(run)
     # 747.0 MPa is the solution of a boundary value problem; the run has 678.5 MPa.
     balanced = re.search(r"requires (\S+) Pa", sentence)
@@ -132,4 +115,4 @@ def test_section_forces_of_beams_in_a_feedback_loop() -> None:
 
 def test_rounding_errors_of_unloaded_beams_have_no_warning() -> None:
     assert mesh_warnings(bd.equilibrium(clamped_strip(8, 0.0, 0.0, formulation="exact"))) == []
-    assert mesh_warnings(bd.equilibrium(blade(64))) == []
+    assert mesh_warnings(bd.equilibrium(rotating_blade(64))) == []

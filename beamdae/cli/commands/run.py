@@ -89,6 +89,15 @@ def run_command(
             "angles and deflections is below this part of half their range, for example 1%.",
         ),
     ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--columns",
+            metavar="NAME",
+            help="Column or observable that must reach --accuracy, such as a stress; repeatable. "
+            "Defaults to positions, angles and deflections.",
+        ),
+    ] = None,
     page: Annotated[
         bool,
         typer.Option(
@@ -158,6 +167,8 @@ def run_command(
     required_accuracy = parse_accuracy(accuracy)
     if required_accuracy is not None:
         _require_free_choice(integrator, options, verify, checkpoint, resume_from)
+    elif columns:
+        raise BeamdaeError("run: --columns requires --accuracy; use both options or neither.")
     method = create_integrator("run", integrator, options, file)
     if start and resume_from is not None:
         raise BeamdaeError(
@@ -184,7 +195,7 @@ def run_command(
             )
         else:
             solution = run_outputs.certify_run(
-                run, required_accuracy, t_end, output_step, initial_state, time_limit
+                run, required_accuracy, columns, t_end, output_step, initial_state, time_limit
             )
         run_outputs.write_tables(run, parts, solution, checkpoint)
     has_estimate = run.certificate is None and (estimate or verify)
