@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from beamdae.cli import signals
-from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
+from beamdae.cli.output import (
+    WrittenFiles,
+    create_console,
+    print_warnings,
+    record_results,
+    withdraw_warnings,
+)
 from beamdae.cli.progress import show_run_progress
 from beamdae.errors import BeamdaeError
 from beamdae.interrupts import Interrupted, acknowledge
@@ -278,7 +284,9 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
     run.errors = errors
     run.accuracy_warning = verification.accuracy_warning(solution, errors)
     with signals.defer_interrupts():
-        write_metadata(table, solution.metadata(errors=_errors_by_column(run, solution)))
+        warnings = _run_warnings(run, solution)
+        results = {"errors": _errors_by_column(run, solution), "warnings": warnings}
+        write_metadata(table, solution.metadata(**results))
 
 
 def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
@@ -287,6 +295,7 @@ def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:
     return {
         "certificate": run.certificate.settings(),
         "errors": _errors_by_column(run, solution),
+        "warnings": _run_warnings(run, solution),
     }
 
 
@@ -312,10 +321,9 @@ def write_page(run: Run, solution: Solution) -> None:
     from beamdae.report.run_page import build_run_page
 
     def write() -> list[Path]:
-        extra_warnings = [run.accuracy_warning] if run.accuracy_warning else []
         facts = {} if run.certificate is None else run.certificate.facts()
         page = build_run_page(
-            solution, run.model.name, run.columns, run.errors, extra_warnings, facts
+            solution, run.model.name, run.columns, run.errors, _warnings(run, solution), facts
         )
         return [page_file.write_page(run.page, page)]
 
@@ -366,7 +374,25 @@ def print_results(run: Run, solution: Solution) -> None:
         console.print(text_tables.range_table(solution.derivatives.columns()))
     if solution.validity:
         console.print(text_tables.validity_table(solution.validity))
-    print_warnings(console, [*filter(None, [run.accuracy_warning]), *solution.warnings])
+    print_warnings(console, _warnings(run, solution))
+
+
+def _warnings(run: Run, solution: Solution) -> list[str]:
+    """Return the warnings to show, with the one about large errors first."""
+    return [*filter(None, [run.accuracy_warning]), *_run_warnings(run, solution)]
+
+
+def _run_warnings(run: Run, solution: Solution) -> list[str]:
+    """Return the warnings of a run that the estimates of its errors do not refute."""
+    if run.errors is None:
+        return list(solution.warnings)
+    from beamdae.results.diagnostics.suspected_errors import refuted_warnings
+    from beamdae.verification import RELATIVE_ERROR
+
+    errors = run.errors[RELATIVE_ERROR if RELATIVE_ERROR in run.errors else "time"]
+    refuted = refuted_warnings(solution.suspected_errors, solution.columns, errors)
+    withdraw_warnings(refuted)
+    return [x for x in solution.warnings if x not in refuted]
 
 
 def _json_results(run: Run, solution: Solution) -> dict[str, Any]:
