@@ -441,7 +441,10 @@ def test_regression_limits_of_several_quantities_state_the_largest_one():
     assert limit.value > 1.02 * limit.largest
     size = f"{limit.largest:.4g}"
     text = f"at its limit; the largest quantity itself is {float(size):g} Pa"
-    assert limit.comparison == text
+    assert limit.comparison == f"{text} (closer with exponent={limit.exponent:g})"
+    closer = bd.LargestOf(quantities, exponent=limit.exponent)
+    again = bd.optimize(cantilever, bd.Mass(), "width", [bd.at_most(closer, 30e6)], bounds)
+    assert 1.0 < again.constraints[0].value / again.constraints[0].largest < 1.015
     assert result.constraint_table()["largest"].tolist() == [limit.largest]
     # A single quantity is its smooth bound, and others have no bound.
     single = Constraint("stress", 2e8, 2e8, 0.0, 0.0, 0.0, "Pa", 2e8)
@@ -700,6 +703,12 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
         bounds={"height": (0.001, 0.03)},
     )
     assert result.status.success
+    # The limit of 150 MPa was "at its limit", and no table contained the largest stress.
+    (limit,) = result.constraints
+    (path,) = (x for x in result.analyses if isinstance(x, bd.Equilibrium))
+    assert limit.largest == path.columns["stress.largest [Pa]"][-1] < 0.99 * limit.value
+    assert 100.0 < limit.exponent <= 1000.0
+    assert f"closer with exponent={limit.exponent:g}" in limit.comparison
     # M = sigma b h^2 / 6 at each section; between the points, linear heights are on the safe side.
     expected = np.sqrt(6.0 * 100.0 * (0.5 - knots) / (WIDTH * 150e6))
     np.testing.assert_allclose(result.parameters["height"][:-1], expected[:-1], rtol=0.05)

@@ -32,7 +32,7 @@ from beamdae.model_parameters import parse_quantity
 
 Array = np.ndarray
 
-_MAX_EXPONENT = 1000.0
+MAX_EXPONENT = 1000.0
 _MAX_NUMBER = 10_000
 
 
@@ -144,9 +144,9 @@ class LargestOf(Quantity):
         if not entries:
             raise BeamdaeError("LargestOf: quantities is empty; pass at least one quantity.")
         p = require_finite("LargestOf", "exponent", self.exponent)
-        if not 1.0 <= p <= _MAX_EXPONENT:
+        if not 1.0 <= p <= MAX_EXPONENT:
             raise BeamdaeError(
-                f"LargestOf: exponent must be between 1 and {_MAX_EXPONENT:g}, got {p:g}."
+                f"LargestOf: exponent must be between 1 and {MAX_EXPONENT:g}, got {p:g}."
             )
         quantities = tuple(as_quantity("LargestOf: quantities", x) for x in entries)
         set_fields(self, quantities=quantities, exponent=p)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,19 +19,30 @@ from beamdae.analysis.optimization.problem import (
     list_column_units,
     parameter_values,
 )
-from beamdae.analysis.optimization.quantities import LargestOf, Limit, RunQuantity, find_unit
+from beamdae.analysis.optimization.quantities import (
+    MAX_EXPONENT,
+    EquilibriumValue,
+    LargestOf,
+    Limit,
+    Quantity,
+    RunQuantity,
+    find_unit,
+)
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
     SearchResult,
     find_active_bounds,
 )
+from beamdae.beams.beam import Beam
 from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import require_file_path, write_escaped_table
+from beamdae.symbolic.statements import Variable
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -44,6 +56,8 @@ _MAX_STEP_ERROR = 0.01
 _MAX_EXCESS = 1e-3
 # Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
 _MAX_BOUND_EXCESS = 5e-3
+# Relative excess for which an exponent is recommended.
+_RECOMMENDED_BOUND_EXCESS = 0.01
 
 
 class Constraint(NamedTuple):
@@ -68,8 +82,11 @@ class Constraint(NamedTuple):
     unit
         Unit of the value, the limit and the margin; "" if it is unknown.
     largest
-        Largest magnitude of the quantities of a `LargestOf`, whose smooth upper bound is the value;
-        NaN for other quantities.
+        Largest magnitude of the quantities of a `LargestOf`, or of the stresses of a
+        `Beam.largest_stress`, whose smooth upper bound is the value; NaN for other quantities.
+    exponent
+        Exponent with which this bound exceeds the largest magnitude by about 1 %; NaN if it does
+        not exceed it by more.
     """
 
     name: str
@@ -80,6 +97,7 @@ class Constraint(NamedTuple):
     relative_margin: float
     unit: str
     largest: float = float("nan")
+    exponent: float = float("nan")
 
     @property
     def comparison(self) -> str:
@@ -89,7 +107,8 @@ class Constraint(NamedTuple):
         """
         if self.value > (1.0 + _MAX_BOUND_EXCESS) * self.largest:
             size = format_with_unit(float(f"{self.largest:.4g}"), self.unit)
-            return f"{self._margin_text}; the largest quantity itself is {size}"
+            closer = f" (closer with exponent={self.exponent:g})" if self.exponent > 0.0 else ""
+            return f"{self._margin_text}; the largest quantity itself is {size}{closer}"
         return self._margin_text
 
     @property
@@ -195,11 +214,15 @@ class Optimization:
         return pd.DataFrame.from_dict(rows, orient="index")
 
     def constraint_table(self) -> pd.DataFrame:
-        """Return the constraints, one row each; "largest" only if there is a `LargestOf`."""
+        """Return the constraints, one row each.
+
+        The columns "largest" and "exponent" exist only if there is a smooth bound.
+        """
         import pandas as pd
 
         table = pd.DataFrame(self.constraints, columns=list(Constraint._fields))
-        return table if table["largest"].notna().any() else table.drop(columns="largest")
+        has_bound = table["largest"].notna().any()
+        return table if has_bound else table.drop(columns=["largest", "exponent"])
 
     def history(self) -> pd.DataFrame:
         """Return all evaluated designs in their order.
@@ -351,11 +374,48 @@ def _list_constraints(
         margin = limit.margin(value)
         relative = _relative_margin(limit, margin, first)
         numbers = (value, limit.bound, margin, multiplier, relative)
-        largest = float("nan")
-        if isinstance(limit.quantity, LargestOf):
-            largest = limit.quantity.largest(design.leaf_values)
-        constraints.append(Constraint(limit.label, *numbers, unit, largest))
+        largest, exponent = _find_largest(limit.quantity, value, design)
+        closer = _suggest_exponent(value / largest, exponent) if largest > 0.0 else float("nan")
+        constraints.append(Constraint(limit.label, *numbers, unit, largest, closer))
     return tuple(constraints)
+
+
+def _find_largest(quantity: Quantity, value: float, design: Design) -> tuple[float, float]:
+    """Return the largest magnitude of which a quantity is a smooth bound, and its exponent.
+
+    Both are NaN if the quantity is no smooth bound.
+    """
+    if isinstance(quantity, LargestOf):
+        return quantity.largest(design.leaf_values), quantity.exponent
+    column = quantity.column if isinstance(quantity, EquilibriumValue) else ""
+    if isinstance(quantity, RunQuantity) and len(quantity.objective.terms) == 1:
+        column = quantity.objective.terms[0][1].column
+    name, _, column = column.partition(" [")[0].rpartition(".")
+    for result in design.results if column == "bound" else ():
+        if not isinstance(result, (Solution, Equilibrium)):
+            continue
+        mechanism = result.equations.mechanism
+        observed = None if mechanism is None else mechanism.observables.get(name)
+        exponent = None if observed is None else Beam.exponent_of_bound(observed)
+        if exponent is None:
+            continue
+        largest, bound = (
+            result.columns[Variable(f"{name}.{x}", "Pa").header] for x in ("largest", "bound")
+        )
+        # Several analyses may contain the column, but one row has the value.
+        row = int(np.argmin(np.abs(bound - value)))
+        if abs(bound[row] - value) <= FEASIBILITY_TOLERANCE * abs(value):
+            return float(largest[row]), exponent
+    return float("nan"), float("nan")
+
+
+def _suggest_exponent(ratio: float, exponent: float) -> float:
+    """Return the exponent with which bound / largest is about 1 %; NaN if it is not above."""
+    # The ratio is N^(1/p) with an effective number N of sections.
+    if ratio <= 1.0 + _RECOMMENDED_BOUND_EXCESS:
+        return float("nan")
+    wanted = exponent * math.log(ratio) / math.log(1.0 + _RECOMMENDED_BOUND_EXCESS)
+    return min(math.ceil(wanted / 10.0) * 10.0, MAX_EXPONENT)
 
 
 def _list_units(problem: DesignProblem, analyses: Sequence[Any]) -> list[str]:
