@@ -714,3 +714,24 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     np.testing.assert_allclose(result.parameters["height"][:-1], expected[:-1], rtol=0.05)
     path = bd.equilibrium(leaf(height=tuple(result.parameters["height"])))
     assert 0.95 * 150e6 < path.columns["stress.largest [Pa]"][-1] <= 150e6 * (1.0 + 1e-6)
+
+
+@pytest.mark.slow(reason="ten runs")
+def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
+    @bd.model(t_end=0.02)
+    def swing(width=bd.param(WIDTH, "m")):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width, 0.01, damping=1e-3)
+        beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=2))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
+        mech.observe("stress", beam.largest_stress(exponent=5.0))
+        return mech
+
+    limit = bd.at_most(bd.SmoothMaximum("stress.bound", 50.0), "50 MPa")
+    settings = {"integrator": bd.GeneralizedAlpha(1e-4), "bounds": {"width": (0.005, 0.2)}}
+    result = bd.optimize(swing, bd.Mass(), by="width", subject_to=limit, **settings)
+    (run,) = (x for x in result.analyses if isinstance(x, bd.Solution))
+    (constraint,) = result.constraints
+    assert constraint.largest == run.columns["stress.largest [Pa]"].max()
+    assert result.constraint_table()["largest"].tolist() == [constraint.largest]

@@ -387,12 +387,16 @@ def _find_largest(quantity: Quantity, value: float, design: Design) -> tuple[flo
     """
     if isinstance(quantity, LargestOf):
         return quantity.largest(design.leaf_values), quantity.exponent
-    column = quantity.column if isinstance(quantity, EquilibriumValue) else ""
-    if isinstance(quantity, RunQuantity) and len(quantity.objective.terms) == 1:
-        column = quantity.objective.terms[0][1].column
+    column, is_maximum = "", False
+    if isinstance(quantity, EquilibriumValue):
+        column = quantity.column
+    elif isinstance(quantity, RunQuantity) and len(quantity.objective.terms) == 1:
+        factor, term = quantity.objective.terms[0]
+        is_maximum = isinstance(term, SmoothMaximum)
+        column = term.column if factor == 1.0 else ""
     name, _, column = column.partition(" [")[0].rpartition(".")
     for result in design.results if column == "bound" else ():
-        if not isinstance(result, (Solution, Equilibrium)):
+        if not isinstance(result, Solution if is_maximum else (Solution, Equilibrium)):
             continue
         mechanism = result.equations.mechanism
         observed = None if mechanism is None else mechanism.observables.get(name)
@@ -402,6 +406,8 @@ def _find_largest(quantity: Quantity, value: float, design: Design) -> tuple[flo
         largest, bound = (
             result.columns[Variable(f"{name}.{x}", "Pa").header] for x in ("largest", "bound")
         )
+        if is_maximum:
+            return float(np.max(largest)), exponent
         # Several analyses may contain the column, but one row has the value.
         row = int(np.argmin(np.abs(bound - value)))
         if abs(bound[row] - value) <= FEASIBILITY_TOLERANCE * abs(value):
