@@ -163,10 +163,12 @@ class GradientFlow:
         def size(change: Array) -> float:
             return float(np.max(self.measure.distances(change[:n]) / sizes))
 
-        def unbalance(x: Array) -> Array:
-            return static.residual(x[:n], x[n:]) + weight @ (x - origin)
+        def unbalance(total: Array) -> Array:
+            x = origin + total
+            return static.residual(x[:n], x[n:]) + weight @ total
 
         x = origin = np.concatenate([q, lam])
+        total = np.zeros(n + m)
         is_converged = not self.is_cautious
         for _ in range(_MAX_ITERATIONS if self.is_cautious else 1):
             last, forces = x, static.residual(x[:n], x[n:])
@@ -174,15 +176,15 @@ class GradientFlow:
                 solve = splu(sp.csc_array(static.matrix(x[:n], x[n:]) + weight)).solve
             except RuntimeError:
                 return None
-            change = -solve(forces + weight @ (x - origin))
+            change = -solve(forces + weight @ total)
             change_size, share = size(change), 1.0
             if self.is_cautious:
-                while not size(solve(unbalance(last + share * change))) <= change_size:
+                while not size(solve(unbalance(total + share * change))) <= change_size:
                     share *= _SHARE_REDUCTION
                     if share < _SMALLEST_SHARE:
                         return None
-            x = last + share * change
-            step_size = size(x - origin)
+            total = total + share * change
+            x, step_size = origin + total, size(total)
             if not step_size <= _MAX_STEP:
                 return None
             if change_size <= max(_ITERATION_TOLERANCE * step_size, _CONVERGED_STEP):
