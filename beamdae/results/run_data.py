@@ -316,7 +316,10 @@ class RunData:
         """Return the state at an output time; load factors of inactive parts are zero."""
         t = self.t[[row]]
         ((_, factors),) = group_rows(self.trajectory, t)
-        return LoadedState(*self.trajectory.at(t), factors)
+        if "_output" not in vars(self):
+            return LoadedState(*self.trajectory.at(t), factors)
+        times, state = self._output
+        return LoadedState(times[[row]], State(*(x[[row]] for x in state)), factors)
 
     def _step_warnings(self) -> Iterator[str]:
         """Yield warnings about forces that fixed steps do not resolve."""

@@ -38,6 +38,7 @@ _MIN_INDICATED_SHARE = 0.14
 _MIN_STRESS_SHARE = 1e-3
 # So do strains below this one in beams without loads, whose rounding errors are up to 1e-13.
 _ROUNDING_STRAIN = 1e-11
+_SAME_VALUE = 1e-6  # relative difference of values that are not distinguished
 _MAX_NAMES = 3  # of further columns
 
 
@@ -142,7 +143,9 @@ class _Evaluator:
         sections: tuple[float, ...],
     ) -> _ColumnError | None:
         """Return the error of a column at its largest magnitude; None if it is small or zero."""
-        row = int(np.argmax(np.abs(values)))
+        sizes = np.abs(values)
+        # Steady columns share the first row, instead of rows that rounding chooses.
+        row = int(np.argmax(sizes >= (1.0 - _SAME_VALUE) * np.max(sizes)))
         value = float(values[row])
         if value == 0.0 or not np.isfinite(value):
             return None
