@@ -83,6 +83,7 @@ _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
 _MAX_NAMES = 3
+_MAX_MESH_COLUMNS = 8  # in the warning of mesh errors
 _MIN_ROWS = 10  # of a run whose columns are compared
 _MAX_FAIR_MESH_ERROR = 5e-2
 
@@ -505,14 +506,19 @@ def _measure_mesh_errors(
 
 
 def _mesh_warning(errors: dict[str, float]) -> Iterator[str]:
-    if errors:
-        column = max(errors, key=lambda name: errors[name])
-        if errors[column] > _MAX_MESH_ERROR:
-            yield (
-                f"{column}: halving all elements changes the column by "
-                f"{100.0 * errors[column]:.0f} % of its deviation from the mean (root mean "
-                "square); use more elements."
-            )
+    changes = [
+        (column, f"{100.0 * error:.0f} %")
+        for column, error in sorted(errors.items(), key=lambda item: -item[1])
+        if error > _MAX_MESH_ERROR
+    ]
+    if changes:
+        (column, largest), *others = changes
+        more = list_first([f"{name} by {change}" for name, change in others], _MAX_MESH_COLUMNS)
+        also = f"; it also changes {more}" * bool(more)
+        yield (
+            f"{column}: halving all elements changes the column by {largest} of its deviation "
+            f"from the mean (root mean square){also}; use more elements."
+        )
 
 
 def _undamped_beam_warning(

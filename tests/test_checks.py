@@ -459,6 +459,20 @@ def test_regression_mesh_errors_of_impacts_are_measured():
 
 
 @pytest.mark.slow(reason="two runs with contacts")
+def test_regression_mesh_errors_of_all_columns_have_a_warning():
+    """Only the column that changes most was named: not the forces of the contacts, nor stresses."""
+    mech = bounce(1)
+    mech.observe("left", mech.parts["left"].force)
+    mech.observe("bottom", mech.parts["strip"].stress(0.1, "bottom"))
+    report = bd.check(mech, t_end=0.02)
+    (message,) = (x for x in report.warnings if "halving all elements" in x)
+    wrong = {column for column, error in report.mesh_errors.items() if error > 0.03}
+    assert {"left.N [N]", "bottom [Pa]"} <= wrong
+    assert wrong == {column for column in report.mesh_errors if column in message}
+    assert all(f"({column})" in str(report) for column in wrong)
+
+
+@pytest.mark.slow(reason="two runs with contacts")
 def test_regression_motions_that_vanish_by_symmetry_have_no_mesh_error():
     """Their rounding errors changed by 75 % and were the only mesh errors that were named."""
     mech, portal = falling_portal()

@@ -7,10 +7,11 @@ from typing import Any
 
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
+from beamdae.errors import list_first
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
 
 _MAX_FREE_MOTIONS = 8
-_MAX_MESH_ERRORS = 3
+_MAX_MESH_ERRORS = 8
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
@@ -55,9 +56,10 @@ def describe_check(check: Any) -> Mapping[str, str]:
             f"length {mesh.curvature_error:.2g}"
         )
     if check.mesh_errors:
-        largest = sorted(check.mesh_errors.items(), key=lambda item: -item[1])[:_MAX_MESH_ERRORS]
-        facts["mesh errors"] = "with halved elements, columns change by " + ", ".join(
-            f"{error:.2g} ({name})" for name, error in largest
+        errors = sorted(check.mesh_errors.items(), key=lambda item: -item[1])
+        changes = [f"{error:.2g} ({name})" for name, error in errors]
+        facts["mesh errors"] = "with halved elements, columns change by " + list_first(
+            changes, _MAX_MESH_ERRORS
         )
     if check.prediction is not None:
         p = check.prediction
