@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -39,8 +40,8 @@ class Reference:
     columns
         Columns used for the errors; empty if there is no reference.
     uncertainty
-        Largest difference between the two methods, relative to the amplitude of each column [-];
-        NaN if it is unknown.
+        Largest difference between the two methods in `columns`, relative to the amplitude of each
+        column [-]; NaN if it is unknown.
     sentence
         Description of the reference, or the reason why it is missing.
     events
@@ -121,8 +122,9 @@ def build_reference(
 ) -> Reference:
     """Return the reference of a group from the outcomes of its methods, by key of the task.
 
-    If the reference is missing, for example because a run failed or the methods differ by more than
-    1 % of the amplitude, its `table` is None and its `sentence` gives the reason.
+    Columns in which the methods differ by more than 1 % of the amplitude are omitted, and named in
+    the `sentence`. If the reference is missing, for example because a run failed or no column is
+    left, its `table` is None and its `sentence` gives the reason.
     """
     if len(methods) == 1:
         return _missing_reference(
@@ -139,18 +141,29 @@ def build_reference(
     table, second_table = (_tabulate_method(tasks, outcomes) for tasks in methods)
     try:
         columns = select_error_columns(table, study.columns)
-        uncertainty = float(compute_deviations(second_table, table, columns).to_numpy().max())
+        differences = compute_deviations(second_table, table, columns).to_numpy().max(axis=0)
     except BeamdaeError as problem:
         return _missing_reference(labels, str(problem))
-    if not uncertainty <= _MAX_UNCERTAINTY:
+    # A column may differ because it nearly vanishes by symmetry; the others still have errors.
+    agrees = differences <= _MAX_UNCERTAINTY
+    disputed = ", ".join(
+        f"{columns[k]} by {differences[k]:.2g}" for k in np.argsort(-differences) if not agrees[k]
+    )
+    if not agrees.any():
         return _missing_reference(
-            labels, f"no reference, {labels[0]} and {labels[1]} differ by {uncertainty:.2g}"
+            labels,
+            f"no reference, {labels[0]} and {labels[1]} differ by more than "
+            f"{_MAX_UNCERTAINTY:g} of the amplitude in all columns ({disputed})",
         )
+    columns = list(itertools.compress(columns, agrees))
+    uncertainty = float(differences[agrees].max())
     if study.over is not None and uncertainty == 0.0:
         return _missing_reference(
             labels, f"no reference, {study.over} has no effect on the two finest meshes"
         )
     sentence = f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude"
+    if disputed:
+        sentence += f"; no errors of columns that differ by more ({disputed})"
     events = _collect_method_events(methods[0], outcomes)
     return Reference(labels, table, tuple(columns), uncertainty, sentence, events)
 

@@ -196,6 +196,31 @@ def test_unresolved_errors_are_marked(tmp_path):
     assert list(table["below resolution"]) == [False, True]
 
 
+@bd.model(t_end=0.4)
+def springs():
+    """Two masses; coarse fixed steps do not resolve the vibration of the fast one."""
+    mech = bd.Mechanism()
+    for name, stiffness in (("slow", 1e2), ("fast", 1e6)):
+        mass = mech.add(bd.PointMass(name, 1.0, at=(1.0, 0.0), velocity=(0.1, 0.0)))
+        mech.add(bd.Spring(f"{name} spring", mech.ground.at(0.0, 0.0), mass.point, stiffness))
+        mech.observe(name, mass.point)
+    return mech
+
+
+def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(tmp_path):
+    """One column whose references differed left all columns without errors, and was not named."""
+    cases = [bd.Case(springs, {}, bd.GeneralizedAlpha(step=h)) for h in (0.02, 0.01)]
+    results = run(create_study(cases), tmp_path / "both")
+    (reference,) = results.references.values()
+    assert reference.columns == ("slow.x [m]",)
+    assert "no errors of columns that differ by more (fast.x [m] by " in reference.sentence
+    assert results.table["error of slow.x [m], max"].notna().all()
+    hidden = run(create_study(cases, columns=("fast",)), tmp_path / "fast")
+    (reference,) = hidden.references.values()
+    assert reference.table is None
+    assert "0.01 of the amplitude in all columns (fast.x [m] by " in reference.sentence
+
+
 def test_the_summary_has_orders_and_the_fastest_integrators(swings):
     summary = pd.read_csv(swings.folder / "summary.csv")
     orders = summary[summary["what"] == "order in step"]
