@@ -215,7 +215,7 @@ def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(t
     assert reference.columns == ("slow.x [m]",)
     assert "no errors of columns that differ by more (fast.x [m] by " in reference.sentence
     assert results.table["error of slow.x [m], max"].notna().all()
-    hidden = run(create_study(cases, columns=("fast",)), tmp_path / "fast")
+    hidden = run(create_study(cases, columns=("fast.x",)), tmp_path / "fast")
     (reference,) = hidden.references.values()
     assert reference.table is None
     assert "0.01 of the amplitude in all columns (fast.x [m] by " in reference.sentence
