@@ -296,7 +296,8 @@ def combine_images(images: Array, shapes: Array, mass: sp.csc_array) -> Array:
     momenta = mass @ shapes
     products = np.abs(np.einsum("ij,ij->j", images.conj(), momenta)) ** 2
     image_squares, squares = (
-        np.einsum("ij,ij->j", x.conj(), y).real for x, y in ((images, mass @ images), (shapes, momenta))
+        np.einsum("ij,ij->j", x.conj(), y).real
+        for x, y in ((images, mass @ images), (shapes, momenta))
     )
     is_parallel = products >= (1.0 - _MAX_IMAGE_DEVIATION) * image_squares * squares
     return np.where(is_parallel, images, shapes)
