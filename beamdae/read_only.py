@@ -42,7 +42,7 @@ class ReadOnlyDict(dict[Any, Any]):
     clear = pop = popitem = setdefault = update = _reject
 
     def __reduce__(self) -> Any:
-        return ReadOnlyDict, (dict(self),)
+        return type(self), (dict(self),)
 
 
 # Other values are immutable, or objects that are not copied.

@@ -35,8 +35,8 @@ from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.long_steps import long_step_warnings
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
+    ExtremesByColumn,
     MissedPeak,
-    StepExtremes,
     find_missed_peaks,
     measure_step_extremes,
     missed_peak_warnings,
@@ -150,8 +150,8 @@ class RunData:
         return rows
 
     @cached_property
-    def step_extremes(self) -> dict[str, StepExtremes]:
-        """Extremes of the observed columns over all steps and rows.
+    def step_extremes(self) -> ExtremesByColumn:
+        """Extremes of the observed columns over all steps and rows, by header or name of a column.
 
         They include peaks between the rows. Accelerations are omitted in models without abrupt
         forces, such as contacts.

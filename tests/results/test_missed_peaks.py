@@ -1,5 +1,6 @@
 """Peaks of contact forces between output rows: warnings, extremes, sweeps and certificates."""
 
+import pickle
 import re
 import tracemalloc
 import warnings
@@ -216,6 +217,19 @@ def loaded_leaf():
     mech.observe("tip", leaf.end)
     mech.observe("root", leaf.stress(0.0, "top"))
     return mech
+
+
+def test_regression_extremes_at_steps_accept_names_without_units():
+    """Only headers with units were found, and `run["tip.y"]` works; others raised a KeyError."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0))).point)
+    extremes = bd.simulate(mech, t_end=0.1).step_extremes
+    assert extremes["ball.y"] is extremes["ball.y [m]"]
+    assert pickle.loads(pickle.dumps(extremes))["ball.y"] == extremes["ball.y"]
+    with pytest.raises(
+        bd.BeamdaeError, match=r"step_extremes: column must be .*ball\.y \[m\].*'bal'"
+    ):
+        extremes["bal"]
 
 
 @pytest.mark.slow(reason="half a second and more")

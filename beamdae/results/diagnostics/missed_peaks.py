@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
+from beamdae.read_only import ReadOnlyDict
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
@@ -20,6 +21,7 @@ from beamdae.results.columns import (
     mark_resting_columns,
     mark_vanishing_columns,
     remove_unit,
+    select_column,
 )
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -52,6 +54,14 @@ class StepExtremes:
     max_time: float
     rms: float
     roughness: float = 0.0
+
+
+class ExtremesByColumn(ReadOnlyDict):
+    """`StepExtremes` by header; `extremes["spring"]` is that of "spring [N]"."""
+
+    def __missing__(self, name: Any) -> StepExtremes:
+        extremes: StepExtremes = self[select_column("step_extremes", self, name)]
+        return extremes
 
 
 @dataclass(frozen=True)
@@ -123,7 +133,7 @@ def measure_step_extremes(
     row_times: Array,
     observed: Callable[[], Mapping[str, Array]],
     has_fixed_steps: bool = False,
-) -> dict[str, StepExtremes]:
+) -> ExtremesByColumn:
     """Return the extremes of the observed columns over the steps and the output rows.
 
     Columns that are not finite at a step are omitted, and so are accelerations in models without
@@ -142,7 +152,7 @@ def measure_step_extremes(
     """
     headers = equations.observed_headers
     if not headers:
-        return {}
+        return ExtremesByColumn()
     omitted_units = () if may_have_short_peaks(equations) else _UNITS_OF_ACCELERATIONS
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
@@ -170,25 +180,27 @@ def measure_step_extremes(
                 of_block = _find_extremes(*(np.concatenate(pair) for pair in pairs))
             extremes = of_block
     if extremes is None:
-        return {}
+        return ExtremesByColumn()
     # Rows between steps may exceed both; rows that are not finite are no extremes.
     numbers = rows_of_table[:, 1:]
     numbers = np.where(np.isfinite(numbers), numbers, extremes[1][0])
     of_rows = _find_extremes(row_times, numbers)
     pairs = zip(extremes, of_rows, strict=True)
     times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
-    return {
-        header: StepExtremes(low, low_time, high, high_time, rms, rough)
-        for header, (low, high), (low_time, high_time), rms, rough in zip(
-            headers,
-            values.T.tolist(),
-            times.T.tolist(),
-            squares.finish().tolist(),
-            roughness.finish().tolist(),
-            strict=True,
-        )
-        if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
-    }
+    return ExtremesByColumn(
+        {
+            header: StepExtremes(low, low_time, high, high_time, rms, rough)
+            for header, (low, high), (low_time, high_time), rms, rough in zip(
+                headers,
+                values.T.tolist(),
+                times.T.tolist(),
+                squares.finish().tolist(),
+                roughness.finish().tolist(),
+                strict=True,
+            )
+            if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
+        }
+    )
 
 
 class _KnownSteps(NamedTuple):
