@@ -383,6 +383,16 @@ def model_of(mechanism: Any) -> Model | None:
     return None if built is None else replace(built[0], parameters=built[1])
 
 
+def require_model_function(caller: str, model: Any) -> Model:
+    """Return `model` if it is a model function; `caller` is the called function, for messages."""
+    if not isinstance(model, Model):
+        raise BeamdaeError(
+            f"{caller}: model must be a model function, got {short_repr(model)}; decorate the "
+            "function that builds the mechanism with bd.model."
+        )
+    return model
+
+
 def require_file_name(part: str, value: Any) -> str:
     """Return `value` if it is a valid file and folder name on all operating systems.
 

@@ -188,7 +188,7 @@ def test_flutter_load_over_damping():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"model": truss()}, "expected a model function"),
+        ({"model": truss()}, "must be a model function.*decorate .* with bd.model"),
         ({"kind": "limit"}, "kind must be"),
         ({"by": ("rise", "height")}, "by must be"),
         ({"by": ("rize", "load")}, "'rize', which is not a numeric parameter of truss"),

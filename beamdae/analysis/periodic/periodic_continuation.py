@@ -41,7 +41,7 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
+from beamdae.model_functions import Model, require_model_function
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import floquet_multipliers
@@ -149,8 +149,7 @@ def frequency_response(
         If no first motion is found, or the curve ends inside the range; and for each of
         `FrequencyResponse.warnings`.
     """
-    if not isinstance(model, Model):
-        raise BeamdaeError(f"{_NAME}: model must be a model function, got {short_repr(model)}.")
+    require_model_function(_NAME, model)
     first, last = require_pair(_NAME, "between", between, "a pair of values of the parameter")
     ends = require_finite(_NAME, "between", first), require_finite(_NAME, "between", last)
     if ends[0] == ends[1]:

@@ -14,7 +14,7 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.model_functions import Model
+from beamdae.model_functions import Model, require_model_function
 from beamdae.results.displays import HasTable
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
@@ -52,10 +52,7 @@ def require_parameter_names(
 
     `caller` is the calling function and `argument` the name of its argument, for messages.
     """
-    if not isinstance(model, Model):
-        raise BeamdaeError(
-            f"{caller}: model must be a model function (bd.model), got {short_repr(model)}."
-        )
+    require_model_function(caller, model)
     names = tuple(require_names(caller, argument, by, "a list of names of parameters"))
     if not names or len(set(names)) < len(names):
         raise BeamdaeError(

@@ -33,7 +33,7 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
-from beamdae.model_functions import Model
+from beamdae.model_functions import Model, require_model_function
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.equilibrium import Equilibrium
@@ -231,11 +231,7 @@ def boundary(
     >>> round(float(curve.factors[-1]), 3)
     22.844
     """
-    if not isinstance(model, Model):
-        raise BeamdaeError(
-            f"{_NAME}: expected a model function, got {short_repr(model)}; decorate the function "
-            "that builds the mechanism with bd.model."
-        )
+    require_model_function(_NAME, model)
     require_choice(_NAME, "kind", kind, (LIMIT, BRANCH, FLUTTER))
     name = _parse_parameter(model, by)
     limits = _parse_limits(values)
