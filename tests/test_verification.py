@@ -273,6 +273,22 @@ def test_regression_errors_of_steady_stresses_are_relative_to_their_value():
     assert deflection[RELATIVE_ERROR] < 1e-6
 
 
+@pytest.mark.parametrize("force", [1e-4, 1e-2])
+def test_regression_errors_of_small_deflections_are_relative_to_their_range(force):
+    """A deflection of 1.3e-8 m had half a range of 1 mm, and errors of 6 % were 1e-8."""
+    mech = bd.Mechanism()
+    steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
+    section = bd.Section.rectangle(steel, width=0.02, height=0.02, damping=1e-5)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, lambda t: force * np.sin(6.0 * t))))
+    mech.observe("tip", beam.end)
+    solution = bd.simulate(mech, bd.Ida(1e-3), t_end=0.5, output_step=0.01)
+    tip = bd.error_estimate(solution).loc["tip.y [m]"]
+    np.testing.assert_allclose(tip[HALF_RANGE], 0.5 * np.ptp(solution["tip.y"]))
+    assert tip[RELATIVE_ERROR] > 1e-4
+
+
 def test_an_angle_that_moves_by_rounding_is_at_rest():
     """It has no other angle to be compared with."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

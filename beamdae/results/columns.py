@@ -37,8 +37,6 @@ _VANISHING_TO_OTHERS_RATIO = 8e-7
 _ERROR_TO_VALUE_RATIO = 10.0  # relative to rtol and the largest value
 _MAX_ERROR_TO_VALUE_RATIO = 1e-3  # for all rtol
 _ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, or 1 rad
-# Errors of constant positions near the origin are relative to this share of that size.
-_MIN_VALUE_TO_SIZE_RATIO = 1e-3
 
 # Units of rotations: the unit of the same quantity of translations, and the power of a length [m]
 # with which values are multiplied to compare them.
@@ -401,8 +399,9 @@ def measure_amplitudes(
 
     The amplitude is half the range or, for columns that are constant but for errors, such as the
     stress in a steady rotation, the largest magnitude; for positions and angles, at most the size
-    of the mechanism, or 1 rad, and at least a thousandth of it. The mask is True for these columns.
-    See `mark_constant_columns` for the arguments.
+    of the mechanism, or 1 rad. The mask is True for these columns. Columns that vary by more than a
+    thousandth of their value, such as small deflections from zero, are not constant. See
+    `mark_constant_columns` for the arguments.
     """
     half_range = 0.5 * np.ptp(rows, axis=0)
     largest = np.max(np.abs(rows), axis=0)
@@ -410,6 +409,7 @@ def measure_amplitudes(
     for k, header in enumerate(headers):
         size = sizes.get(Header.of(header).unit)
         if size is not None:
-            largest[k] = np.clip(largest[k], _MIN_VALUE_TO_SIZE_RATIO * size, size)
-    is_constant = mark_constant_columns(headers, rows, half_range, length, rtol) & (largest > 0.0)
+            largest[k] = min(largest[k], size)
+    is_constant = mark_constant_columns(headers, rows, half_range, length, rtol)
+    is_constant &= (half_range <= _MAX_ERROR_TO_VALUE_RATIO * largest) & (largest > 0.0)
     return np.where(is_constant, largest, half_range), is_constant
