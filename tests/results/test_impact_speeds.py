@@ -65,6 +65,17 @@ def test_bodies_that_slide_along_each_other_at_the_start_have_no_impact():
     assert not [x for x in solution.warnings if "impact_speed" in x]
 
 
+def test_regression_bodies_that_slide_along_a_circle_at_the_start_have_no_impact():
+    """The fastest impact was said to be at 0.25 mm/s."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    hill = bd.CircleSurface(mech.ground.at(0.0, 0.0), 1.0)
+    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, 1.0), velocity=(0.5, 0.0)))
+    mech.add(bd.Contact("slide", ball.point, hill, 8e6, restitution=0.6, impact_speed=1.0))
+    for method in (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-4)):
+        solution = bd.simulate(mech, method, t_end=0.03)
+        assert not [x for x in solution.warnings if "impact_speed" in x]
+
+
 @pytest.mark.parametrize(("record", "speed", "count"), [(None, 0.5, 1), ("", 0.5, 0), ("", 9.0, 1)])
 def test_long_runs_that_store_some_steps_are_not_called_too_slow(record, speed, count, monkeypatch):
     mech = bd.Mechanism()

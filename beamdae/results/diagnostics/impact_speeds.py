@@ -72,16 +72,19 @@ def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
     steps = np.diff(t)[np.diff(t) > 0.0]
     if not len(steps):
         return 0.0
-    # Bodies that touch at the start and approach each other were apart a step before.
-    t = np.insert(t, 0, t[0] - steps[0])
-    q = np.insert(state.q, 0, state.q[0] - steps[0] * state.v[0], axis=0)
-    v = np.insert(state.v, 0, state.v[0], axis=0)
-    values = gap.evaluate(t, interval.branch, q)
+    values = gap.evaluate(t, interval.branch, state.q)
     (last_open,) = np.nonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    if not len(last_open):
-        return 0.0
     ahead = _SLOPE_SHARE * np.diff(t)[last_open]
-    q, v = q[last_open], v[last_open]
-    later = gap.evaluate(t[last_open], interval.branch, q + ahead[:, None] * v)
+    q = state.q[last_open] + ahead[:, None] * state.v[last_open]
+    later = gap.evaluate(t[last_open], interval.branch, q)
     speeds = (values[last_open] - later) / ahead
-    return float(np.max(speeds[speeds > _MIN_SPEED_SHARE * (np.abs(v) @ gap.lengths)], initial=0.0))
+    # Bodies that touch at the start and approach each other were apart a step before. Central
+    # differences vanish for bodies that slide along a curved surface.
+    around = steps[0] * np.array([-1.0, 0.0, 1.0])
+    q = state.q[0] + around[:, None] * state.v[0]
+    before, now, after = gap.evaluate(np.full(3, t[0]), interval.branch, q)
+    if before > 0.0 >= now:
+        speeds = np.append(speeds, (before - after) / (2.0 * steps[0]))
+        last_open = np.append(last_open, 0)
+    is_impact = speeds > _MIN_SPEED_SHARE * (np.abs(state.v[last_open]) @ gap.lengths)
+    return float(np.max(speeds[is_impact], initial=0.0))
