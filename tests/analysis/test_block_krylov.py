@@ -180,6 +180,20 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
         bd.modes(damped_strip(32), n=3, damping=damping)
 
 
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+def test_regression_overdamped_modes_are_as_many_as_requested(formulation):
+    """Refined real eigenvalues with rounded imaginary parts below zero were lost: 11 of 20."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=0.03)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, 30, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    modes = bd.modes(mech, n=20)
+    assert set(modes.kinds) == {"decay"}
+    # Eigenvalues accumulate at minus the ratio of stiffness to damping.
+    assert_allclose(modes.eigenvalues, np.full(20, -1.0 / 0.03), rtol=1e-5)
+
+
 def spinning_blades(damping):
     """Return two blades on a hub that a motor turns at 20 rad/s."""
     mech = bd.Mechanism()

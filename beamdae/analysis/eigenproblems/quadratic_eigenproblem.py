@@ -312,7 +312,9 @@ class QuadraticProblem:
                     break
             else:
                 return None
-            values[k], shapes[:, k] = value, x
+            # Rounding may give a real eigenvalue a negative imaginary part.
+            is_lower = value.imag < 0.0
+            values[k], shapes[:, k] = (value.conj(), x.conj()) if is_lower else (value, x)
         if np.any(np.abs(values - starts) > _LOCATION_ACCURACY * np.abs(starts - self.shift)):
             return None
         correlations = np.abs(shapes.conj().T @ (tangent.mass @ shapes))
