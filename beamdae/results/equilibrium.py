@@ -374,10 +374,17 @@ class Equilibrium(HasPage):
         """Warnings about the model and the reliability of the result; `equilibrium` issues them."""
         free = ""
         if self.free and self.status.success:
-            free = (
-                f"{self.free}: this coordinate can move without stiffness, so the "
-                "equilibrium position is arbitrary; add a spring or a joint."
-            )
+            names = self.equations.q_names
+            if self.free in [names[k] for k in self.equations.states]:
+                free = (
+                    f"{self.free}: the rate of this state does not depend on its value, so that "
+                    "the value in equilibrium is arbitrary."
+                )
+            else:
+                free = (
+                    f"{self.free}: this coordinate can move without stiffness, so the "
+                    "equilibrium position is arbitrary; add a spring or a joint."
+                )
         beams = (beam.warning for beam in self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)

@@ -221,3 +221,14 @@ def test_fine_mesh_is_free_only_without_a_clamp(formulation):
     assert pendulum.free.startswith("beam.")
     assert not pendulum.stable
     assert pendulum.unstable[-1] == 0
+
+
+def test_regression_states_without_steady_value_are_not_told_to_add_a_spring():
+    """A work integrator was a coordinate without stiffness that needs a spring or a joint."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+    for k in range(2):
+        mech.add(bd.Spring(f"spring {k}", mech.ground.at(0.0, k), mass.point, 10.0))
+    mech.state("work", rate=0.0)
+    with pytest.warns(bd.BeamdaeWarning, match=r"work\.value: the rate of this state"):
+        bd.equilibrium(mech)
