@@ -17,6 +17,10 @@ Array = np.ndarray
 
 # Increase of a held value that indicates an unstable loop if the run fails.
 _UNSTABLE_GROWTH = 1e6
+# Largest ratio of the logarithms of two consecutive growth factors. It is 2 for exponential growth,
+# because the numbers of the samples double; a set point that leaves zero is a single jump.
+_MAX_GROWTH_RATIO = 4.0
+_MIN_GROWING_SAMPLES = 3
 # Times closer to a sample than this fraction of the sampling interval are equal up to rounding.
 _SAME_SAMPLE = 1e-6
 
@@ -42,15 +46,22 @@ class RepeatedSample(NamedTuple):
 
 
 def describe_growth(samples: Sequence[RepeatedSample]) -> str:
-    """Return a sentence on the driven input that has increased most; "" below a factor of 1e6."""
+    """Return a sentence on the driven input that has increased most; "" below a factor of 1e6.
+
+    Inputs that jump once, instead of growing exponentially, are not considered.
+    """
     largest_factor, sentence = _UNSTABLE_GROWTH, ""
     for controller in dict.fromkeys(sample.controller for sample in samples):
         values = np.array([x.result for x in samples if x.controller is controller])
         for drive, column in zip(controller.drives, values.T, strict=False):
             used = column[column != 0.0]
-            if not used.size:
+            used = used[: np.argmax(np.abs(used)) + 1] if used.size else used
+            if len(used) < _MIN_GROWING_SAMPLES:
                 continue
-            first, last = used[0], used[np.argmax(np.abs(used))]
+            first, last = used[0], used[-1]
+            before, latest = np.diff(np.log(np.abs(used[-_MIN_GROWING_SAMPLES:])))
+            if latest > _MAX_GROWTH_RATIO * before:
+                continue
             if abs(last) >= largest_factor * abs(first):
                 largest_factor = abs(last / first)
                 unit = "" if drive.unit == "-" else f" {drive.unit}"

@@ -177,6 +177,19 @@ def test_regression_unstable_loops_are_named_where_runs_stop(method):
     assert run.status.sentence.endswith("check the signs and sizes of its gains, and every=")
 
 
+def test_regression_stable_loops_are_not_called_unstable_where_a_limit_stops_the_run():
+    """A set point that leaves zero was called growth from 3e-15 N m."""
+
+    def stable(sample):
+        target = 3e-15 if sample.t < 0.1 else 0.3
+        return 6.0 * (target - sample.reads[0]) - 1.2 * sample.reads[1]
+
+    with pytest.warns(bd.BeamdaeWarning):
+        run = bd.simulate(build_servo(stable), bd.Radau(max_steps=60), t_end=5.0)
+    assert run.status.kind == "limited"
+    assert "unstable" not in run.status.sentence
+
+
 def test_regression_laws_with_memory_of_their_own_end_the_run():
     # Pilot runs call the law, too: the second of two equal runs gave another result in silence.
     integral, previous = [0.0], [0.0]
