@@ -202,13 +202,13 @@ def test_compiled_elimination_agrees(kind):
     pytest.importorskip("beamdae.native.overloads")
     for function in (
         elimination._estimate_modulus,
-        elimination._substitute,
+        elimination.substitute_triangles,
         elimination._update_residual,
         elimination._scale_matrix,
         elimination._eliminate_blocks,
         elimination._solve_scaled,
         elimination._eliminate,
-        elimination._set_refinements,
+        elimination.find_refinements,
         elimination.eliminate,
     ):
         numba.extending.register_jitable(error_model="numpy")(function)
