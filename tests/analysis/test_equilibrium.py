@@ -291,3 +291,21 @@ def test_free_coordinates_belong_to_rows():
     assert held.at(1).free == ""
     assert held.at(1).stable
     assert held.at(1).warnings == ()
+
+
+def test_regression_equilibria_with_drivers_need_no_inertia():
+    """The search for turning drivers required the accelerations of a massless coordinate."""
+    import casadi as ca
+
+    t, q, v = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    system = bd.ConstrainedSystem(
+        t=t,
+        q=q,
+        v=v,
+        mass=[2.0, 0.0],
+        force=ca.vertcat(0.0, -100.0 * (q[1] - q[0])),
+        constraints=q[0] - 20.0 * t,
+        q0=[0.0, 0.0],
+        v0=[0.0, 0.0],
+    )
+    assert_allclose(bd.equilibrium(system).q[-1], 0.0, atol=1e-12)

@@ -11,6 +11,7 @@ from beamdae.analysis.eigenproblems.eigensolution import undamped_frequencies
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
 
@@ -60,7 +61,11 @@ def find_turning(
     is_driven = bool(np.any(solver.constraint_levels(time, q, at_rest)[1]))
     if not is_driven and not np.any(e.v0):
         return None
-    v = solver.start_state(time, q, at_rest if is_driven else e.v0).v
+    try:
+        v = solver.start_state(time, q, at_rest if is_driven else e.v0).v
+    except BeamdaeError:
+        # Systems that cannot start, such as those without inertia, have equilibria, too.
+        return None
     angles = [k for k, x in enumerate(e.coordinates) if x.unit == "rad" and k not in e.states]
     fastest = max(angles, key=lambda k: abs(v[k]), default=None)
     if fastest is None or v[fastest] == 0.0:
