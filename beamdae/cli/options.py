@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from beamdae.model_functions import Model
     from beamdae.parts.rotation import Rotation
 
+_STATES = ("as drawn", "equilibrium")
 _ROTATION = "rotation="  # start in steady rotation at the speed that follows
 
 
@@ -45,10 +47,49 @@ def parse_number(text: str, unit: str) -> float:
     return value
 
 
+def parse_named_number(
+    option: str, name: str, text: str, find_units: Callable[[], Mapping[str, str]]
+) -> float:
+    """Return the number of an option NAME=VALUE; one with a unit is converted to that of `name`.
+
+    Parameters
+    ----------
+    find_units
+        Function that returns the units by name; called for values with units only. The analysis
+        rejects other names.
+
+    Raises
+    ------
+    BeamdaeError
+        If the text is not a number, or its unit is unknown or measures another quantity.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    from beamdae import model_parameters
+
+    call = f"{option} {name}={text}" if name else f"{option} {text}"
+    unit, quantity = find_units().get(name), model_parameters.parse_quantity(text)
+    if unit is None and quantity is not None:
+        return quantity[0]
+    try:
+        value = model_parameters.parse_number("", "", text, unit or "-")
+    except BeamdaeError as problem:
+        raise BeamdaeError(f"{call}: {_reason(problem)}") from None
+    if value is None:
+        raise BeamdaeError(f"{call}: the value must be a number, with or without a unit.")
+    return value
+
+
 def as_bad_parameter(text: str, problem: BeamdaeError) -> typer.BadParameter:
     """Return the error of an option for an error of its value, without the names of arguments."""
-    _, _, reason = str(problem).rpartition(": ")
-    return typer.BadParameter(f"{short_repr(text)}: {reason}")
+    return typer.BadParameter(f"{short_repr(text)}: {_reason(problem)}")
+
+
+def _reason(problem: BeamdaeError) -> str:
+    """Return the message of an error without the names of the call and its argument."""
+    return str(problem).rpartition(": ")[2]
 
 
 def parse_seconds(text: str) -> float:
@@ -96,8 +137,9 @@ Starts = Annotated[
         "--start",
         metavar="START",
         help="Initial state: 'as drawn', 'equilibrium', a steady rotation about the origin as "
-        "rotation=SPEED in rad/s or with a unit (rotation=3000rpm), or PART.COORDINATE=VALUE "
-        "(rates end in _dot); values are repeatable. Defaults to the model's initial state.",
+        "rotation=SPEED in rad/s or with a unit (rotation=3000rpm), or PART.COORDINATE=VALUE with "
+        "or without a unit (rates end in _dot); values are repeatable. Defaults to the model's "
+        "initial state.",
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
@@ -363,32 +405,46 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
     return bounds
 
 
-def parse_start(options: list[str] | None) -> str | Rotation | dict[str, float] | None:
+def parse_start(
+    options: list[str] | None, model: Model
+) -> str | Rotation | dict[str, float] | None:
     """Return the start described by --start, or None without --start.
 
-    The start is the name of a state, a steady rotation or a dict of values by coordinate.
+    The start is the name of a state, a steady rotation or a dict of values by coordinate. A single
+    entry without "=" is the name of a state, which is not checked here.
 
     Raises
     ------
     BeamdaeError
-        If a value is not a number, or an entry does not have the form NAME=VALUE. A single entry
-        without "=" is the name of a state, which is not checked here.
+        If a value is not a number in the unit of its coordinate, an entry does not have the form
+        NAME=VALUE, or a state or rotation is combined with further entries.
     """
     if not options:
         return None
+    states = [x for x in options if x in _STATES or x.startswith(_ROTATION)]
+    if states and len(options) > 1:
+        raise BeamdaeError(
+            f"--start {states[0]}: this state determines all positions and velocities; omit it or "
+            "the other values of --start."
+        )
     if len(options) == 1 and "=" not in options[0]:
         return options[0]
-    if len(options) == 1 and options[0].startswith(_ROTATION):
+    if states:
         from beamdae.parts.rotation import rotation
 
-        return rotation(parse_number(options[0].removeprefix(_ROTATION), "rad/s"))
-    values = {}
-    for name, value in parse_assignments(options, "--start").items():
-        try:
-            values[name] = float(value)
-        except ValueError:
-            raise BeamdaeError(f"--start {name}={value}: the value must be a number.") from None
-    return values
+        return rotation(parse_number(states[0].removeprefix(_ROTATION), "rad/s"))
+
+    @cache
+    def find_units() -> Mapping[str, str]:
+        from beamdae.simulation import as_equations
+
+        coordinates = as_equations("start", model, "as drawn", sampled=True).coordinates
+        return {y.name: y.unit for x in coordinates for y in (x.rate, x)}
+
+    return {
+        name: parse_named_number("--start", name, value, find_units)
+        for name, value in parse_assignments(options, "--start").items()
+    }
 
 
 def parse_accuracy(text: str | None) -> float | None:

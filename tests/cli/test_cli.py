@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import beamdae as bd
 from beamdae.cli.app import app
 from beamdae.cli.options import parse_start
+from beamdae.errors import BeamdaeError
 from beamdae.studies.execution.executors import SerialPool
 
 ARM = """
@@ -390,11 +391,33 @@ def test_accuracy_of_chosen_columns(command):
     )
 
 
-def test_runs_start_in_rotation_with_a_unit():
-    assert parse_start(["rotation=30rpm"]) == bd.rotation(math.pi)
-    assert parse_start(["rotation=-2"]) == bd.rotation(-2.0)
+def test_starts_with_units():
+    @bd.model(t_end=1.0)
+    def swing():
+        mech = bd.Mechanism()
+        bar = mech.add(bd.RigidBody.rod("bar", (0.0, 0.0), (1.0, 0.0), mass=1.0))
+        mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+        return mech
+
+    assert parse_start(["rotation=30rpm"], swing) == bd.rotation(math.pi)
+    assert parse_start(["rotation=-2"], swing) == bd.rotation(-2.0)
     with pytest.raises(typer.BadParameter, match="rad/s"):
-        parse_start(["rotation=30mm"])
+        parse_start(["rotation=30mm"], swing)
+    values = ["bar.angle=180deg", "bar.angle_dot=30rpm", "bar.x=2mm", "bar.y=3"]
+    assert parse_start(values, swing) == {
+        "bar.angle": math.pi,
+        "bar.angle_dot": math.pi,
+        "bar.x": 0.002,
+        "bar.y": 3.0,
+    }
+    with pytest.raises(BeamdaeError, match=r"--start bar\.x=2deg: the unit deg measures another"):
+        parse_start(["bar.x=2deg"], swing)
+
+
+@pytest.mark.parametrize("state", ["rotation=30rpm", "equilibrium", "as drawn"])
+def test_states_are_not_combined_with_values_of_coordinates(command, state):
+    result = command("run", ARM, "--start", "beam.theta=1", "--start", state)
+    assert_usage_error(result, f"--start {state}: this state determines all positions")
 
 
 @pytest.mark.parametrize("name", ["dependent constraints", "impossible start", "open joint"])

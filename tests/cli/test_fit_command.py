@@ -102,6 +102,8 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
         (["--by", "stiffness", "--sigma", "mass.x=a"], "of mass.x [m] must be a number, got 'a'"),
         (["--by", "stiffness", "--experiment", "mass=2"], "EXPERIMENT:NAME=VALUE"),
         (["--by", "stiffness", "--shift", "mass.x=a"], "must have the form LOW:HIGH"),
+        (["--by", "stiffness", "--shift", "mass.x=-5:5ms"], "one end has a unit"),
+        (["--by", "stiffness", "--shift", "mass.x=-5mm:5mm"], "the unit mm measures another"),
         (["--by", "stiffness", "--starts", "2"], "several starts need bounds"),
         (["--by", "stiffness", "--integrator", "ida"], "--step is not supported by ida"),
     ],

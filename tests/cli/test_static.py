@@ -108,3 +108,36 @@ def test_a_model_without_equilibrium_fails_with_the_coordinate(static):
     assert result.exit_code == 1
     assert "stone.y: no equilibrium was found under the loads at t = 0 s" in result.stderr
     assert read_metadata("falling")["load factor"] == 0.0
+
+
+def test_targets_and_steps_with_units(static):
+    result = static("--to", "crown.y=150mm", "--to", "crown.y=10cm", "--step", "20mm")
+    assert result.exit_code == 0
+    heights = pd.read_csv("results/truss_static.csv")["crown.y [m]"].to_numpy()
+    assert {0.15, 0.1} <= set(heights)
+    assert np.max(np.abs(np.diff(heights))) <= 0.02 * (1 + 1e-12)
+    assert static("--to", "50%").exit_code == 0
+    factors = pd.read_csv("results/truss_static.csv")["load factor [-]"]
+    assert factors.iloc[-1] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--to", "crown.y=2deg"], "--to crown.y=2deg: the unit deg measures another quantity"),
+        (["--to", "crown.y=1furlong"], "the unit furlong is unknown; give the value in m"),
+        (["--to", "crown.y=a"], "--to crown.y=a: the value must be a number"),
+        (["--to", "2mm"], "--to 2mm: the unit mm measures another quantity; give the number"),
+        (["--to", "crown.z=2mm", "--step", "1mm"], "must name an observed position"),
+        (["--to", "crown.y=0.1", "--step", "1s"], "--step 1s: the unit s measures another"),
+        (
+            ["--to", "crown.y=0.1", "--step", "1mm", "--control", "arc length"],
+            "--step 1mm: the unit mm measures another quantity; give the number",
+        ),
+    ],
+)
+def test_targets_and_steps_with_other_units_are_rejected(static, arguments, message):
+    result = static(*arguments)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert message in line

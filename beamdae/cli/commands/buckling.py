@@ -56,7 +56,7 @@ def buckling_command(
     from beamdae.report.terminal import text_tables
     from beamdae.results.storage.files import escape_table, write_text
 
-    result = buckling(model, number, load, t, parse_start(start))
+    result = buckling(model, number, load, t, parse_start(start, model))
     table = result.table()
     text = escape_table(table).to_csv(index=False)
     files = WrittenFiles([write_text(table_path, text)], (page_path, picture_path))

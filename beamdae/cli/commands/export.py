@@ -104,7 +104,7 @@ def export_command(
         parameters=_split_names(parameters) or (),
         fmi=fmi,
         rho_inf=rho_inf,
-        start=parse_start(start),
+        start=parse_start(start, model),
         platforms=() if platforms == "none" else _split_names(platforms),
         real_time=real_time,
         timed_steps=timed_steps,

@@ -25,7 +25,6 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_assignments,
     parse_bounds,
-    parse_seconds,
     parse_start,
 )
 from beamdae.cli.output import (
@@ -35,6 +34,7 @@ from beamdae.cli.output import (
 )
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
+from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
@@ -141,7 +141,7 @@ def fit_command(
         "scale": scale or [],
         "offset": offset or [],
         "shift": _parse_shifts(shift),
-        "start": parse_start(start),
+        "start": parse_start(start, model),
         "max_evaluations": max_evaluations,
         "starts": starts,
         "seed": seed,
@@ -193,16 +193,6 @@ def _parse_sigma_value(text: str) -> float | str:
         return text
 
 
-def _parse_shift(name: str, text: str) -> tuple[float, float]:
-    try:
-        low, high = map(parse_seconds, text.split(":"))
-    except (ValueError, typer.BadParameter):
-        raise BeamdaeError(
-            f"--shift {name}={text}: the range must have the form LOW:HIGH, in s or with units."
-        ) from None
-    return low, high
-
-
 def _parse_sigma(texts: list[str] | None) -> float | str | dict[str, float | str] | None:
     """Return the value of --sigma VALUE, or the values by column of --sigma COLUMN=VALUE."""
     if not texts:
@@ -230,7 +220,12 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
     shifts: dict[str, tuple[float, float] | None] = {}
     for text in texts or []:
         name, equals, limits = text.rpartition("=")
-        shifts[name or text] = _parse_shift(name, limits) if equals else None
+        ends = parse_ends("--shift", name, limits, "s") if equals else None
+        if equals and ends is None:
+            raise BeamdaeError(
+                f"--shift {text}: the range must have the form LOW:HIGH, in s or with units."
+            )
+        shifts[name or text] = ends
     return shifts
 
 

@@ -104,7 +104,7 @@ def optimize_command(
         limits,
         parse_bounds(model, bounds),
         None if step is None else GeneralizedAlpha(step=step),
-        start=parse_start(start),
+        start=parse_start(start, model),
         method=method,  # type: ignore[arg-type]
         max_evaluations=max_evaluations,
         partial="return",

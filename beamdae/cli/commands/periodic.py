@@ -105,7 +105,7 @@ def periodic_command(
         model,
         period,
         method,
-        parse_start(start) if speed is None else rotation(speed),
+        parse_start(start, model) if speed is None else rotation(speed),
         settle=settle,
         t_start=t_start,
         period_guess=period_guess,

@@ -185,7 +185,7 @@ def run_command(
     checkpoints = () if checkpoint is None else (checkpoint,)
     require_writable(("--out", files), ("--checkpoint", checkpoints))
     parts = _previous_parts(run.table, resume_from)
-    initial_state = parse_start(start) if resume_from is None else resume_from
+    initial_state = parse_start(start, model) if resume_from is None else resume_from
     # The tables are written before anything is printed; the page and the picture are last, because
     # they take longer than most runs.
     with run.continue_after_interrupt(), signals.defer_interrupts(immediate=1):

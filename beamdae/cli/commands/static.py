@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +24,7 @@ from beamdae.cli.options import (
     Settings,
     Starts,
     load_configured_model,
-    parse_assignments,
+    parse_named_number,
     parse_start,
 )
 from beamdae.cli.output import (
@@ -47,8 +49,8 @@ def static_command(
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Load factor to reach, or COLUMN=VALUE of an observed position; repeatable. "
-            "Defaults to the load factor 1.",
+            help="Load factor to reach, or COLUMN=VALUE of an observed position, with or without a "
+            "unit (tip.y=-2mm); repeatable. Defaults to the load factor 1.",
         ),
     ] = None,
     control: Annotated[
@@ -59,7 +61,8 @@ def static_command(
         ),
     ] = None,
     step: Annotated[
-        float | None, typer.Option(help="Largest step of the prescribed quantity.")
+        str | None,
+        typer.Option(metavar="STEP", help="Largest step of the prescribed quantity."),
     ] = None,
     switch: Annotated[
         list[int] | None,
@@ -93,6 +96,9 @@ def static_command(
     picture_path = out / f"{name}.png"
     views = [*[page_path] * page, *[picture_path] * picture]
     require_writable(("--out", (table, table.with_suffix(".json"), *views)))
+    is_arc_length = control == "arc length" or bool(switch)
+    targets, size = _parse_targets(model, to, step, is_arc_length)
+    initial_state = parse_start(start, model)
     from beamdae.analysis.statics.static_equilibrium import equilibrium
     from beamdae.report.pictures.path_plots import save_path_figure
 
@@ -101,13 +107,13 @@ def static_command(
         result = equilibrium(
             model,
             load,
-            _parse_targets(to),
+            targets,
             control,
-            step,
+            size,
             switch or 0,
             max_points,
             t,
-            parse_start(start),
+            initial_state,
             partial="return",
         )
         tables = [result.to_csv(table), table.with_suffix(".json")]
@@ -149,25 +155,38 @@ def _require_plot(model: Model, names: list[str], x: str | None, is_drawn: bool)
         require_one_column("static", x, select(x))
 
 
-def _parse_targets(options: list[str] | None) -> Any:
-    """Return the targets of --to: load factors, or values of one column."""
-    if not options:
-        return 1.0
-    try:
-        if not any("=" in option for option in options):
-            return [float(option) for option in options]
-        pairs = [parse_assignments([option], "--to") for option in options]
-        columns = {column for pair in pairs for column in pair}
-        if len(columns) > 1:
-            raise BeamdaeError(
-                "--to: all targets must prescribe the same column, got "
-                f"{', '.join(sorted(columns))}."
-            )
-        return {columns.pop(): [float(value) for pair in pairs for value in pair.values()]}
-    except ValueError as problem:
-        if isinstance(problem, BeamdaeError):
-            raise
-        raise BeamdaeError(f"--to {' '.join(options)}: the targets must be numbers.") from None
+def _parse_targets(
+    model: Model, options: list[str] | None, step: str | None, is_arc_length: bool
+) -> tuple[Any, float | None]:
+    """Return the targets of --to, load factors or values of one column, and the value of --step."""
+    pairs = [option.rpartition("=") for option in options or ["1"]]
+    columns = sorted({column.strip() for column, _, _ in pairs})
+    if len(columns) > 1:
+        raise BeamdaeError(
+            f"--to: all targets must prescribe the same column, got {', '.join(columns)}."
+        )
+    (column,) = columns
+
+    @cache
+    def find_units() -> Mapping[str, str]:
+        from beamdae.model_parameters import split_unit
+        from beamdae.results.equilibrium import static_headers
+        from beamdae.simulation import as_equations
+
+        headers = map(split_unit, static_headers(as_equations("static", model)))
+        return {"": "-"} | {x: unit for name, unit in headers for x in (name, f"{name} [{unit}]")}
+
+    values = [parse_named_number("--to", column, text.strip(), find_units) for *_, text in pairs]
+    targets = {column: values} if column else values
+    if step is None:
+        return targets, None
+    name = "" if is_arc_length else column
+
+    def find_unit() -> Mapping[str, str]:
+        units = find_units()
+        return {"": units[name]} if name in units else {}
+
+    return targets, parse_named_number("--step", "", step, find_unit)
 
 
 def _print_results(result: Equilibrium, name: str) -> None:
