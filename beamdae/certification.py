@@ -47,6 +47,7 @@ from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRu
 from beamdae.results.columns import (
     mark_required_columns,
     mark_resting_columns,
+    mark_unresolved_columns,
     measure_amplitudes,
     remove_unit,
     require_certified_columns,
@@ -380,8 +381,7 @@ class _Run:
 
     @cached_property
     def _amplitudes(self) -> tuple[Array, Array]:
-        headers, length = list(self.solution.columns), self.solution.equations.length
-        return measure_amplitudes(headers, self.rows, length, self.rtol)
+        return measure_amplitudes(self.solution.equations, self.rows, self.rtol)
 
 
 @dataclass(frozen=True)
@@ -414,7 +414,7 @@ def _compare(coarse: _Run, fine: _Run, accuracy: float) -> _Difference:
     if coarse.solution.t[count - 1] != times[-1]:
         count -= 1
         times = times[:-1]
-    rows = _scale(coarse.rows[:count] - fine.rows[:count], fine)
+    rows = _scale(coarse.rows[:count] - fine.rows[:count], coarse, fine)
     exceeding = np.mean(rows > accuracy, axis=0)
     jumps = (exceeding > 0.0) & (exceeding <= _MAX_JUMP_FRACTION)
     if not jumps.any():
@@ -423,13 +423,19 @@ def _compare(coarse: _Run, fine: _Run, accuracy: float) -> _Difference:
     if matched is None:
         return _Difference(times, rows)
     coarse_rows, shift = matched
-    rows[:, jumps] = _scale(coarse_rows - fine.rows[:count], fine)[:, jumps]
+    rows[:, jumps] = _scale(coarse_rows - fine.rows[:count], coarse, fine)[:, jumps]
     return _Difference(times, rows, shift)
 
 
-def _scale(differences: Array, fine: _Run) -> Array:
+def _scale(differences: Array, coarse: _Run, fine: _Run) -> Array:
+    """Return differences of two runs relative to the amplitudes; 0 for columns at rest."""
+    headers, length = list(fine.solution.columns), fine.solution.equations.length
+    largest, half_range = np.max(np.abs(differences), axis=0), 0.5 * np.ptp(fine.rows, axis=0)
+    is_at_rest = fine.is_at_rest | mark_unresolved_columns(
+        headers, half_range, largest, length, coarse.rtol, coarse.solution.find_drift
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(fine.is_at_rest, 0.0, np.abs(differences) / fine.amplitude)
+        return np.where(is_at_rest, 0.0, np.abs(differences) / fine.amplitude)
 
 
 def _match_events(coarse: _Run, fine: _Run, times: Array) -> tuple[Array, float] | None:

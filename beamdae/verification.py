@@ -15,8 +15,8 @@ from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import (
     Header,
-    largest_of_kind,
     mark_resting_columns,
+    mark_unresolved_columns,
     measure_amplitudes,
 )
 from beamdae.results.solution import Solution
@@ -54,14 +54,6 @@ _ALLOWED_ERROR = 100.0
 _ALLOWED_ERROR_OF_DAMPED_BEAMS = 30.0
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
-
-# In addition to `mark_resting_columns`, columns are at rest if the half range is at most this
-# multiple of rtol times the largest half range with the same unit (for rotations, also that of
-# translations), and the largest difference of two runs exceeds _MIN_NOISE_SHARE times the half
-# range: positions that joints hold fixed move by errors only (up to 0.002 rtol, their rates
-# 0.009 rtol), and so do rotations that vanish by symmetry.
-_UNRESOLVED_TO_RTOL_RATIO = 0.01
-_MIN_NOISE_SHARE = 0.5
 
 # Columns of the tables.
 HALF_RANGE = "half the range"
@@ -457,21 +449,26 @@ def _compare(
     rows = np.where(np.isfinite(rows).all(axis=0), rows, np.nan)
     headers, length = list(solution.columns), solution.equations.length
     half_range = 0.5 * np.ptp(rows, axis=0)
-    amplitude, _ = measure_amplitudes(headers, rows, length, rtol)
+    amplitude, _ = measure_amplitudes(solution.equations, rows, rtol)
     error = np.full(len(half_range), fraction)
     signed = np.full(len(half_range), np.nan)
-    is_noise = np.zeros(len(half_range), bool)
+    is_at_rest = mark_resting_columns(headers, rows, half_range, length)
     if other is not None:
         differences = rows - _stack_columns(other)
         worst = np.argmax(np.abs(differences), axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             difference = np.take_along_axis(differences, worst[None], axis=0)[0]
             signed = difference / amplitude
-            is_noise = np.abs(difference) > _MIN_NOISE_SHARE * half_range
         error = fraction * np.abs(signed)
-    is_at_rest = mark_resting_columns(headers, rows, half_range, length)
-    of_kind = largest_of_kind(headers, half_range, length)
-    is_at_rest |= is_noise & (half_range <= _UNRESOLVED_TO_RTOL_RATIO * rtol * of_kind)
+        runs = (solution, other)
+        is_at_rest |= mark_unresolved_columns(
+            headers,
+            half_range,
+            np.abs(difference),
+            length,
+            rtol,
+            lambda: tuple(np.max([run.find_drift() for run in runs], axis=0)),
+        )
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):
         error, signed = (np.where(is_at_rest, 0.0, x) for x in (error, signed))

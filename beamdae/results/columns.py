@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME, ObservedRows
 from beamdae.errors import (
     BeamdaeError,
     as_text,
@@ -37,6 +38,14 @@ _VANISHING_TO_OTHERS_RATIO = 8e-7
 _ERROR_TO_VALUE_RATIO = 10.0  # relative to rtol and the largest value
 _MAX_ERROR_TO_VALUE_RATIO = 1e-3  # for all rtol
 _ERROR_TO_SIZE_RATIO = 3e-3  # relative to rtol and the size of the mechanism, or 1 rad
+
+# Columns of two runs differ by errors only if their half range is at most this multiple of rtol
+# times the largest half range of their kind, or the drift of the constraints, and the difference is
+# between a share of the half range and the range at this limit. Positions that joints hold fixed
+# move by up to 0.002 rtol, their rates by 0.009 rtol; with fixed steps, both by up to the drift.
+_UNRESOLVED_TO_RTOL_RATIO = 0.01
+_DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
+_MIN_NOISE_SHARE = 0.5
 
 # Units of rotations: the unit of the same quantity of translations, and the power of a length [m]
 # with which values are multiplied to compare them.
@@ -393,23 +402,94 @@ def mark_constant_columns(
 
 
 def measure_amplitudes(
-    headers: Sequence[str], rows: np.ndarray, length: float, rtol: float
+    equations: EquationsOfMotion, rows: np.ndarray, rtol: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the amplitude of each column, to which errors are relative, and a mask.
 
     The amplitude is half the range or, for columns that are constant but for errors, such as the
-    stress in a steady rotation, the largest magnitude; for positions and angles, at most the size
-    of the mechanism, or 1 rad. The mask is True for these columns. Columns that vary by more than a
-    thousandth of their value, such as small deflections from zero, are not constant. See
-    `mark_constant_columns` for the arguments.
+    stress in a steady rotation, the largest magnitude. The mask is True for these columns. The
+    magnitude of positions and angles is that of the displacement from the drawing, which does not
+    depend on the origin, and at most the size of the mechanism, or 1 rad. Columns that vary by more
+    than a thousandth of their magnitude, such as small deflections from zero, are not constant.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    rows
+        Values of the observed columns (k, columns).
+    rtol
+        Tolerance of the run; 0 for fixed steps.
     """
+    headers, length = equations.observed_headers, equations.length
     half_range = 0.5 * np.ptp(rows, axis=0)
     largest = np.max(np.abs(rows), axis=0)
     sizes = {"m": length, "rad": 1.0}
-    for k, header in enumerate(headers):
-        size = sizes.get(Header.of(header).unit)
-        if size is not None:
-            largest[k] = min(largest[k], size)
+    limits = np.array([sizes.get(Header.of(header).unit, np.inf) for header in headers])
+    is_placement = np.isfinite(limits)
+    if is_placement.any():
+        displacements = np.max(np.abs(rows - _drawn_columns(equations)), axis=0)
+        # Of positions far from the origin, rounding errors remain.
+        displacements[displacements <= _REST_TO_VALUES_RATIO * largest] = 0.0
+        largest = np.where(is_placement, np.minimum(displacements, limits), largest)
     is_constant = mark_constant_columns(headers, rows, half_range, length, rtol)
     is_constant &= (half_range <= _MAX_ERROR_TO_VALUE_RATIO * largest) & (largest > 0.0)
     return np.where(is_constant, largest, half_range), is_constant
+
+
+def _drawn_columns(equations: EquationsOfMotion) -> np.ndarray:
+    """Return the observed columns in the reference configuration without velocities, (columns,)."""
+    mechanism, q, zero = equations.mechanism, equations.q0, np.zeros((1, equations.n))
+    if mechanism is not None:
+        q = np.concatenate([part.initial_position for part in mechanism.parts.values()])
+    return ObservedRows(equations)(
+        np.zeros((1, 2)), q[None], zero, zero, np.zeros((1, equations.m))
+    )[0]
+
+
+def mark_unresolved_columns(
+    headers: Sequence[str],
+    half_range: np.ndarray,
+    differences: np.ndarray,
+    length: float,
+    rtol: float,
+    find_drift: Callable[[], tuple[float, float]],
+) -> np.ndarray:
+    """Return the mask of the columns that vary by errors only, at which two runs differ.
+
+    Positions that joints hold fixed move by errors, and so do rotations that vanish by symmetry.
+
+    Parameters
+    ----------
+    headers
+        Headers of the columns.
+    half_range
+        Half the range of each column, (columns,).
+    differences
+        Largest magnitude of the difference of the two runs, (columns,).
+    length
+        Length of the mechanism [m].
+    rtol
+        Tolerance of the run with the larger errors; 0 for fixed steps.
+    find_drift
+        Function that returns the drift of the constraints in positions [m] and velocities [m/s].
+    """
+    is_noise = differences > _MIN_NOISE_SHARE * half_range
+    if is_noise.any():
+        limits = _UNRESOLVED_TO_RTOL_RATIO * rtol * largest_of_kind(headers, half_range, length)
+        limits = np.maximum(limits, drift_limits(headers, length, *find_drift()))
+        is_noise &= np.maximum(half_range, 0.5 * differences) <= limits
+    return np.asarray(is_noise)
+
+
+def drift_limits(
+    headers: Iterable[str], length: float, position: float, velocity: float
+) -> np.ndarray:
+    """Return the half ranges of columns up to which they may be violations of constraints.
+
+    `position` [m] and `velocity` [m/s] are the drift of the constraints of a mechanism of this
+    length [m].
+    """
+    limits = {"m": position, "rad": position / length, "m/s": velocity, "rad/s": velocity / length}
+    units = (Header.of(header).unit for header in headers)
+    return _DRIFT_FACTOR * np.array([limits.get(unit, 0.0) for unit in units])

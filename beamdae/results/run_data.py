@@ -179,11 +179,11 @@ class RunData:
             self.step_extremes,
             self.equations.length,
             rtol,
-            self._find_drift,
+            self.find_drift,
             magnitudes,
         )
 
-    def _find_drift(self) -> tuple[float, float]:
+    def find_drift(self) -> tuple[float, float]:
         """Return the largest drift [m, m/s] at the steps and the output times."""
         at_rows = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
         at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift

@@ -26,8 +26,8 @@ _POSITIONS = 0.2 + 0.6 * (0.618 * np.arange(_SAMPLES) % 1.0)
 # more than this share of their amplitude, those with 6 rows in half of the cases, with 10 in none.
 _MIN_EXCESS = 0.05
 _MIN_SHARE_OF_GAPS = 0.1
-# Smaller half ranges, relative to the largest of this kind (of forces: to the largest value), are
-# errors of directions in which nothing moves; ...
+# Smaller half ranges, relative to the largest of this kind (of positions: to the length of the
+# mechanism, of others: to the largest value), are errors of directions in which nothing moves; ...
 _MIN_HALF_RANGE = 1e-6
 _ERROR_PER_RTOL = 0.03  # ... smaller ones, relative to rtol as well, are errors of constraints; ...
 _ROUNDING = 1e-12  # ... and so are those relative to the length of the mechanism and the duration.
@@ -123,6 +123,7 @@ def _find_moving(
     smallest = {"m": length, "m/s": speed, "m/s^2": speed / duration, "-": 1.0}
     largest = largest_by(kinds, sizes.tolist())
     values = largest_by(kinds, (magnitude * per_unit).tolist())
+    values["m"] = length  # positions depend on the origin
     rounding = {kind: min_half_range * value for kind, value in values.items()}
     rounding |= {kind: _ROUNDING * value for kind, value in smallest.items()}
     limits = [max(min_half_range * largest[k], rounding[k]) for k in kinds]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from beamdae.read_only import ReadOnlyDict
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
+    drift_limits,
     largest_of_kind,
     mark_constant_columns,
     mark_resting_columns,
@@ -37,7 +38,6 @@ _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be eval
 _MAX_NAMES = 3  # of further columns in a warning
 _MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
 _SAME_STEP = 1e-6  # relative difference of equal steps
-_DRIFT_FACTOR = 3.0  # levers may enlarge violations of constraints
 
 
 @dataclass(frozen=True)
@@ -365,7 +365,7 @@ def find_missed_peaks(
     misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
     if is_missed.any():
-        is_missed &= half_range > _drift_limits(units, length, *find_drift())
+        is_missed &= half_range > drift_limits(names, length, *find_drift())
     largest = largest_of_kind(names, half_range, length)
     peaks = {}
     for k in np.flatnonzero(is_missed):
@@ -381,12 +381,6 @@ def find_missed_peaks(
             largest_half_range=float(largest[k]),
         )
     return peaks
-
-
-def _drift_limits(units: Sequence[str], length: float, position: float, velocity: float) -> Array:
-    """Return the half ranges of columns up to which they may be violations of constraints."""
-    limits = {"m": position, "rad": position / length, "m/s": velocity, "rad/s": velocity / length}
-    return _DRIFT_FACTOR * np.array([limits.get(unit, 0.0) for unit in units])
 
 
 def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:

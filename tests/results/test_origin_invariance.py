@@ -1,0 +1,110 @@
+"""Amplitudes, errors, warnings and certificates do not depend on the origin of the drawing."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
+from beamdae.verification import HALF_RANGE, RELATIVE_ERROR
+
+STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)
+SECTION = bd.Section.rectangle(STEEL, width=0.02, height=0.02, damping=1e-5)
+FAR = (100.0, -70.0)
+INTEGRATORS = {"radau": bd.Radau(1e-3), "alpha": bd.GeneralizedAlpha(step=5e-3)}
+
+
+def small_vibration(x, y, start="as drawn", gravity=(0.0, 0.0)):
+    """Cantilever with a load of 1 mN, whose tip moves by 1e-7 m."""
+    mech = bd.Mechanism(gravity=gravity, start=start)
+    line = bd.Line((x, y), (x + 1.0, y))
+    beam = mech.add(bd.Beam("beam", line, SECTION, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(x, y), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, bd.sine(1e-3, 3.0))))
+    mech.observe("tip", beam.end)
+    mech.observe("root", beam.start)
+    mech.observe("middle", beam.deflection(0.5))
+    return mech
+
+
+def steady_deflection(x, y):
+    """Cantilever in equilibrium under its own weight."""
+    return small_vibration(x, y, "equilibrium", (0.0, -9.81))
+
+
+def crank(x, y):
+    """Crank that drives a slider."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    arm = mech.add(bd.RigidBody.rod("crank", (x, y), (x + 0.1, y), mass=1.0))
+    rod = mech.add(bd.RigidBody.rod("rod", (x + 0.1, y), (x + 0.5, y), mass=1.0))
+    slider = mech.add(bd.PointMass("slider", 0.5, at=(x + 0.5, y)))
+    pivot = mech.ground.at(x, y)
+    mech.add(bd.Revolute("main", pivot, arm.at(x, y)))
+    mech.add(bd.Revolute("crank pin", arm.at(x + 0.1, y), rod.at(x + 0.1, y)))
+    mech.add(bd.Revolute("wrist pin", rod.at(x + 0.5, y), slider.point))
+    mech.add(bd.PointOnLine("guide", pivot, slider.point, direction=(1.0, 0.0)))
+    mech.add(bd.Driver("motor", pivot, arm.at(x, y), lambda t: 20.0 * t))
+    mech.observe("slider", slider.point)
+    mech.observe("pivot", arm.at(x, y))
+    return mech
+
+
+MODELS = [small_vibration, steady_deflection, crank]
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+@pytest.mark.parametrize("model", MODELS)
+def test_errors_and_warnings_do_not_depend_on_the_origin(model, name):
+    runs = [
+        bd.simulate(model(*place), INTEGRATORS[name], t_end=0.3, output_step=0.003)
+        for place in ((0.0, 0.0), FAR)
+    ]
+    near, far = map(bd.error_estimate, runs)
+    # Rounding errors of positions at 100 m.
+    noise = 1e-11
+    np.testing.assert_allclose(near[HALF_RANGE], far[HALF_RANGE], rtol=0.01, atol=1e4 * noise)
+    errors = (frame[RELATIVE_ERROR] * frame[HALF_RANGE] for frame in (near, far))
+    np.testing.assert_allclose(*errors, rtol=0.3, atol=1e2 * noise)
+    assert len(runs[0].warnings) == len(runs[1].warnings)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, 0.5), FAR])
+def test_regression_amplitudes_of_small_motions_do_not_contain_the_position(place):
+    """A tip at 0.5 m that moved by 6.5e-8 m had half a range of 0.5 m."""
+    solution = bd.simulate(small_vibration(*place), bd.Ida(1e-4), t_end=0.3, output_step=0.003)
+    errors = bd.error_estimate(solution)
+    half_range = 0.5 * np.ptp(solution["tip.y"])
+    np.testing.assert_allclose(errors.loc["tip.y [m]", HALF_RANGE], half_range)
+    assert half_range < 1e-6
+    assert errors.loc["tip.y [m]", RELATIVE_ERROR] > 1e-5
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
+def test_amplitudes_of_steady_positions_are_displacements(place):
+    solution = bd.simulate(steady_deflection(*place), bd.Ida(1e-3), t_end=0.3, output_step=0.003)
+    errors = bd.error_estimate(solution)
+    deflection = np.max(np.abs(solution["tip.y"] - place[1]))
+    np.testing.assert_allclose(errors.loc["tip.y [m]", HALF_RANGE], deflection, rtol=1e-6)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
+def test_regression_fixed_points_have_no_errors(place):
+    """Pivots that moved by the drift of 4e-7 m with fixed steps had errors of 230 %."""
+    solution = bd.simulate(
+        crank(*place), bd.GeneralizedAlpha(step=5e-3), t_end=0.3, output_step=0.003
+    )
+    errors = bd.error_estimate(solution)[RELATIVE_ERROR]
+    pivot = ["pivot.x [m]", "pivot.y [m]", "pivot.x_dot [m/s]", "pivot.y_dot [m/s]"]
+    assert (errors[pivot] == 0.0).all()
+    assert errors["slider.x_dot [m/s]"] > 0.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_regression_vibrations_far_from_the_origin_need_rows(offset):
+    """At 100 m, vibrations of less than 0.1 mm were taken for errors."""
+    t = np.linspace(0.0, 1.0, 201)
+
+    def evaluate(times):
+        return offset + 1e-5 * np.sin(2.0 * np.pi * 77.0 * times)[:, None]
+
+    columns = {"tip.y [m]": evaluate(t)[:, 0]}
+    assert list(coarse_row_warnings(t, columns, evaluate, 1.0))
