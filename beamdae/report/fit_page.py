@@ -100,6 +100,8 @@ def describe_fit(fit: Fit) -> dict[str, str]:
         if fit.is_sigma_known
         else f"t distribution with {fit.degrees_of_freedom} degrees of freedom, sigma is estimated"
     )
+    if not fit.status.success:
+        interval = "none, because the search did not reach a minimum"
     facts = {"status": fit.status.sentence}
     if fit.is_sigma_known:
         # Otherwise, both numbers are equal by construction.

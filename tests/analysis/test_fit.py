@@ -131,11 +131,34 @@ def test_weakly_determined_parameter_is_named(exact):
 @SLOW
 def test_estimate_at_a_bound(exact):
     data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
-    with pytest.warns(bd.BeamdaeWarning, match="damping is at its upper bound 0.6, so its"):
+    with pytest.warns(bd.BeamdaeWarning, match="damping is at its upper bound 0.6 and has no"):
         result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds={"damping": (0.0, 0.6)})
     assert result.parameters["damping"] == pytest.approx(0.6, rel=1e-6)
     assert result.at_bounds == ("damping",)
     assert "at a bound: damping" in repr(result)
+    table = result.table()
+    assert table.loc["damping", "standard deviation":].isna().all()
+    assert table.loc["stiffness"].notna().all()
+
+
+def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds():
+    """The advice was a shift of the times, beside an interval of the value at the edge."""
+    times = TIMES[:21]
+    # Those of a spring with negative stiffness.
+    data, by = {"t [s]": times, "mass.x": 1.0 + 0.1 * np.sinh(2.0 * times)}, ["stiffness"]
+    first = {"stiffness": 3.0, "damping": 0.0}
+    with pytest.warns(bd.BeamdaeWarning, match="ended beside values at which runs fail"):
+        result = bd.fit(oscillator, data, by, METHOD, parameters=first)
+    assert not result.status.success
+    assert result.table().iloc[:, 1:].isna().all(axis=None)
+    assert "+-" not in repr(result)
+    (sentence,) = result.warnings
+    assert "The model rejected stiffness = -" in sentence
+    assert "bounds={'stiffness': (0, upper)}" in sentence
+    bounds = {"stiffness": (0.0, 100.0)}
+    with pytest.warns(bd.BeamdaeWarning, match="stiffness is at its lower bound 0"):
+        result = bd.fit(oscillator, data, by, METHOD, parameters=first, bounds=bounds)
+    assert result.status.success
 
 
 @SLOW
@@ -144,7 +167,9 @@ def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
     noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
     data = {"t [s]": TIMES[:21], "mass.x": (exact["mass.x"] + noise)[:21]}
     bounds = {"stiffness": (25.0, 39.0), "damping": (0.0, 10.0)}
-    with pytest.warns(bd.BeamdaeWarning, match="fit: stiffness is at its upper bound 39, so its"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match="fit: stiffness is at its upper bound 39 and has no"
+    ):
         result = bd.fit(oscillator, data, list(TRUE), METHOD, bounds=bounds)
     assert result.at_bounds == ("stiffness",)
     (sentence,) = result.warnings

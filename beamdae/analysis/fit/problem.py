@@ -30,7 +30,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
-from beamdae.model_parameters import convert_text
+from beamdae.model_parameters import convert_text, format_with_unit
 from beamdae.results.columns import select_observed_columns
 from beamdae.simulation import as_equations
 
@@ -286,6 +286,20 @@ class FitProblem:
         model, derivatives = self._compare(runs, times)
         return self._project(values, runs, model, derivatives)
 
+    def accepts(self, values: Array) -> bool:
+        """Return True if the equations of all experiments can be assembled with values (K,)."""
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BeamdaeWarning)
+            try:
+                for changes in self._settings.values():
+                    mechanism = self.model(**{**self.parameters, **changes, **fitted})
+                    as_equations("fit", mechanism, self.start)
+            except (ValueError, ArithmeticError):
+                # BeamdaeError, or an error of the model function at extreme values.
+                return False
+        return True
+
     def step_errors(self, evaluation: Evaluation) -> Array:
         """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
 
@@ -427,7 +441,7 @@ class Scaling:
                 )
             lower[k], upper[k] = max(lower[k], least), most
             self.bound_texts[name] = tuple(
-                given if isinstance(given, str) else f"{x:g} {unit}".rstrip()
+                given if isinstance(given, str) else format_with_unit(float(x), unit)
                 for given, x in zip(pair, (least, most), strict=True)
             )
         for k, shift in enumerate(problem.sensors.shifts, len(names)):

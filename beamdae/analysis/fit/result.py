@@ -118,18 +118,18 @@ class Fit:
         Sentences that name combinations of parameters which the data do not determine: those with a
         relative standard deviation above 100 %, and those with correlations above 0.99.
     at_bounds
-        Names of parameters at a bound, whose standard deviations do not apply.
+        Names of parameters at a bound, which have no standard deviations.
     warnings
-        Sentences on estimates that depend on the steps of the runs (a run with half the step or a
-        tenth of `rtol` would change them by more than 0.3 standard deviations), and on models that
-        do not explain the data (`sigma` is known, and larger values of chi-square have a
-        probability below 1e-6, or, without `sigma`, more than half of the variance is left), on a
-        given `sigma` of more than 1.4 times the residuals of its column (if smaller residuals have
-        a probability below 1e-6), on residuals that are no white noise (consecutive ones have a
-        correlation above 0.5, single ones are outliers, or, without `sigma`, columns or experiments
-        scatter differently), on estimates at a bound, on intervals of correlated parameters whose
-        linear approximation may fail (`profile` does without it), or on data that end after the end
-        time of the model.
+        Sentences on values of parameters that the model rejected, on estimates that depend on the
+        steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
+        than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
+        and larger values of chi-square have a probability below 1e-6, or, without `sigma`, more
+        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
+        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
+        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
+        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
+        intervals of correlated parameters whose linear approximation may fail (`profile` does
+        without it), or on data that end after the end time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -152,7 +152,7 @@ class Fit:
 
     def __repr__(self) -> str:
         values = ", ".join(
-            f"{name} = {value:.6g} +- {deviation:.2g}"
+            f"{name} = {value:.6g}" + ("" if np.isnan(deviation) else f" +- {deviation:.2g}")
             for name, value, deviation in zip(
                 self.names, self.values, self.standard_deviations, strict=True
             )
@@ -233,8 +233,13 @@ class Fit:
 
     @property
     def standard_deviations(self) -> Array:
-        """Standard deviations (k,) of the estimates."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard deviations (k,) of the estimates.
+
+        NaN for estimates at a bound, and for all if the search did not reach a minimum.
+        """
+        deviations = np.sqrt(np.diag(self.covariance))
+        has_none = np.isin(self.names, self.at_bounds) | (not self.status.success)
+        return np.where(has_none & np.isfinite(deviations), np.nan, deviations)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -283,7 +288,8 @@ class Fit:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.
 
         The limits are `quantile` standard deviations away from the estimates; for parameters in
-        `log`, those of the logarithms, so that both limits are positive.
+        `log`, those of the logarithms, so that both limits are positive. Estimates without standard
+        deviations have no limits (NaN).
         """
         import pandas as pd
 
@@ -665,6 +671,9 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
+    doubts: tuple[str, ...] = ()
+    if search.status.success or not search.invalid:
+        doubts = _check_residuals(problem, evaluation.residuals, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -681,14 +690,10 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         warnings=(
             *problem.duration_warnings,
-            # A bound may be the cause of large residuals.
+            # Invalid values and bounds may be the cause of large residuals.
+            *([search.invalid] if search.invalid and (doubts or not search.status.success) else []),
             *_check_bounds(problem, scaling, search, estimates),
-            *(
-                _check_chi_square(problem, residuals, len(all_names))
-                or _check_variation(problem, evaluation.residuals)
-                or _check_sigma(problem, residuals, len(all_names))
-                or _check_noise(problem, evaluation.residuals)
-            ),
+            *doubts,
             *_check_intervals(problem, information),
             *steps,
         ),
@@ -712,10 +717,25 @@ def _check_bounds(
         side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
         bound = scaling.bound_texts[name][int(is_upper)]
         sentences.append(
-            f"{name} is at its {side} bound {bound}, so its interval does not hold; widen the "
+            f"{name} is at its {side} bound {bound} and has no interval; widen the "
             f"bounds if {beyond} values are possible, or leave {name} out of the fit."
         )
     return tuple(sentences)
+
+
+def _check_residuals(
+    problem: FitProblem, weighted: Array, residuals: Array, count: int
+) -> tuple[str, ...]:
+    """Return the first kind of warnings about the residuals that applies.
+
+    `weighted` are those in units of the weights, and `residuals` those in standard deviations.
+    """
+    return (
+        _check_chi_square(problem, residuals, count)
+        or _check_variation(problem, weighted)
+        or _check_sigma(problem, residuals, count)
+        or _check_noise(problem, weighted)
+    )
 
 
 def _check_intervals(problem: FitProblem, information: Information) -> tuple[str, ...]:
@@ -859,7 +879,8 @@ def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
             f"deviations are too small, by a factor of up to {factor:.2g}; use fewer data per "
-            "second if the noise is slow, or add what the model lacks, such as shift= or offset=.",
+            "second if the noise is slow, other first values or starts= if another minimum may be "
+            "lower, or add what the model lacks, such as shift= or offset=.",
         )
     sentences = list(_name_outliers(problem, parts))
     scatter = {

@@ -45,12 +45,15 @@ class SearchResult:
         Status and reason of the end of the search, see `Fit`.
     at_bounds
         True (K,) for variables at a bound.
+    invalid
+        Sentence on parameters whose values the model rejected during the search, or "".
     """
 
     evaluation: Evaluation
     evaluations: int
     status: Status
     at_bounds: Array
+    invalid: str = ""
 
     @property
     def chi_square(self) -> float:
@@ -80,12 +83,13 @@ def search(
     free = np.ones(len(first), bool) if free is None else free
     evaluations = 0
     failures: list[str] = []
+    failed_values = scaling.values(first)
     best: tuple[float, Evaluation] | None = None
     accepted: tuple[bytes, Evaluation] | None = None
     latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(x: Array) -> Evaluation | None:
-        nonlocal latest, best, evaluations
+        nonlocal latest, best, evaluations, failed_values
         key = x.tobytes()
         for known in (latest, accepted):
             if known is not None and known[0] == key:
@@ -102,6 +106,7 @@ def search(
             # The search continues with a shorter step.
             is_ours = isinstance(failure, BeamdaeError)
             failures.append(str(failure) if is_ours else format_exception(failure))
+            failed_values = scaling.values(whole)
             return None
         latest = key, evaluation
         chi_square = float(evaluation.residuals @ evaluation.residuals)
@@ -168,10 +173,38 @@ def search(
         count = f"{max_evaluations} evaluation{'s' * (max_evaluations > 1)}"
         sentence = f"stopped after {count}; increase max_evaluations="
         status = Status("limited", sentence)
+    invalid = _name_invalid_values(problem, last.values, failed_values) if failures else ""
     if failures and not status.success:
-        sentence = f"{status.sentence}; {len(failures)} runs failed, the last one: {failures[-1]}"
+        count = f"{len(failures)} run{'s' * (len(failures) > 1)}"
+        sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
         status = Status(status.kind, sentence)
-    return SearchResult(last, evaluations, status, at_bounds)
+    return SearchResult(last, evaluations, status, at_bounds, invalid)
+
+
+def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> str:
+    """Return a sentence on the parameters whose failed values the model rejects, or "".
+
+    Each parameter alone is set to its failed value.
+    """
+    sentences, bounds = [], []
+    for k, name in enumerate(problem.names):
+        changed = values.copy()
+        changed[k] = failed[k]
+        if failed[k] == values[k] or problem.accepts(changed):
+            continue
+        is_low = failed[k] < values[k]
+        # Most domains end at zero.
+        limit = 0.0 if failed[k] * values[k] <= 0.0 else values[k]
+        sentences.append(f"{name} = {failed[k]:.4g}")
+        ends = f"{limit:.4g}, upper" if is_low else f"lower, {limit:.4g}"
+        bounds.append(f"{name!r}: ({ends})")
+    if not bounds:
+        return ""
+    return (
+        f"The model rejected {' and '.join(sentences)} during the search; pass "
+        f"bounds={{{', '.join(bounds)}}}, because searches beside invalid values may end early or "
+        "elsewhere."
+    )
 
 
 def _judge_end(
