@@ -43,7 +43,8 @@ from beamdae.results.diagnostics.missed_peaks import (
     unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.quality_warnings import quality_warnings
+from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
+from beamdae.results.diagnostics.rest import is_at_rest
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
@@ -171,6 +172,8 @@ class RunData:
     @cached_property
     def missed_peaks(self) -> dict[str, MissedPeak]:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
+        if self._is_at_rest:
+            return {}
         rtol = self.integrator.get("rtol") or 0.0
         observables = self.equations.observables
         magnitudes = {header for o in observables if o.is_magnitude for header in o.headers}
@@ -259,7 +262,8 @@ class RunData:
         """
         checked = self._with_checked_rows()
         return (
-            *quality_warnings(self.equations, self._energy_ledger, checked.columns, checked.t),
+            *self._balance_warnings(),
+            *column_warnings(checked.columns, checked.t),
             *singularity_warnings(self.singular_positions),
             *filter(None, (beam.warning for beam in self.validity)),
             *strain_warnings(
@@ -284,6 +288,15 @@ class RunData:
         )
 
     @cached_property
+    def _is_at_rest(self) -> bool:
+        return is_at_rest(self.equations, self.trajectory, self._energy_ledger.force.scale)
+
+    def _balance_warnings(self) -> Iterator[str]:
+        """Yield warnings about the energy balance and the residual."""
+        if not self._is_at_rest:
+            yield from balance_warnings(self.equations, self._energy_ledger)
+
+    @cached_property
     def suspected_errors(self) -> tuple[SuspectedError, ...]:
         """Those of the `warnings` that an estimate of the errors of columns may exclude."""
         return (
@@ -294,7 +307,8 @@ class RunData:
     def _row_warnings(self) -> Iterator[str]:
         """Yield warnings about vibrations that the output rows do not show."""
         # Long runs store only the rows, and few steps between them.
-        if all(x.record is None for x in self.trajectory.intervals):
+        has_all_steps = all(x.record is None for x in self.trajectory.intervals)
+        if has_all_steps and not self._is_at_rest:
             rtol = self.integrator.get("rtol") or 0.0
             yield from coarse_row_warnings(
                 self.t, self.columns, self._observe_at, self.equations.length, rtol
@@ -308,7 +322,8 @@ class RunData:
     def _long_step_warnings(self) -> Iterator[SuspectedError]:
         """Yield a warning if fixed steps are too long for the changes of columns."""
         # Errors of motions that the constraints determine do not accumulate.
-        if self._has_fixed_steps and self.equations.m < self.equations.n:
+        has_errors = self._has_fixed_steps and self.equations.m < self.equations.n
+        if has_errors and not self._is_at_rest:
             n_steps = sum(len(x.t) for x in self.trajectory.intervals)
             yield from long_step_warnings(self.step_extremes, n_steps, self.equations.length)
 

@@ -47,7 +47,7 @@ def test_impacts_near_the_given_speed_and_without_losses_have_no_warning(impact_
     assert not drop(impact_speed, restitution)[1]
 
 
-@pytest.mark.parametrize("height", [0.0, -1e-17, 1e-9])
+@pytest.mark.parametrize("height", [0.0, -1e-17, 5e-17, 1e-9])
 def test_regression_impacts_at_the_start_of_a_run_are_the_fastest(height):
     """Slower rebounds were called the fastest impact of a ball that touches at the start."""
     # The ball falls again at 1.5 m/s.
@@ -74,6 +74,16 @@ def test_regression_bodies_that_slide_along_a_circle_at_the_start_have_no_impact
     for method in (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-4)):
         solution = bd.simulate(mech, method, t_end=0.03)
         assert not [x for x in solution.warnings if "impact_speed" in x]
+
+
+def test_regression_gaps_by_rounding_at_the_start_are_closed():
+    """A ball in a bowl, with a gap of 2e-16 m, had an impact at 1.3e-7 m/s."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    bowl = bd.CircleSurface(mech.ground.at(0.0, 0.0), 1.0, side="inside")
+    ball = mech.add(bd.PointMass("ball", 0.3, at=(0.0, -1.0 + 2.3e-16), velocity=(0.5, 0.0)))
+    mech.add(bd.Contact("slide", ball.point, bowl, 8e6, restitution=0.6, impact_speed=1.0))
+    solution = bd.simulate(mech, bd.GeneralizedAlpha(1e-3), t_end=0.03)
+    assert not [x for x in solution.warnings if "impact_speed" in x]
 
 
 @pytest.mark.parametrize(("record", "speed", "count"), [(None, 0.5, 1), ("", 0.5, 0), ("", 9.0, 1)])

@@ -349,3 +349,18 @@ def test_unfinished_runs_have_no_accuracy_warning():
     errors.iloc[:, 1] = 1.0
     assert accuracy_warning(short, errors) == ""
     assert set(bd.verify(short)["verdict"].str.split().str[0]) <= {"time", "not"}
+
+
+@pytest.mark.parametrize("integrator", [bd.Radau(1e-4), bd.GeneralizedAlpha(step=1e-3)])
+def test_regression_formulas_whose_terms_cancel_leave_a_run_at_rest(integrator):
+    """A force of 1e-10 N by rounding exceeded half the largest force during 27 % of the run."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.3, 0.1)))
+
+    def springs(ball, t):
+        x, y = ball.position
+        return 1e6 * (0.1 + 0.2) - 1e6 * x, 1e6 * (0.1 - y)
+
+    mech.add(bd.ForceLaw("springs", ball.point, springs))
+    mech.observe("ball", ball.point)
+    assert not bd.simulate(mech, integrator, t_end=1.0).warnings

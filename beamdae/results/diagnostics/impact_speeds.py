@@ -16,6 +16,7 @@ Array = np.ndarray
 _MAX_SPEED_RATIO = 2.0  # or its reciprocal
 _MIN_RESTITUTION_CHANGE = 0.05
 _SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
+_TOUCHING_SHARE = 1e-12  # of the length of the mechanism; smaller gaps are rounding errors
 _MIN_SPEED_SHARE = 1e-9  # of the speeds of the bodies at a gap; rounding errors of rates are below
 
 
@@ -73,6 +74,9 @@ def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
     if not len(steps):
         return 0.0
     values = gap.evaluate(t, interval.branch, state.q)
+    touching = _TOUCHING_SHARE * gap.length
+    if values[0] <= touching:
+        values[0] = min(values[0], 0.0)
     (last_open,) = np.nonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
     ahead = _SLOPE_SHARE * np.diff(t)[last_open]
     q = state.q[last_open] + ahead[:, None] * state.v[last_open]
@@ -83,7 +87,7 @@ def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
     around = steps[0] * np.array([-1.0, 0.0, 1.0])
     q = state.q[0] + around[:, None] * state.v[0]
     before, now, after = gap.evaluate(np.full(3, t[0]), interval.branch, q)
-    if before > 0.0 >= now:
+    if before > touching >= now:
         speeds = np.append(speeds, (before - after) / (2.0 * steps[0]))
         last_open = np.append(last_open, 0)
     is_impact = speeds > _MIN_SPEED_SHARE * (np.abs(state.v[last_open]) @ gap.lengths)

@@ -28,16 +28,8 @@ _REMEDY = (
 )
 
 
-def quality_warnings(
-    equations: EquationsOfMotion,
-    energy_ledger: EnergyLedger,
-    observed: Mapping[str, np.ndarray],
-    times: np.ndarray,
-) -> Iterator[str]:
-    """Yield one warning per failed check of the energy balance, the residual and the columns.
-
-    Systems at rest are exempt from the energy and residual checks because their energies and
-    forces are rounding noise.
+def balance_warnings(equations: EquationsOfMotion, energy_ledger: EnergyLedger) -> Iterator[str]:
+    """Yield one warning per failed check of the energy balance and the residual.
 
     Parameters
     ----------
@@ -45,10 +37,6 @@ def quality_warnings(
         The equations of motion.
     energy_ledger
         Energies, works and residuals of the run.
-    observed
-        The observed columns (k,) by header.
-    times
-        Times (k,) of the rows [s].
     """
     energy, force = energy_ledger.energy, energy_ledger.force
     local = energy_ledger.local_energy
@@ -78,6 +66,18 @@ def quality_warnings(
             f"{_format_percent(time_above)} of the run, so accelerations, reactions and section "
             f"forces are unreliable; {_REMEDY}."
         )
+
+
+def column_warnings(observed: Mapping[str, np.ndarray], times: np.ndarray) -> Iterator[str]:
+    """Yield one warning per observed column that is not finite.
+
+    Parameters
+    ----------
+    observed
+        The observed columns (k,) by header.
+    times
+        Times (k,) of the rows [s].
+    """
     for name in observed:
         (rows,) = np.nonzero(~np.isfinite(observed[name]))
         if len(rows):

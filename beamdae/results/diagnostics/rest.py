@@ -1,0 +1,47 @@
+"""Runs at rest, in which positions and forces are rounding errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beamdae.equations import measures
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.results.trajectory import Trajectory
+
+# Largest change of coordinates by rounding errors, relative to the length of the mechanism or 1 rad
+# and to their values.
+_ROUNDING = 1e-12
+_RESIDUAL = 6  # column of the energy balance, after three energies and three powers
+
+
+def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_force: float) -> bool:
+    """Return True if coordinates change by rounding errors only, and so do all forces.
+
+    The terms of a formula may cancel, for example those of a spring at its natural length, so that
+    the largest force of a run is a rounding error.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    largest_force
+        Largest entry of the forces and the reactions in the run.
+    """
+    first = trajectory.intervals[0]
+    start = first.rows.q[:1]
+    is_angle = np.array([x.unit == "rad" for x in equations.coordinates], bool)
+    rounding = _ROUNDING * np.maximum(np.where(is_angle, 1.0, equations.length), np.abs(start[0]))
+    # The last row first, which shows most motions.
+    rows = (x.rows.q for x in trajectory.intervals)
+    changes = (np.abs(q - start) for x in rows for q in (x[-1:], x))
+    if any(not (x <= rounding).all() for x in changes):
+        return False
+    zero = np.zeros_like(start)
+    times, lam = np.array([[first.t[0], first.branch]]), np.zeros((1, equations.m))
+    states = ((start + sign * rounding, zero, zero, lam) for sign in (-1.0, 1.0))
+    evaluate = measures.balance_rows(equations)
+    # Without accelerations and multipliers, the residual consists of forces.
+    residuals = (evaluate(times, *state)[0, _RESIDUAL] for state in states)
+    return bool(largest_force <= max(residuals))
