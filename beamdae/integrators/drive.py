@@ -296,10 +296,9 @@ class _RunInProgress:
     def _let_method_sample(self) -> bool:
         """Let the method take samples, if possible; return False if the driver takes them.
 
-        The driver checks steps between samples, not across them.
+        Events are detected between samples, not across them.
         """
-        checks = self._detector, self._onset_detector, self._table_detector, self._force_detector
-        if not self._sampler.controllers or any(check is not None for check in checks):
+        if not self._sampler.controllers or self._detector is not None:
             return False
         if not isinstance(self.method, SamplingMethod):
             return False
@@ -494,11 +493,19 @@ class _RunInProgress:
             while history.end < end:
                 first = history.count
                 most = limits.steps_until_check(self.steps, steps_per_check)
-                self.steps += _take_steps(method, history, min(most, self._max_batch or most), end)
+                most = min(most, self._max_batch or most)
+                has_failed = False
+                try:
+                    self.steps += _take_steps(method, history, most, end)
+                except (StepError, BeamdaeError):
+                    # The steps before a failure are checked first; the next call fails again.
+                    has_failed = checks_steps and history.count > unchecked
+                    if not has_failed:
+                        raise
                 if self._method_samples and cast(SamplingMethod, method).awaits_sample:
                     end = history.end
                     self._interval_ends = (end, *self._interval_ends)
-                is_due = self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
+                is_due = has_failed or self.steps >= steps_checked + _STEPS_PER_ONSET_CHECK
                 outside = ""
                 if checks_steps and (is_due or self._max_batch or history.end >= end):
                     end = self._truncate_at_onset(unchecked, end)

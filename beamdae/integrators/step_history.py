@@ -275,19 +275,28 @@ class StepHistory:
         """Drop the steps that end after time `t` [s], and make the last step end at `t`.
 
         If no step ends at `t`, the rows of a last step up to `t` are interpolated from the argument
-        `tail`, the interval that the method `tail` returned last.
+        `tail`, the interval that the method `tail` returned last. A jump at `t` is dropped, too: a
+        run that continues there takes the sample again.
         """
         steps, rows_per_step = tail.t, self._rows_per_step
         tolerance = _SAME_TIME * max(abs(t), steps[-1] - steps[0])
-        complete = int(np.searchsorted(steps, t + tolerance, side="right")) - 1
-        self._count = self._tail_begin + complete * rows_per_step + 1
-        self._is_finite = True
-        if t - steps[complete] > tolerance:
-            nodes = tail.nodes[complete * rows_per_step : (complete + 1) * rows_per_step + 1]
+        complete = int(np.searchsorted(steps, t - tolerance))
+        if not (complete < len(steps) and steps[complete] <= t + tolerance):
+            complete -= 1
+        first = self._tail_begin + complete * rows_per_step
+        has_rest = t - steps[complete] > tolerance
+        step = self._rows_from(first, first + rows_per_step + 1) if has_rest else None
+        self._count, self._is_finite = first + 1, True
+        if step is not None:
+            nodes = step[:, 0]
             share = (nodes[1:] - nodes[0]) / (nodes[-1] - nodes[0])
             times = nodes[0] + share * (t - nodes[0])
             times[-1] = t
-            self._write(np.column_stack([times, *tail.at(times)]))
+            rows = np.column_stack([times, *tail.at(times)])
+            # Rounding errors would change the states of laws, which may be numbers of samples.
+            is_constant = (step == step[0]).all(axis=0)
+            rows[:, is_constant] = step[0, is_constant]
+            self._write(rows)
 
     def interval(self, branch: float) -> Interval:
         """Return all stored rows as an interval; the states of a single block are not copied.

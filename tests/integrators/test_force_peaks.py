@@ -125,7 +125,8 @@ def test_regression_forces_without_peaks_between_frequent_samples_take_few_evalu
     count(FormulaForceTerm, "evaluate_local")
     count(Interval, "weights_at")
     bd.simulate(mech, method, t_end=1.0)
-    assert calls["find_first"] >= 100
+    # Radau checks the steps of many samples at once.
+    assert calls["find_first"] >= (100 if isinstance(method, bd.Ida) else 1)
     assert calls["evaluate_local"] <= calls["find_first"]
     assert calls["weights_at"] == 0
 

@@ -47,7 +47,7 @@ def forbid_resuming(monkeypatch):
     """Let methods restart from a consistent state at each sample."""
     for kind in (AlphaStepper, IdaStepper, RadauStepper):
         monkeypatch.setattr(kind, "resume", lambda *_: None)
-    monkeypatch.setattr(stepper.FixedAlphaStepper, "_count_resumed_steps", lambda *_: 0)
+    monkeypatch.setattr(_RunInProgress, "_let_method_sample", lambda _: False)
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -186,14 +186,14 @@ def test_regression_impacts_just_before_a_sample_are_kept(method, distance):
 @pytest.mark.parametrize("method", ["Ida", "Radau"])
 def test_regression_samples_without_a_change_do_not_restart(method, monkeypatch):
     """IDA began at order 1 at each sample, although a saturated law held the same value."""
-    jumps = []
-    apply_jump = InputJump.apply
+    jumps, name = [], {"Ida": "apply", "Radau": "apply_in_place"}[method]
+    apply_jump = getattr(InputJump, name)
 
     def apply(self, t, *arguments):
         jumps.append(t)
         return apply_jump(self, t, *arguments)
 
-    monkeypatch.setattr(InputJump, "apply", apply)
+    monkeypatch.setattr(InputJump, name, apply)
 
     # Saturated from 0.04 s on.
     def law(sample):
@@ -205,3 +205,55 @@ def test_regression_samples_without_a_change_do_not_restart(method, monkeypatch)
     forbid_resuming(monkeypatch)
     restarted = bd.simulate(crank(law=law), METHODS[method], 0.3, output_step=0.01)
     assert_allclose(solution["center.y"], restarted["center.y"], rtol=0.0, atol=1e-6)
+
+
+def bumper(law, every, outside="hold"):
+    """Return a driven mass that passes a narrow peak of a force, a table, after 0.4 m."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    place, speed = (mech.sensor(x, mass.point, x) for x in ("x", "x_dot"))
+    push = mech.input("push", unit="N")
+    mech.add(bd.Force("motor", mass.point, (push, 0.0)))
+    mech.add(bd.Controller("servo", every, [place, speed], [push], law, state=[0.0]))
+    peak = bd.table([0.0, 0.4, 0.4003, 0.4006, 0.8], [0.0, 0.0, 2e3, 0.0, 0.0], outside=outside)
+    mech.add(bd.ForceLaw("bump", mass.point, lambda mass, t: (-peak(mass.position[0]), 0.0)))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize("every", [1e-3, 0.07])
+@pytest.mark.parametrize(
+    "method", [bd.Radau(1e-5), bd.GeneralizedAlpha(rtol=1e-5)], ids=["Radau", "adaptive steps"]
+)
+def test_regression_peaks_between_samples_keep_the_states_of_laws(method, every):
+    """The restart before a peak changed numbers of samples by rounding errors."""
+
+    def law(sample):
+        sample.state[0] += 1.0
+        return 2.0 * (1.0 + 0.3 * sample.t - sample.reads[1])
+
+    run = bd.simulate(bumper(law, every), method, 1.0, output_step=0.1)
+    fine = bd.simulate(bumper(law, every), bd.GeneralizedAlpha(2e-5), 1.0, output_step=0.1)
+    assert run.status.success, run.status.sentence
+    assert_allclose(run["mass.x"], fine["mass.x"], rtol=5e-3)
+    counts = np.concatenate([interval.state.q[:, -1] for interval in run.trajectory.intervals])
+    assert_array_equal(counts, np.round(counts))
+    assert counts[-1] == np.ceil(1.0 / every - 1e-9)
+
+
+def test_regression_tables_end_runs_before_the_law_fails_outside():
+    """Steps across several samples leave the table before they are checked."""
+
+    def law(sample):
+        if sample.reads[0] > 0.85:
+            raise ValueError("too far")
+        sample.state[0] += 1.0
+        return 2000.0
+
+    mech = bumper(law, 1e-3, outside="error")
+    run = bd.simulate(mech, bd.Radau(1e-5), 1.0, output_step=1e-3)
+    assert run.status.kind == "limited"
+    assert "leaves the range 0 to 0.8" in run.status.sentence
+    last = run.trajectory.intervals[-1].state.q[-1]
+    assert last[0] == pytest.approx(0.8, abs=1e-9)
+    assert last[-1] == np.ceil(run.trajectory.end / 1e-3)

@@ -252,7 +252,7 @@ class FixedAlphaStepper(AlphaStepper):
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""
         self._begin(start, end, branch, state)
-        run = self._run
+        run, self._problem = self._run, None
         run.accepted_motion.h = 0.0
         self._prepare_steps(end)
         self._set_initial_motion((run.end - start) / run.total_steps)

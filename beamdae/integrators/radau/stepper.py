@@ -278,7 +278,7 @@ class RadauStepper:
         Earlier factors are discarded.
         """
         run, size = self._run, self._run.step_size
-        run.t, run.branch = start, branch
+        run.t, run.branch, self._problem = start, branch, None
         self._set_end(start, end)
         run.y[:], run.yp[:] = self._form.pack(state)
         run.factors_step, run.iterations, run.rate, run.failure_code = 0.0, 0, 1.0, TOO_SMALL
