@@ -13,6 +13,7 @@ import pandas as pd
 from beamdae.errors import BeamdaeError
 from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import remove_unit
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows, select_error_columns
@@ -161,7 +162,11 @@ def build_reference(
         return _missing_reference(
             labels, f"no reference, {study.over} has no effect on the two finest meshes"
         )
-    sentence = f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude"
+    worst = remove_unit(columns[int(np.argmax(differences[agrees]))])
+    sentence = (
+        f"Reference: {labels[0]}; {labels[1]} differs by {uncertainty:.2g} of the amplitude of "
+        f"{worst}, so errors below {RESOLUTION_FACTOR:g} times this are upper bounds (<)"
+    )
     if disputed:
         sentence += f"; no errors of columns that differ by more ({disputed})"
     events = _collect_method_events(methods[0], outcomes)

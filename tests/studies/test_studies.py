@@ -213,6 +213,7 @@ def test_regression_columns_without_reference_do_not_hide_the_errors_of_others(t
     results = run(create_study(cases), tmp_path / "both")
     (reference,) = results.references.values()
     assert reference.columns == ("slow.x [m]",)
+    assert " of the amplitude of slow.x, so errors below 10 times this are" in reference.sentence
     assert "no errors of columns that differ by more (fast.x [m] by " in reference.sentence
     assert results.table["error of slow.x [m], max"].notna().all()
     hidden = run(create_study(cases, columns=("fast.x",)), tmp_path / "fast")
