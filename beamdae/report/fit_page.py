@@ -68,7 +68,6 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
         "notes": [
             *fit.warnings,
             *fit.undetermined,
-            *dict.fromkeys(x for sentences in fit.run_warnings.values() for x in sentences),
         ],
         "groups": [
             {

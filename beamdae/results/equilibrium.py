@@ -20,6 +20,7 @@ from beamdae.results.columns import Header, merge_columns, select_columns
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges,
+    range_warnings,
     strain_warnings,
 )
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
@@ -385,7 +386,7 @@ class Equilibrium(HasPage):
                     f"{self.free}: this coordinate can move without stiffness, so the "
                     "equilibrium position is arbitrary; add a spring or a joint."
                 )
-        beams = (beam.warning for beam in self.validity)
+        beams = range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         meshes = mesh_error_warnings(self.equations, self.columns, self._select_loaded_state)

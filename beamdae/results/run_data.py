@@ -25,6 +25,7 @@ from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
+    range_warnings,
     sample_positions,
     strain_warnings,
 )
@@ -265,7 +266,7 @@ class RunData:
             *self._balance_warnings(),
             *column_warnings(checked.columns, checked.t),
             *singularity_warnings(self.singular_positions),
-            *filter(None, (beam.warning for beam in self.validity)),
+            *range_warnings(self.validity),
             *strain_warnings(
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),

@@ -14,7 +14,9 @@ from beamdae.results.diagnostics.beam_ranges import (
     MAX_UNREPORTED_ERROR,
     BeamRange,
     _find_peaks,
+    buckling_warnings,
     count_oscillations,
+    frequency_warnings,
     measure_beam_ranges,
     relative_change_by_exact_strains,
     sample_positions,
@@ -156,6 +158,24 @@ def _bend_by_tip_force(load, **settings):
     mech.add(bd.Force("force", beam.end, (0.0, load * STRIP.EI)))
     mech.observe("tip", beam.end)
     return bd.equilibrium(mech)
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_beams_with_the_same_warning_share_a_sentence():
+    """The four leaves of a stage had four sentences that differed in numbers only."""
+    mech = bd.Mechanism()
+    for k, load in enumerate((1.2, 0.1, 1.5, 1.3)):
+        line = bd.Line((0.0, 3.0 * k), (1.0, 3.0 * k))
+        beam = mech.add(bd.Beam(f"leaf {k}", line, STRIP, elements=4))
+        mech.add(bd.Weld(f"clamp {k}", mech.ground.at(0.0, 3.0 * k), beam.start))
+        mech.add(bd.Force(f"force {k}", beam.end, (0.0, load * STRIP.EI)))
+        mech.observe(f"tip {k}", beam.end)
+    result = bd.equilibrium(mech)
+    (sentence,) = (x for x in result.warnings if "bends" in x)
+    assert sentence.startswith("leaf 2 (also leaf 0, leaf 3): the beam bends")
+    for warn in (frequency_warnings, buckling_warnings):
+        (sentence,) = warn(result.equations, result.q[-1])
+        assert sentence.startswith("leaf 2 (also leaf 0, leaf 3): the beam bends")
 
 
 def test_regression_equilibrium_that_is_one_percent_of_half_the_range_off_has_a_warning():

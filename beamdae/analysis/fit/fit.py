@@ -153,9 +153,9 @@ def fit(
     Warns
     -----
     BeamdaeWarning
-        If the search did not converge, with the reason, for each sentence in `Fit.warnings`, if the
-        runs with the estimates have warnings, if a parameter has no effect on the model, and for
-        each sentence in `Fit.undetermined` if a standard deviation is infinite.
+        If the search did not converge, with the reason, for each sentence in `Fit.warnings`, which
+        include those of the runs, if a parameter has no effect on the model, and for each sentence
+        in `Fit.undetermined` if a standard deviation is infinite.
 
     Examples
     --------
@@ -221,11 +221,10 @@ def fit(
     for sentence in result.undetermined if undetermined.any() else ():
         warn_user(f"fit: {sentence}")
     for sentence in result.warnings:
-        warn_user(f"fit: {sentence}")
-    for experiment, sentences in result.run_warnings.items():
-        for sentence in sentences:
-            if kind_of_message(sentence) not in problem.build_warnings:
-                warn_user(f"{experiment}: {sentence}" if experiment else sentence)
+        if sentence not in result.run_warnings:
+            warn_user(f"fit: {sentence}")
+        elif kind_of_message(sentence) not in problem.build_warnings:
+            warn_user(sentence)
     return result
 
 

@@ -19,7 +19,7 @@ from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.search import SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
-from beamdae.errors import BeamdaeError, require_choice, warn_user
+from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
@@ -119,17 +119,6 @@ class Fit:
         relative standard deviation above 100 %, and those with correlations above 0.99.
     at_bounds
         Names of parameters at a bound, which have no standard deviations.
-    warnings
-        Sentences on values of parameters that the model rejected, on estimates that depend on the
-        steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
-        than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
-        and larger values of chi-square have a probability below 1e-6, or, without `sigma`, more
-        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
-        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
-        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
-        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
-        intervals of correlated parameters whose linear approximation may fail (`profile` does
-        without it), or on data that end after the end time of the model.
     """
 
     parameters: Mapping[str, float]
@@ -143,7 +132,7 @@ class Fit:
     status: Status
     undetermined: tuple[str, ...] = ()
     at_bounds: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    _own_warnings: tuple[str, ...] = field(default=(), repr=False)
     _information: Information = field(default=None, repr=False)  # type: ignore[assignment]
     _problem: FitProblem = field(default=None, repr=False)  # type: ignore[assignment]
     _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
@@ -211,15 +200,40 @@ class Fit:
         return {name: run.solution for name, run in self.sensitivities.items()}
 
     @property
-    def run_warnings(self) -> dict[str, list[str]]:
-        """Warnings of the runs with the estimates, by experiment.
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the estimates, followed by `run_warnings`.
 
-        Peaks between the rows are omitted, because a fit compares values at the times of the data.
+        Sentences on values of parameters that the model rejected, on estimates that depend on the
+        steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
+        than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
+        and larger values of chi-square have a probability below 1e-6, or, without `sigma`, more
+        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
+        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
+        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
+        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
+        intervals of correlated parameters whose linear approximation may fail (`profile` does
+        without it), or on data that end after the end time of the model.
         """
-        return {
-            name: [x for x in run.warnings if x not in missed_peak_warnings(run.missed_peaks)]
-            for name, run in self.solutions.items()
-        }
+        return (*self._own_warnings, *self.run_warnings)
+
+    @cached_property
+    def run_warnings(self) -> tuple[str, ...]:
+        """Warnings of the runs with the estimates.
+
+        Warnings that not all experiments have begin with the name of the first one. Peaks between
+        the rows are omitted, because a fit compares values at the times of the data.
+        """
+        kinds: dict[str, dict[str, str]] = {}
+        for experiment, run in self.solutions.items():
+            omitted = missed_peak_warnings(run.missed_peaks)
+            for sentence in (x for x in run.warnings if x not in omitted):
+                kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
+        sentences = []
+        for found in kinds.values():
+            experiment, sentence = next(iter(found.items()))
+            is_everywhere = len(found) == len(self.solutions)
+            sentences.append(sentence if is_everywhere else f"{experiment}: {sentence}")
+        return tuple(sentences)
 
     @property
     def model_name(self) -> str:
@@ -688,7 +702,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         status=status,
         undetermined=information.undetermined(texts),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
-        warnings=(
+        _own_warnings=(
             *problem.duration_warnings,
             # Invalid values and bounds may be the cause of large residuals.
             *([search.invalid] if search.invalid and (doubts or not search.status.success) else []),

@@ -237,8 +237,6 @@ def _print_results(result: Fit, name: str) -> None:
     console = print_facts(name, facts, lambda: _json_results(result))
     console.print(text_tables.estimates_table(result.table(), result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
-    # Warnings of the model are the same in all experiments.
-    print_warnings(console, dict.fromkeys(x for y in result.run_warnings.values() for x in y))
 
 
 def _json_results(result: Fit) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, log
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
+from beamdae.errors import kind_of_message, list_first
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
 
@@ -35,6 +36,7 @@ _MAX_SAMPLE_COUNT = 20_000
 # Above this size of the sampled positions [bytes], freed memory is returned to the system. It is
 # three times as large.
 _MAX_RETAINED_BYTES = 5e7
+_MAX_NAMES = 5  # of further beams in a warning
 _DEFECT_SAMPLE_COUNT = 16  # times of the largest motions at which exact strains are evaluated
 _AXIAL_SAMPLE_COUNT = 2  # further times, of the largest axial displacements
 
@@ -192,16 +194,41 @@ def sample_positions(trajectory: Trajectory) -> Array:
     return trajectory.positions_at(np.unique(times))
 
 
+def range_warnings(ranges: Iterable[BeamRange]) -> Iterator[str]:
+    """Yield `BeamRange.warning` of all beams; one sentence if they differ only in numbers."""
+    warned = [(x.name, x.error or 0.0, x.warning) for x in ranges]
+    yield from _merge_beams((name, error, text) for name, error, text in warned if text)
+
+
+def _merge_beams(warned: Iterable[tuple[str, float, str]]) -> Iterator[str]:
+    """Yield the sentences of beams; of those that differ only in numbers, that of the worst.
+
+    Parameters
+    ----------
+    warned
+        Name, size of the error and sentence of each beam.
+    """
+    kinds: dict[str, list[tuple[float, str, str]]] = {}
+    for name, size, sentence in warned:
+        text = sentence.removeprefix(f"{name}: ")
+        kinds.setdefault(kind_of_message(f": {text}"), []).append((size, name, text))
+    for beams in kinds.values():
+        _, worst, text = max(beams)
+        others = [name for _, name, _ in beams if name != worst]
+        also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+        yield f"{worst}{also}: {text}"
+
+
 def frequency_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
-    """Yield a warning for each beam whose strains at q (n,) cause errors of frequencies."""
+    """Yield warnings of the beams whose strains at q (n,) cause errors of frequencies."""
     ratios = (_ERROR_OF_FREQUENCY, _ERROR_OF_FREQUENCY_IN_TENSION)
-    yield from _state_warnings(equations, q, "natural frequencies", *ratios)
+    yield from _merge_beams(_state_warnings(equations, q, "natural frequencies", *ratios))
 
 
 def buckling_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:
-    """Yield a warning for each beam whose strains at q (n,) cause errors of buckling loads."""
+    """Yield warnings of the beams whose strains at q (n,) cause errors of buckling loads."""
     ratios = (_ERROR_OF_BUCKLING, _ERROR_OF_BUCKLING)
-    yield from _state_warnings(equations, q, "buckling loads", *ratios)
+    yield from _merge_beams(_state_warnings(equations, q, "buckling loads", *ratios))
 
 
 def _state_warnings(
@@ -210,7 +237,7 @@ def _state_warnings(
     quantity: str,
     error_ratio: float,
     error_ratio_in_tension: float,
-) -> Iterator[str]:
+) -> Iterator[tuple[str, float, str]]:
     for term in equations.ranges:
         statement = term.statement
         if statement.defect is None:
@@ -223,13 +250,13 @@ def _state_warnings(
         if error > MAX_UNREPORTED_ERROR:
             remedies = statement.remedies
             beam = BeamRange(statement.part, deflection, rotation, strain, error, remedies)
-            yield beam._describe(error, quantity)
+            yield beam.name, error, beam._describe(error, quantity)
 
 
 def strain_warnings(
     equations: EquationsOfMotion, ranges: Sequence[BeamRange], positions: Callable[[], Array]
 ) -> Iterator[str]:
-    """Yield a warning for each beam whose strains are too large for linear elasticity.
+    """Yield a warning of the beams whose strains are too large for linear elasticity.
 
     Parameters
     ----------
@@ -247,12 +274,16 @@ def strain_warnings(
     q = positions() if others else np.zeros((0, 0))
     for beam in others:
         strains[beam.name] = beam.kinematics.largest_strain(q[:, rows[beam.name]])
-    for name, strain in strains.items():
-        if strain > MAX_UNREPORTED_STRAIN:
-            yield (
-                f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, so the "
-                "deformation is meaningless; reduce the loads, or check section and units."
-            )
+    yield from _merge_beams(
+        (
+            name,
+            strain,
+            f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, so the "
+            "deformation is meaningless; reduce the loads, or check section and units.",
+        )
+        for name, strain in strains.items()
+        if strain > MAX_UNREPORTED_STRAIN
+    )
 
 
 def _find_deformations(
