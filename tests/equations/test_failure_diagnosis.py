@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from conformance import integrators
@@ -82,3 +84,22 @@ def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position
     times, state = trajectory.at(np.array([0.05]))
     phrase = describe_singular_position(solution.equations, times[0], State(*(x[0] for x in state)))
     assert phrase == ""
+
+
+@pytest.mark.parametrize("is_contact", [True, False])
+def test_regression_fixed_steps_that_stop_at_sticking_name_friction_and_step(is_contact):
+    """A foot that stuck was told to use a smaller step; the friction was not named."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    foot = mech.add(bd.PointMass("foot", 2.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    if is_contact:
+        floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+        mech.add(bd.Contact("sole", foot.point, floor, 1e5, friction=0.5, friction_speed=1e-4))
+    else:
+        rail = mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), foot.point))
+        mech.add(bd.Friction("sole", rail, 0.5, friction_speed=1e-4))
+    mech.observe("foot", foot.point)
+    with pytest.warns(bd.BeamdaeWarning):
+        status = bd.simulate(mech, bd.GeneralizedAlpha(step=1e-3), 0.5).status
+    assert "sole begins to stick, and its sliding speed changes by 0.0049 m/s" in status.sentence
+    (step,) = re.findall("use a step of at most ([0-9.e-]+) s", status.sentence)
+    assert bd.simulate(mech, bd.GeneralizedAlpha(step=float(step)), 0.25).status.success

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
-from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.friction_sliding import SlidingTerm, compile_sliding
 from beamdae.equations.starts.rank import build_constraint_jacobian
-from beamdae.parts.forces.contact import Contact
-from beamdae.parts.forces.friction import Friction
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.results.trajectory import Trajectory
 
@@ -49,33 +46,8 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     trajectory
         The steps of the run.
     """
-    mechanism = equations.mechanism
-    parts = () if mechanism is None else mechanism.parts.values()
-    laws = {
-        part.name: law
-        for part in parts
-        if isinstance(part, (Contact, Friction))
-        and (law := part.regularized_friction) is not None
-        and law.coefficient
-    }
-    if mechanism is None or not laws:
-        return
-    coordinates, numbers = map_coordinates(mechanism), NumberStore()
-    rows = _rows_of_joints(equations)
-    inputs = select_input_laws(mechanism.inputs)
-    observables = {
-        name: build_observable(name, law.sliding, coordinates, numbers, rows, inputs)
-        for name, law in laws.items()
-    }
-    p = numbers.all(mechanism.inputs)
-    for name, law in laws.items():
-        yield from _Sliding(equations, name, law, observables[name], p).warnings(trajectory)
-
-
-def _rows_of_joints(equations: EquationsOfMotion) -> dict[str, slice]:
-    """Return the slice of the multipliers of each joint, by name."""
-    joints = [name.rpartition(".")[0] for name in equations.lam_names]
-    return {x: slice(joints.index(x), joints.index(x) + joints.count(x)) for x in joints}
+    for term in compile_sliding(equations):
+        yield from _Sliding(equations, term).warnings(trajectory)
 
 
 @dataclass(frozen=True)
@@ -86,17 +58,20 @@ class _Sliding:
     ----------
     equations
         Equations of motion of all parts.
-    name, law
-        Name of the part, and the law of its friction.
-    observable, numbers
-        Compiled `law.sliding`, and the numbers to which it refers.
+    term
+        Sliding velocity of the part, and the law of its friction.
     """
 
     equations: EquationsOfMotion
-    name: str
-    law: RegularizedFriction
-    observable: Observable
-    numbers: Array
+    term: SlidingTerm
+
+    @property
+    def name(self) -> str:
+        return self.term.name
+
+    @property
+    def law(self) -> RegularizedFriction:
+        return self.term.law
 
     def warnings(self, trajectory: Trajectory) -> Iterator[str]:
         """Yield the warning, if there is one."""
@@ -157,14 +132,7 @@ class _Sliding:
 
     def _ratios(self, times: Array, state: State) -> Array:
         """Return the share tanh(slip / speed) of Coulomb friction, NaN without a normal force."""
-        o, law = self.observable, self.law
-        q, v = (np.asarray(o.operator @ x.T).T for x in (state.q, state.v))
-        force, slip = o.function(times, q, v, self.numbers[o.data], state.lam[:, o.rows]).T
-        if not law.is_contact:
-            coefficient = np.abs(law.friction_coefficient(slip)) * (law.radius or 1.0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                force = np.abs(force) / coefficient
-        return np.where(force > law.min_force, np.tanh(slip / law.speed), np.nan)
+        return np.asarray(np.tanh(self.term.evaluate(times, state) / self.law.speed))
 
     def _is_prescribed(self, time: Array, state: State) -> bool:
         """Return True if no motion that the constraints allow changes the sliding speed."""
