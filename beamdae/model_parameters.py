@@ -94,6 +94,7 @@ _UNKNOWN_UNITS: Mapping[str, list[str]] = {
     "kip": [],
     "mph": [],
 }
+_TONNES = {"t", "ton", "tons", "tonne", "tonnes"}
 # Spellings of rpm. A frequency per minute is a number of revolutions in practice.
 _PER_MINUTE = {"1/min", "/min", "min^-1", "min-1", "r/min", "U/min"}
 # The number is the longest one: "2.0" is no "2." with the unit "0".
@@ -410,6 +411,8 @@ def suggest_unit(unit: str) -> str:
     hint = _explain_rejection(unit)
     if hint:
         return f" ({hint})"
+    if not _TONNES.isdisjoint(re.findall(r"[^\W\d]+", unit)):
+        return " (write Mg for tonnes)"
     candidates = _similar_units(unit)
     if not candidates:
         return "" if unit.casefold() in _UNKNOWN_UNITS else suggest(unit, _UNITS)

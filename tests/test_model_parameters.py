@@ -134,6 +134,7 @@ MISTAKES = {
     "length=3 mn": "swing: length=3 mn: the unit mn is unknown",
     "length=3 mrpm": "swing: length=3 mrpm: the unit mrpm is unknown",
     "length=1,5 m": "swing: length=1,5 m: the number contains a comma; write a decimal point",
+    "mass=3 t": "the unit t is unknown (write Mg for tonnes); give the",
     "mass=3 lb/in": "the unit lb/in is unknown (lb is a mass, write lbf for a force); give the",
     "tilt=3 Hz": "the unit Hz measures another quantity; give the value in rad.",
     "speed=3 Hz": "the unit Hz measures another quantity; give the value in rad/s.",

@@ -660,8 +660,8 @@ def table_from_csv(
 
     The file has a header. Its columns are separated by semicolons, tabs or commas; unless these are
     commas, decimal commas are accepted. Headers such as "force [kN]" or "force (kN)" contain the
-    unit; columns without a unit are used as they are. Lines that begin with "#", "%" or "//" are
-    comments.
+    unit; columns without a unit are taken in SI units, with a warning, and "[-]" marks numbers
+    without dimension. Lines that begin with "#", "%" or "//" are comments.
 
     Parameters
     ----------
@@ -693,8 +693,8 @@ def table_from_csv(
     Warns
     -----
     BeamdaeWarning
-        As in `table`, with values in SI units; also if all decimal commas may be separators of
-        thousands, as in 1,200.
+        As in `table`, with values in SI units; also if a column has no unit, or all decimal commas
+        may be separators of thousands, as in 1,200.
 
     Examples
     --------
@@ -755,10 +755,21 @@ def table_from_csv(
         for header in (*chosen, value_header)
     )
     result = _create_table(label, *_as_grid(label, arrays, values), kind, outside)
+    _warn_about_missing_units(label, [*chosen, value_header])
     names = tuple(_split_header(header)[0] for header in chosen)
     result = Table(label, result.axes, result.values, kind, outside, names)
     _warn_about_overshoot(result)
     return result
+
+
+def _warn_about_missing_units(label: str, headers: Sequence[str]) -> None:
+    missing = [header for header in headers if not _split_header(header)[1]]
+    if missing:
+        are = "has no unit and is" if len(missing) == 1 else "have no units and are"
+        warn_user(
+            f"{label}: {', '.join(map(repr, missing))} {are} taken in SI units; write units in the "
+            f"header, such as '{missing[0]} [mm]', or [-] for numbers without dimension."
+        )
 
 
 def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:

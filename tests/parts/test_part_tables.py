@@ -309,6 +309,22 @@ def test_csv_columns_are_converted_to_si_units(tmp_path):
         table(0.02)
 
 
+def test_regression_columns_without_units_have_a_warning(tmp_path):
+    """Forces of 58 kN were 58 N without a word."""
+    with pytest.warns(bd.BeamdaeWarning, match=r"pad\.csv: 'force' has no unit and is taken in SI"):
+        bd.table_from_csv(write(tmp_path, "travel [mm],force\n0,0\n1,3\n2,9\n"))
+    with pytest.warns(bd.BeamdaeWarning, match=r"'travel', 'force' have no units .* \[mm\]', or"):
+        bd.table_from_csv(write(tmp_path, "travel,force\n0,0\n1,3\n2,9\n"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.table_from_csv(
+            write(tmp_path, "angle [deg],factor [-],note\n0,0,a\n1,3,\n"),
+            "angle",
+            "factor",
+            "linear",
+        )
+
+
 def test_regression_csv_units_in_parentheses_are_converted(tmp_path):
     text = "# press 3, 2024-05-06\ntravel (mm),force (measured) (kN)\n0,0\n1,3\n2,9\n"
     table = bd.table_from_csv(write(tmp_path, text), kind="linear")

@@ -216,7 +216,7 @@ def transfer_function(
     (nonzero,) = np.nonzero(a)
     rate = max(1.0, abs(float(a[nonzero[-1]])) ** (1.0 / max(nonzero[-1], 1)))
     sizes = [rate ** float(k - count) for k in range(count)]
-    unit = _find_unit(name, value, unit)
+    unit, scale = _find_unit(name, value, unit), require_positive(name, "scale", scale)
     with _all_or_no_states(mechanism):
         states = [
             mechanism.state(
