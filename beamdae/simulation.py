@@ -6,17 +6,15 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beamdae import deferred
 from beamdae.equations.assembly.assemble import equations_of_motion
-from beamdae.equations.assembly.constrained_system import ConstrainedSystem
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.model_hash import hash_model
 from beamdae.equations.smooth_intervals import SAME_TIME
-from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import (
     BeamdaeError,
     is_valid_path,
@@ -41,20 +39,17 @@ from beamdae.interrupts import (
 from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
-from beamdae.parts.rotation import Rotation
-from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
-from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import require_file_path
-from beamdae.results.storage.reader import translate_field_errors
-from beamdae.results.storage.saved_run import (
-    KIND,
-    SavedRun,
-    packed_run_from_arrays,
-    read_saved_run,
-    saved_run_from_arrays,
-)
+
+# Imported by the functions that need them: their import takes 5 % of the time of a short command.
+if TYPE_CHECKING:
+    from beamdae.equations.assembly.constrained_system import ConstrainedSystem
+    from beamdae.parts.rotation import Rotation
+    from beamdae.results.equilibrium import Equilibrium
+    from beamdae.results.storage.checkpoint import Checkpoint
+    from beamdae.results.storage.saved_run import SavedRun
 
 _MAX_ROWS = 1e7  # in a result
 _DEFAULT_ROWS = 1000
@@ -310,18 +305,22 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
     >>> print(f"{bd.load(path, mech).at(0.5).state.q[1]:.3f} m")
     0.774 m
     """
+    from beamdae.results.storage import saved_run
+    from beamdae.results.storage.reader import translate_field_errors
+
     file = require_file_path("load", path)
-    arrays, content = read_saved_run(file)
+    arrays, content = saved_run.read_saved_run(file)
     if model is None:
-        return saved_run_from_arrays(file, arrays, content)
+        return saved_run.saved_run_from_arrays(file, arrays, content)
     equations = as_equations("load", model, AS_DRAWN, sampled=True)
     if hash_model(equations) != content["identity"]:
         raise BeamdaeError(
             f"{file}: the file contains a run of a model with other parts or values; "
             "pass the model of this run, or omit the model to load only the tables."
         )
-    with translate_field_errors(file, KIND):
-        return Solution.from_packed(equations, packed_run_from_arrays(equations, arrays, content))
+    with translate_field_errors(file, saved_run.KIND):
+        packed = saved_run.packed_run_from_arrays(equations, arrays, content)
+        return Solution.from_packed(equations, packed)
 
 
 def as_mechanism(name: str, model: Any) -> Mechanism:
@@ -372,6 +371,9 @@ def as_equations(
                 "called only in runs; omit it, or replace it by states (mech.state)."
             )
         return equations
+    from beamdae.equations.assembly.constrained_system import ConstrainedSystem
+    from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+
     if isinstance(model, ConstrainedSystem):
         equations = model.equations
         if model.build_warnings:
@@ -384,6 +386,11 @@ def as_equations(
 
 def _read_checkpoint(start: Any) -> Checkpoint | None:
     """Return a checkpoint from a result, a checkpoint or a file path; None for other starts."""
+    if start is None:
+        return None
+    from beamdae.results.equilibrium import Equilibrium
+    from beamdae.results.storage.checkpoint import Checkpoint
+
     if isinstance(start, Solution):
         return Checkpoint.of(start)
     if isinstance(start, Equilibrium):

@@ -10,12 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import (
     Kinematics,
@@ -64,16 +63,15 @@ from beamdae.symbolic.statements import (
     rebuilt_for_mesh,
 )
 
+if TYPE_CHECKING:
+    from beamdae.beams.exact.kinematics import GeometricallyExact
+
 Array = np.ndarray
 
 _DEFAULT_FORMULATION = "floating frame"
 EXACT_FORMULATION = "exact"
 CUSTOM_FORMULATION = "custom"
-_KINEMATICS_BY_FORMULATION: dict[str, type[FloatingFrame] | type[GeometricallyExact]] = {
-    _DEFAULT_FORMULATION: FloatingFrame,
-    EXACT_FORMULATION: GeometricallyExact,
-}
-FORMULATIONS = tuple(_KINEMATICS_BY_FORMULATION)
+FORMULATIONS = (_DEFAULT_FORMULATION, EXACT_FORMULATION)
 
 # Curvature times element length up to which the compliance of an arc has an error below 1 %, by
 # number of nodes (measured: 6e-3 at 1.6 and 9e-5 at 0.4 for 4 nodes, of order 4; 8e-3 at 0.2 for
@@ -353,7 +351,7 @@ class Beam(Part):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
         if formulation is not None and formulation != self._formulation:
-            supported = {field.name for field in fields(_KINEMATICS_BY_FORMULATION[formulation])}
+            supported = {field.name for field in fields(_kinematics_type(formulation))}
             other._formulation = formulation
             other._settings = {k: x for k, x in self._settings.items() if k in supported}
         return other
@@ -918,6 +916,14 @@ def beams_of(mechanism: Mechanism | None) -> list[Beam]:
     return [part for part in parts if isinstance(part, Beam)]
 
 
+def _kinematics_type(formulation: str) -> type[FloatingFrame] | type[GeometricallyExact]:
+    if formulation == _DEFAULT_FORMULATION:
+        return FloatingFrame
+    from beamdae.beams.exact.kinematics import GeometricallyExact
+
+    return GeometricallyExact
+
+
 def _create_kinematics(
     part: str,
     formulation: str,
@@ -935,7 +941,7 @@ def _create_kinematics(
                 "which replaces the built-in formulations."
             )
         return create_custom_kinematics(part, make, mesh, section)
-    kinematics = _KINEMATICS_BY_FORMULATION[formulation]
+    kinematics = _kinematics_type(formulation)
     supported = {field.name for field in fields(kinematics)}
     unsupported = [name for name in settings if name not in supported]
     if unsupported:

@@ -1,4 +1,4 @@
-"""Stiffness matrices of one part at many states, assembled from element matrices as one band."""
+"""Stiffness matrices of one part at many states, solved as one band."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dgbsv
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from beamdae.bounded_cache import bounded_cache
@@ -31,8 +32,8 @@ class BandedStiffness:
     bandwidth
         Number of diagonals above and below the main diagonal.
     entries, sources, factors
-        Entry `entries` of the flattened band receives `factors` times entry `sources` of the
-        flattened element matrices.
+        Entry `entries` of the flattened band, in the storage of LAPACK's factors, receives
+        `factors` times entry `sources` of the flattened element matrices.
     """
 
     to_local: sp.csr_array
@@ -41,24 +42,33 @@ class BandedStiffness:
     sources: Array
     factors: Array
 
-    def assemble(self, matrices: Array) -> Array:
-        """Return k matrices as one block-diagonal matrix in the storage of LAPACK.
+    def solve(self, matrices: Array, right: Array) -> Array:
+        """Return the solutions (k n,) of k systems.
 
         Parameters
         ----------
         matrices
             Symmetric element matrices (k, elements, size, size).
+        right
+            Right-hand sides (k n,).
 
-        Returns
-        -------
-        ndarray
-            Band (2 bandwidth + 1, k n), see `scipy.linalg.solve_banded`.
+        Raises
+        ------
+        LinAlgError
+            If a matrix is singular, or a number is not finite.
         """
-        count, n, height = len(matrices), self.to_local.shape[1], 2 * self.bandwidth + 1
+        count, n, height = len(matrices), self.to_local.shape[1], 3 * self.bandwidth + 1
         values = np.take(matrices.reshape(count, -1), self.sources, axis=1) * self.factors
         entries = self.entries + n * height * np.arange(count)[:, None]
         band = np.bincount(entries.ravel(), values.ravel(), count * n * height)
-        return band.reshape(count * n, height).T
+        if not (np.isfinite(band).all() and np.isfinite(right).all()):
+            raise np.linalg.LinAlgError("numbers that are not finite")
+        band = band.reshape(count * n, height).T
+        # `solve_banded` would copy the band, which has space for the factors already.
+        _, _, solution, info = dgbsv(self.bandwidth, self.bandwidth, band, right, overwrite_ab=True)
+        if info:
+            raise np.linalg.LinAlgError("singular matrix")
+        return np.asarray(solution)
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,7 @@ def _plan_operator(
         factors.append(np.ravel(np.outer(weight, weight)))
     row, column = np.concatenate(rows).astype(np.int64), np.concatenate(columns)
     bandwidth = int(np.max(np.abs(row - column)))
-    entries = column * (2 * bandwidth + 1) + bandwidth + row - column
+    entries = column * (3 * bandwidth + 1) + 2 * bandwidth + row - column
     return BandedStiffness(
         to_local, bandwidth, entries, np.concatenate(sources), np.concatenate(factors)
     )

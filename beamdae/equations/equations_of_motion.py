@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import solve_banded
 
 from beamdae.equations.banded_stiffness import BandedStiffness, plan_banded_stiffness
 from beamdae.equations.singular_laws import PartLaw
@@ -139,13 +138,9 @@ class RangeTerm:
         """Return the deformations (k, copies * size) under k forces; infinite where singular."""
         plan, count = self._stiffness_plan, len(stiffness)
         try:
-            solution = solve_banded(
-                (plan.bandwidth, plan.bandwidth),
-                plan.assemble(stiffness),
-                (plan.to_local.T @ force.T).T.ravel(),
-            )
+            solution = plan.solve(stiffness, (plan.to_local.T @ force.T).T.ravel())
             return np.asarray(plan.to_local @ solution.reshape(count, -1).T).T
-        except (np.linalg.LinAlgError, ValueError):
+        except np.linalg.LinAlgError:
             # Some matrices are singular, or a failed run left numbers that are not finite.
             if count == 1:
                 return np.full_like(force, np.inf)

@@ -25,8 +25,6 @@ from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.events import select_impacts, select_switches
-from beamdae.parts.forces.contact import Contact
-from beamdae.parts.forces.friction import Friction
 from beamdae.parts.forces.regularized_friction import suggest_speed
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.part import Part, SurfaceGap
@@ -154,9 +152,7 @@ def _zero_force_warnings(
 def _friction_peak_warnings(mechanism: Mechanism) -> Iterator[str]:
     """Yield a warning per part whose regularization reduces its static friction noticeably."""
     for part in mechanism.parts.values():
-        if not isinstance(part, (Contact, Friction)):
-            continue
-        law = part.regularized_friction
+        law = getattr(part, "regularized_friction", None)
         if law is None or law.static is None or law.stribeck is None:
             continue
         largest = law.largest_coefficient

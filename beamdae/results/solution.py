@@ -18,24 +18,21 @@ from beamdae.interrupts import interruptible
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
-from beamdae.results.column_derivatives import require_derivatives
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.run_data import RunData
-from beamdae.results.section_forces.recovery import recover_section_forces
-from beamdae.results.section_forces.section_forces import SectionForces
-from beamdae.results.storage.checkpoint import Checkpoint
 from beamdae.results.storage.files import require_file_path, write_result
-from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_fields
-from beamdae.results.storage.saved_run import save_run
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
 from beamdae.symbolic.signal_pickling import pickle_with_signals
 from beamdae.symbolic.statements import Quantity
 
-# Imported by the methods that return tables: importing pandas takes as long as a short run.
+# Imported by the methods that need them: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.results.section_forces.section_forces import SectionForces
+    from beamdae.results.storage.packed_run import PackedRun
 
 Array = np.ndarray
 
@@ -193,6 +190,8 @@ class Solution(RunData, TimeSeries):
             If the run has no derivatives with respect to the parameter, or the name selects no
             column or several columns.
         """
+        from beamdae.results.column_derivatives import require_derivatives
+
         return require_derivatives(self.derivatives).sensitivity(column, parameter)
 
     def at(self, t: float) -> Instant:
@@ -290,6 +289,8 @@ class Solution(RunData, TimeSeries):
         Interrupted
             If Ctrl-C ends the call.
         """
+        from beamdae.results.section_forces.recovery import recover_section_forces
+
         return recover_section_forces(self, beam, t, s)
 
     def diagram(self, beam: Any, what: str = "M", t: Any = None) -> Plot:
@@ -311,7 +312,7 @@ class Solution(RunData, TimeSeries):
             If the mechanism does not contain the beam, `what` is invalid, the times do not ascend,
             or a time lies outside the run.
         """
-        return recover_section_forces(self, beam, t).diagram(what)
+        return self.section_forces(beam, t).diagram(what)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.
@@ -353,6 +354,8 @@ class Solution(RunData, TimeSeries):
         BeamdaeError
             If the file cannot be written, or the run exceeds the size limits of a file.
         """
+        from beamdae.results.storage.saved_run import save_run
+
         return save_run(self, path)
 
     def checkpoint(self, path: str | Path) -> Path:
@@ -370,6 +373,8 @@ class Solution(RunData, TimeSeries):
         BeamdaeError
             If the file cannot be written.
         """
+        from beamdae.results.storage.checkpoint import Checkpoint
+
         return Checkpoint.of(self).write(path)
 
     def followed_by(self, later: Solution) -> Solution:
@@ -443,6 +448,8 @@ class Solution(RunData, TimeSeries):
         Exception
             `FieldError` of results.storage.schema if the packed run does not fit the equations.
         """
+        from beamdae.results.storage.packed_run import unpack_fields
+
         return cls(**unpack_fields(equations, packed), made_by=made_by)
 
     def __reduce__(self) -> Any:
@@ -452,6 +459,8 @@ class Solution(RunData, TimeSeries):
                 "Solution: a solution without a mechanism cannot be pickled; save it with "
                 "solution.save(path), and call bd.load(path, model) in the other process."
             )
+        from beamdae.results.storage.packed_run import pack_run
+
         return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 
 

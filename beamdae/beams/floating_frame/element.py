@@ -265,12 +265,13 @@ def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[
         Coordinates (u, v, phi) of each node.
     """
     xi, _ = gauss_points(element.quadrature)
-    rows, slopes = (shape_functions(element.nodes, xi, k) for k in (0, 1))
+    nodes = ca.reshape(nodal, NODE_SIZE, element.nodes)
+    values, slopes = (ca.horzsplit(nodes @ shape_functions(element.nodes, xi, k).T) for k in (0, 1))
     strains = []
-    for row, slope, point in zip(rows, slopes, ca.horzsplit(points), strict=True):
+    for value, slope, point in zip(values, slopes, ca.horzsplit(points), strict=True):
         weight, curvature, dxi_ds = (point[k] for k in range(len(STIFFNESS_POINT_VALUES)))
-        u, v, phi = (_interpolate(row, nodal, k) for k in range(NODE_SIZE))
-        du, dv, dphi = (dxi_ds * _interpolate(slope, nodal, k) for k in range(NODE_SIZE))
+        u, v, phi = ca.vertsplit(value)
+        du, dv, dphi = ca.vertsplit(dxi_ds * slope)
         along, across = du - v * curvature, dv + u * curvature
         if element.strain == "exact":
             # cos phi - 1 from the half angle avoids cancellation for small strains.
@@ -292,10 +293,6 @@ def strain_points(element: FloatingFrameElement, points: SX, nodal: SX) -> list[
             strain += ca.vertcat(axial_prestrain, 0, bending_prestrain)
         strains.append((weight, strain))
     return strains
-
-
-def _interpolate(row: np.ndarray, nodal: SX, component: int) -> SX:
-    return sum((float(row[i]) * nodal[NODE_SIZE * i + component] for i in range(len(row))), SX(0))
 
 
 @cache_kernels
@@ -333,7 +330,7 @@ def _inertial_work(
         on_origin += to_local.T @ force
         relative = axis.relative_position(row, reference)
         on_angle += ca.dot(_rotate_quarter_turn(relative), force) + moment
-        on_nodes += ca.vertcat(*[float(n) * ca.vertcat(force, moment) for n in row])
+        on_nodes += ca.vec(ca.vertcat(force, moment) @ row[None])
         position = axis.position(row, to_local.T @ reference, to_local.T)
         potential -= weight * rhoA * ca.dot(data.gravity, position)
         speed2 = ca.sumsqr(axis.velocity(row, reference, to_local))

@@ -28,13 +28,12 @@ from beamdae.equations.equations_of_motion import (
     PartStatements,
 )
 from beamdae.equations.singular_laws import collect_unbounded_laws
-from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, record_messages, short_repr
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.control.controller import select_controllers
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import MINIMUM_NORM, Mechanism, require_start
+from beamdae.parts.mechanism import AS_DRAWN, MINIMUM_NORM, Mechanism, require_start
 from beamdae.parts.part import AttachedPart, Part
 from beamdae.read_only import ReadOnlyDict
 from beamdae.symbolic.statements import (
@@ -171,7 +170,12 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         equations = replace(equations, redundant=True)
     if mechanism.build_warnings:
         equations = replace(equations, build_warnings=mechanism.build_warnings)
-    return apply_initial_conditions(equations.without_loads_of(mechanism.removed), start)
+    equations = equations.without_loads_of(mechanism.removed)
+    if start == AS_DRAWN:
+        return equations
+    from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+
+    return apply_initial_conditions(equations, start)
 
 
 def _shortest_connection(parts: Sequence[Part]) -> float:

@@ -73,12 +73,12 @@ def require_independent_constraints(evaluator: StateEvaluator, time: Array, q: A
         return
     matrix = np.zeros((count, size))
     matrix[pattern.indices, columns] = scaled_gradients
-    left_vectors, singular, _ = la.svd(matrix, full_matrices=False)
+    left_vectors, singular, _ = np.linalg.svd(matrix, full_matrices=False)
     rank = int(np.sum(singular > _SINGULAR_VALUE_TOLERANCE))
     if rank == count:
         return
     if count > size:
-        left_vectors = la.svd(matrix)[0]
+        left_vectors = np.linalg.svd(matrix)[0]
     involved = np.max(np.abs(left_vectors[:, rank:]), axis=1) > _INVOLVED_SHARE
     dependent = ", ".join(name for name, is_in in zip(names, involved, strict=True) if is_in)
     explanation = ""

@@ -8,7 +8,6 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
-from beamdae.parts.forces.contact import Contact, restitution_at
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -33,6 +32,10 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         The steps of the run.
     """
     parts = {} if equations.mechanism is None else equations.mechanism.parts
+    if not any(part.gaps for part in parts.values()):
+        return
+    from beamdae.parts.forces.contact import Contact, restitution_at
+
     contacts = {
         name: part
         for name, part in parts.items()
