@@ -93,7 +93,9 @@ def test_regression_fixed_steps_that_stop_at_sticking_name_friction_and_step(is_
     foot = mech.add(bd.PointMass("foot", 2.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
     if is_contact:
         floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
-        mech.add(bd.Contact("sole", foot.point, floor, 1e5, friction=0.5, friction_speed=1e-4))
+        damping = {"restitution": 0.5, "impact_speed": 0.1}
+        friction = {"friction": 0.5, "friction_speed": 1e-4}
+        mech.add(bd.Contact("sole", foot.point, floor, 1e5, **damping, **friction))
     else:
         rail = mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), foot.point))
         mech.add(bd.Friction("sole", rail, 0.5, friction_speed=1e-4))
