@@ -15,8 +15,10 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     compute_frequency_range,
 )
 from beamdae.beams.beam import beams_of
+from beamdae.beams.beam_loads import MovingForce
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
+from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
@@ -197,7 +199,8 @@ class Check:
     mesh_errors
         Change of observed columns if all elements are halved (root mean square, relative to the
         deviation of the column from its mean), by header. Measured for accelerations, and with
-        contacts and impacts for all columns, if the predicted run is complete; otherwise empty.
+        contacts, impacts and loads that move along beams for all columns, if the predicted run is
+        complete; otherwise empty.
     """
 
     name: str
@@ -464,19 +467,21 @@ def _measure_mesh_errors(
     """Return the root mean square of the change of each observed column with halved elements.
 
     It is relative to the root mean square of the deviation of the column from its mean. The meshes
-    are only compared if impacts or accelerations need finer ones than the deflections: with
-    contacts and impacts, and for columns of accelerations. Empty if a run stops early.
+    are only compared if loads or accelerations need finer ones than the deflections: with contacts,
+    impacts and loads that move along beams, and for columns of accelerations. Empty if a run stops
+    early.
     """
     mechanism = equations.mechanism
     if mechanism is None or not solution.status.success or len(solution.t) < _MIN_ROWS:
         return {}
-    has_impacts = any(part.gaps for part in mechanism.parts.values()) or any(
-        select_impacts(event.do) for event in mechanism.events
-    )
+    has_abrupt_loads = any(
+        part.gaps or isinstance(part, (MovingForce, SlidingOnBeam))
+        for part in mechanism.parts.values()
+    ) or any(select_impacts(event.do) for event in mechanism.events)
     columns = [
         name
         for name in solution.columns
-        if has_impacts or split_unit(name)[1] in _UNITS_OF_ACCELERATIONS
+        if has_abrupt_loads or split_unit(name)[1] in _UNITS_OF_ACCELERATIONS
     ]
     meshes = {
         name: replace(base, mesh=base.beam.mesh).refined(1)

@@ -357,8 +357,8 @@ def mark_resting_columns(
     length
         Length of the mechanism [m].
     rate
-        Angular frequency [rad/s] of periodic motions, whose velocities and accelerations are at
-        rest if the positions are; 0 if unknown.
+        Angular frequency [rad/s] of vibrations, whose velocities and accelerations are at rest if
+        the positions are; 0 if unknown.
     """
     rates = {"": 1.0, "/s": rate, "/s^2": rate**2}
     units = (("m", length), ("rad", 1.0))

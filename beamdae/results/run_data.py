@@ -326,7 +326,8 @@ class RunData:
         has_errors = self._has_fixed_steps and self.equations.m < self.equations.n
         if has_errors and not self._is_at_rest:
             n_steps = sum(len(x.t) for x in self.trajectory.intervals)
-            yield from long_step_warnings(self.step_extremes, n_steps, self.equations.length)
+            duration, length = float(np.ptp(self.t[[0, -1]])), self.equations.length
+            yield from long_step_warnings(self.step_extremes, n_steps, duration, length)
 
     def _select_loaded_state(self, row: int) -> LoadedState:
         """Return the state at an output time; load factors of inactive parts are zero."""

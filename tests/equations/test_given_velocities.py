@@ -76,3 +76,19 @@ def test_regression_contradicting_zeros_have_a_warning():
     mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
     with pytest.warns(bd.BeamdaeWarning, match=r"rod: the joints do not allow .* rod\.y_dot"):
         bd.simulate(mech, bd.Radau(1e-6), 1e-3)
+
+
+def test_regression_rounding_errors_of_given_zeros_have_no_warning():
+    """A pendulum that translates with its base turned at 1e-12 rad/s "instead of 0 rad/s"."""
+    mech = bd.Mechanism()
+    base = mech.add(bd.RigidBody("base", mass=1.0, inertia=0.01))
+    mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), base.at(0.0, 0.0), (0.0, 1.0)))
+    shaker = bd.sine(0.02, 60.0)
+    ends = (mech.ground.at(0.0, 0.0), base.at(0.0, 0.0))
+    mech.add(bd.TranslationalDriver("shaker", *ends, shaker, (0.0, 1.0)))
+    rod = bd.RigidBody.rod("rod", (0.0, 0.0), (0.06, 0.29), mass=0.1, angular_velocity=0.0)
+    mech.add(bd.Revolute("hinge", base.at(0.0, 0.0), mech.add(rod).at(0.0, 0.0)))
+    mech.observe("tip", rod.at(0.06, 0.29))
+    speed, run = start_speed(mech)
+    assert abs(speed) < 1e-9
+    assert not any("the joints do not allow" in x for x in run.warnings)

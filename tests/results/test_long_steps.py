@@ -1,9 +1,12 @@
 """Warnings of runs with fixed steps that are too long for the changes of columns."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import beamdae as bd
 from beamdae.results.diagnostics import missed_peaks
+from beamdae.results.diagnostics.long_steps import long_step_warnings
 
 OMEGA = 20.0
 
@@ -65,3 +68,12 @@ def test_short_runs_have_no_warning():
     # Half a period in 10 steps: half a wave is no vibration.
     run = bd.simulate(oscillator(), bd.GeneralizedAlpha(np.pi / OMEGA / 10.0), np.pi / OMEGA)
     assert not warnings_of(run)
+
+
+def test_regression_rounding_errors_of_velocities_have_no_warning():
+    """Rounding errors of the bearing of a gear set, 4e-22 m/s, had "errors of several percent"."""
+    noise = missed_peaks.StepExtremes(-4e-22, 0.0, 4e-22, 0.5, 1e-22, roughness=1e-22)
+    columns = {"car.x_dot [m/s]": noise, "car.angle_dot [rad/s]": replace(noise, max=70.0)}
+    assert not list(long_step_warnings(columns, n_steps=1000, duration=1.0, length=0.1))
+    motion = {"car.x_dot [m/s]": replace(noise, max=4e-2, roughness=1e-2)}
+    assert len(list(long_step_warnings(motion, n_steps=1000, duration=1.0, length=0.1))) == 1

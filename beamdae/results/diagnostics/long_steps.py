@@ -23,6 +23,7 @@ from beamdae.results.diagnostics.suspected_errors import SuspectedError
 # 0.3 to 20 ms), 31 are above it, with errors of a column of 7 % of half its range, and above 10 %
 # in 30. Short bursts, to which vibrations of less than a tenth of the run belong, may be missed.
 _MAX_ROUGHNESS = 0.03
+_STEPS_PER_PERIOD = 30  # of a vibration with this roughness
 # Positions and works are smoother than velocities and forces, and constraints may prescribe them.
 _SMOOTH_UNITS = ("m", "rad", "J")
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
@@ -32,7 +33,7 @@ _MAX_NAMES = 3  # of further columns in a warning
 
 
 def long_step_warnings(
-    extremes: Mapping[str, StepExtremes], n_steps: int, length: float
+    extremes: Mapping[str, StepExtremes], n_steps: int, duration: float, length: float
 ) -> Iterator[SuspectedError]:
     """Yield a warning if fixed steps are so long that errors of several percent are likely.
 
@@ -42,6 +43,8 @@ def long_step_warnings(
         Extremes and roughness of the columns, see `measure_step_extremes`.
     n_steps
         Number of steps of the run.
+    duration
+        Duration of the run [s].
     length
         Length of the mechanism [m].
     """
@@ -50,7 +53,8 @@ def long_step_warnings(
         return
     values = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     half_range = 0.5 * (values[1] - values[0])
-    is_at_rest = mark_resting_columns(names, values, half_range, length)
+    rate = 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * duration)
+    is_at_rest = mark_resting_columns(names, values, half_range, length, rate)
     is_at_rest |= mark_constant_columns(names, values, half_range, length, 0.0)
     is_at_rest |= half_range <= _MIN_SHARE * largest_of_kind(names, half_range, length)
     is_at_rest |= np.array([Header.of(name).unit in _SMOOTH_UNITS for name in names])

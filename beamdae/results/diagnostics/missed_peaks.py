@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
@@ -136,8 +137,9 @@ def measure_step_extremes(
 ) -> ExtremesByColumn:
     """Return the extremes of the observed columns over the steps and the output rows.
 
-    Columns that are not finite at a step are omitted, and so are accelerations in models without
-    abrupt forces: at the steps after a sudden load, they contain transients that are not resolved.
+    Columns that are not finite at a step are omitted, and so are accelerations in models with beams
+    and without abrupt forces: at the steps after a sudden load, they contain transients of the
+    beams that are not resolved.
 
     Parameters
     ----------
@@ -153,7 +155,8 @@ def measure_step_extremes(
     headers = equations.observed_headers
     if not headers:
         return ExtremesByColumn()
-    omitted_units = () if may_have_short_peaks(equations) else _UNITS_OF_ACCELERATIONS
+    has_transients = bool(beams_of(equations.mechanism)) and not may_have_short_peaks(equations)
+    omitted_units = _UNITS_OF_ACCELERATIONS if has_transients else ()
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
     squares, roughness = _SquareIntegral(rows_of_table), _Roughness(len(headers))

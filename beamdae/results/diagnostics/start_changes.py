@@ -118,8 +118,13 @@ def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Arra
             if size <= _MAX_ROUNDING * np.max(np.abs(requested[rows_of_kind]), initial=0.0):
                 size = 0.0
             if not size and part.given_velocities[kind]:
-                # A given zero is compared with the motion of the other bodies.
+                # A given zero is compared with the motion of the other bodies, unless this motion
+                # is the rounding error of motions of the other kind.
                 size = np.max(np.abs(actual[rows_of_kind]), initial=0.0)
+                others = np.max(np.abs(actual[lengths if kind else angles]), initial=0.0)
+                others *= 1.0 / part.size if kind else part.size
+                if size <= _MAX_ROUNDING * others:
+                    size = 0.0
             for k in vector if size else ():
                 change = abs(actual[k] - requested[k]) / size
                 if change > largest:
