@@ -29,14 +29,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
-from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.sensitivities.eigen_derivatives import EigenpairDerivatives, Pencil
 from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
 from beamdae.analysis.statics.critical_points import BRANCH, LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import SingularityTest, natural_scales
-from beamdae.analysis.statics.stability import MODE_COUNT
+from beamdae.analysis.statics.stability import solve_slowest_modes
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.tangents import Tangent
 from beamdae.errors import BeamdaeError
@@ -197,7 +196,7 @@ class FlutterPoint:
     @cached_property
     def _pairs(self) -> list[EigenpairDerivatives]:
         """Critical eigenpair with damping, and the two that coalesce without."""
-        solution, e = solve_eigenproblem(self._linearized, MODE_COUNT), self.system.equations
+        solution, e = solve_slowest_modes(self._linearized), self.system.equations
         values = solution.values
         oscillating = np.flatnonzero(np.abs(values.imag) > _MIN_OSCILLATION * np.abs(values))
         if self._is_damped:

@@ -55,6 +55,9 @@ _MAX_OUTSIDE = 0.5
 # fraction of the distance.
 _SEARCH_OFFSETS = tuple(_SAMPLE_DISTANCE * 2.0 ** np.arange(10.0))
 _SAMPLE_RATIO = 0.1
+# Distance from the segment up to which this tangent may lie because of rounding; in rings and
+# columns with L/h = 1e5, both positions differ by up to 1e-3 (measured).
+_MAX_SHIFT = 5e-2
 # Distance used instead if an eigenvalue touches zero without a sign change: closer points might lie
 # on the crossing path.
 _TOUCH_SAMPLE_DISTANCE = 0.1
@@ -213,7 +216,7 @@ class PathSegment:
             return []
         if not (self.begin.has_potential and self.end.has_potential):
             growth = self._locate_growth(0.0, self.begin.stability, 1.0, self.end.stability)
-            return _cancel_opposite_changes(growth)
+            return _cancel_opposite_changes(sorted(growth, key=lambda one: one.position))
         points = [self._locate_zero(k) for k in range(low, high)]
         # Rounding decides in which of two steps an eigenvalue changes sign if it is zero between
         # them; the load factor may have its extremum in the other step.
@@ -341,6 +344,12 @@ class PathSegment:
         """Return the point near `position` at which the tangent is singular.
 
         Modes grow perceptibly only beyond this point, so that the search for them is less accurate.
+
+        Raises
+        ------
+        CorrectorError
+            If the tangent is regular in the segment, which contradicts the change of the number of
+            growing modes.
         """
         near = self._point_near(position)
         test = SingularityTest.near(near.system, near.x, near.mu)
@@ -352,6 +361,8 @@ class PathSegment:
         # The kind follows from samples on both sides, which must be close to the point.
         point = self._interpolate(position, singularity, distance)
         point = self._interpolate(point.position, singularity, distance)
+        if not -_MAX_SHIFT <= point.position <= 1.0 + _MAX_SHIFT:
+            raise CorrectorError("the stability of equilibria changes abruptly")
         n = near.system.equations.n
         mode = test.mode[:n] / np.max(np.abs(test.mode[:n] / near.system.equations.position_scales))
         return replace(point, mode=mode)
@@ -366,6 +377,11 @@ class PathSegment:
 
         In thin structures, modes seem to grow up to 3 % of the load before or after this point, and
         samples that are close compared with this distance would differ by rounding only.
+
+        Raises
+        ------
+        CorrectorError
+            If `singularity` does not change its sign.
         """
         value = singularity(near)
         for offset in _SEARCH_OFFSETS:
@@ -375,7 +391,7 @@ class PathSegment:
                     if value * other < 0.0:
                         root = position + (side - position) * value / (value - other)
                         return root, max(_SAMPLE_DISTANCE, _SAMPLE_RATIO * offset)
-        return position, _SAMPLE_DISTANCE
+        raise CorrectorError("the stability of equilibria changes abruptly")
 
     def _locate_zero(self, index: int) -> SegmentCriticalPoint:
         """Return the point where eigenvalue `index` (from 0) changes sign."""

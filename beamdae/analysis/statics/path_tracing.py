@@ -292,7 +292,8 @@ def _unknown_notes(path: StagePath) -> list[str]:
     return [
         f"equilibrium: the stability of {count} of {len(path.points)} equilibria cannot be "
         "computed, so that critical points may be missing; use thicker beams or fewer elements if "
-        "rounding errors are the cause."
+        "rounding errors are the cause, and fewer elements or less damping if strong damping slows "
+        "many modes down."
     ]
 
 

@@ -67,6 +67,10 @@ _MIN_SHARE = 1e-8
 # Rounding errors of the damping from differences of the forces are below this fraction of the bound
 # on those of the damping matrix: 1e-6 at L/h = 1e6 (measured), more if damped modes are mixed in.
 _DAMPING_ROUNDING_RATIO = 1e-2
+# Real and imaginary parts of k damped mode shapes span up to 4 k states, which have more
+# eigenvalues than there are modes. Eigenvectors with at least this share in the states of the given
+# modes are modes: shares of modes are above 0.28, of others below 2e-4 (L/h = 50 to 1e6, measured).
+_MIN_MODE_SHARE = 1e-2
 # Prevents division by zero for defective eigenvalues.
 _TINY = 1e-300
 
@@ -208,6 +212,9 @@ def refine_modes(
         none, one = np.zeros_like(damping), np.eye(len(damping))
         companion = np.block([[none, one], [-reduced.matrix, -damping]])
         values, shares, errors = _solve_with_errors(companion, errors, floor)
+        states = _states_of_modes(tangent, basis, modes, is_refined)
+        is_mode = _largest_shares(values, shares, states) > _MIN_MODE_SHARE
+        values, shares, errors = values[is_mode], shares[:, is_mode], errors[is_mode]
         shares = shares / la.norm(shares, axis=0)
         shapes = basis @ shares
         # Errors of the stiffness move undamped eigenvalues off the imaginary axis.
@@ -220,6 +227,35 @@ def refine_modes(
         np.append(values[is_upper], modes.values[~is_refined]),
         np.hstack([shapes[:, is_upper], modes.shapes[:, ~is_refined]]),
     )
+
+
+def _states_of_modes(
+    tangent: Tangent, basis: Array, modes: EigenSolution, selected: Array
+) -> Array:
+    """Return the states (x, x') of selected modes in a basis B with B^T M B = I, (2 k, number).
+
+    Free motions and `modes.others` have two states each, because they may move and rest.
+    """
+    shapes, values = modes.shapes[:, selected], modes.values[selected]
+    if modes.others is not None:
+        shapes = np.hstack([shapes, modes.others])
+        values = np.append(values, np.zeros(modes.others.shape[1]))
+    positions = basis.T @ (tangent.mass @ shapes)
+    free = positions[:, values == 0.0]
+    moving = np.vstack([np.zeros_like(free), free])
+    states = np.hstack([np.vstack([positions, values * positions]), moving])
+    return states / np.maximum(la.norm(states, axis=0), _TINY)
+
+
+def _largest_shares(values: Array, shapes: Array, states: Array) -> Array:
+    """Return the largest share (2 k,) of each eigenvector in the real and imaginary states.
+
+    The eigenvectors are (x, l x) for eigenvalues l and shapes x, (k, 2 k).
+    """
+    vectors = np.vstack([shapes, values * shapes])
+    vectors = vectors / la.norm(vectors, axis=0)
+    parts = np.linalg.lstsq(vectors, np.hstack([states, states.conj()]), rcond=None)[0]
+    return np.max(np.abs(parts), axis=1)
 
 
 def _refine_shapes(

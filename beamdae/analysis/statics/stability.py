@@ -16,11 +16,16 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from beamdae.analysis.eigenproblems.eigensolution import (
     UNSTABLE,
+    EigenSolution,
     classify_modes,
     damping_ratios,
     solve_eigenproblem,
 )
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
+    MAX_DENSE_COORDINATES,
+    MAX_FALLBACK_COORDINATES,
+)
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import row_sizes
 from beamdae.analysis.statics.saddle_elimination import (
@@ -46,7 +51,12 @@ Array = np.ndarray
 # sparse.
 _MAX_DENSE_COORDINATES = 150
 # Number of modes among which growing ones are counted under loads without a potential.
-MODE_COUNT = 12
+_MODE_COUNT = 12
+# Modes with a larger damping ratio are not about to grow. Strong damping slows many modes down to
+# nearly the same rate of decay; they do not count among `_MODE_COUNT`. If the sparse solver gives
+# fewer than this fraction of other modes, all modes are computed.
+_MAX_GROWTH_DAMPING = 0.5
+_MIN_SPARSE_SHARE = 0.25
 # Rounding errors of zero eigenvalues of dense eigenvalue solvers, relative to the largest entry of
 # the stiffness. For sparse elimination, the reference is the largest diagonal entry.
 _ZERO_TOLERANCE = 1e-15
@@ -266,7 +276,7 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     e = system.equations
     state = ConsistencySolver(e).rest_state(x[: e.n])._replace(lam=x[e.n :])
     linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
-    solution = solve_eigenproblem(linearized, MODE_COUNT)
+    solution = solve_slowest_modes(linearized)
     solution = refine_modes(system, x, mu, linearized, solution)
     kinds = classify_modes(linearized, solution)
     is_growing = np.array([kind == UNSTABLE for kind in kinds], bool)
@@ -283,6 +293,36 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
         squares=np.zeros(0, complex) if is_damped else solution.values**2,
         damping_ratio=float(np.min(ratios[ratios > 0.0])) if np.any(ratios) else 0.0,
     )
+
+
+def solve_slowest_modes(linearized: LinearizedEquations) -> EigenSolution:
+    """Return the slowest modes, with `_MODE_COUNT` of those that do not decay strongly.
+
+    Raises
+    ------
+    BeamdaeError
+        If the equations are singular, or if they are too many to compute these modes.
+    """
+    n = linearized.equations.n
+    if n > MAX_DENSE_COORDINATES:
+        modes = solve_eigenproblem(linearized, _MODE_COUNT)
+        is_complete = len(modes.values) < _MODE_COUNT
+        if is_complete or np.mean(~_decays_strongly(modes)) >= _MIN_SPARSE_SHARE:
+            return modes
+        if n > MAX_FALLBACK_COORDINATES:
+            raise BeamdaeError(
+                "equilibrium: strong damping slows many modes down, so that growing ones may not "
+                "be among the slowest; use fewer elements or less damping."
+            )
+    modes = solve_eigenproblem(linearized, None)
+    is_candidate = ~_decays_strongly(modes)
+    is_slow = np.arange(len(modes.values)) < _MODE_COUNT
+    selected = is_slow | (is_candidate & (np.cumsum(is_candidate) <= _MODE_COUNT))
+    return modes._replace(values=modes.values[selected], shapes=modes.shapes[:, selected])
+
+
+def _decays_strongly(modes: EigenSolution) -> Array:
+    return modes.values.real < -_MAX_GROWTH_DAMPING * np.abs(modes.values)
 
 
 def _build_stability(

@@ -1,0 +1,158 @@
+"""Critical points of damped structures under follower loads, against dense eigenvalues."""
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+
+import beamdae as bd
+from beamdae.analysis.linear_dynamics.linearization import linearize_about
+from beamdae.analysis.statics import stability
+from beamdae.analysis.statics.stability import Stability
+
+STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+EXACT = {"formulation": "exact"}
+FLOATING = {"strain": "exact"}
+# Next to a critical point, growth is too slow to be distinguished from rounding.
+MARGIN = 2e-2
+MIN_GROWTH = 1e-7
+SHIFT = 100.0
+
+
+def frame(damping=1e-5, mass=0.2, elements=8, options=EXACT, height=0.004):
+    """Return an L frame of 1 m by 1 m with a tip mass, under a follower force of 40 EI / L^2."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+    column, arm = (
+        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **options))
+        for name, start, end in (
+            ("column", (0.0, 0.0), (0.0, 1.0)),
+            ("arm", (0.0, 1.0), (1.0, 1.0)),
+        )
+    )
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    mech.add(bd.Weld("corner", column.end, arm.start))
+    mech.add(bd.PointMass("mass", mass, on=arm.end))
+    mech.add(bd.Force("load", arm.end, (-40.0 * section.EI, 0.0), axes="body"))
+    return mech
+
+
+def column(damping, follower=1.0, elements=8, height=0.02):
+    """Return a cantilever of 1 m under EI / L^2, of which the fraction `follower` turns with it."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=damping)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("column", line, section, elements, **EXACT))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (-follower * section.EI, 0.0), axes="body"))
+    mech.add(bd.Force("dead load", beam.end, ((follower - 1.0) * section.EI, 0.0)))
+    return mech
+
+
+def dense_growth(mech, path, row):
+    """Return the growing eigenvalues [1/s] about a row of the path, from dense matrices."""
+    lin = linearize_about("modes", mech, path.at(row))
+    scales = lin.equations.position_scales
+    gradients = lin.tangent.position_jacobian.toarray() * scales
+    basis = la.null_space(gradients / np.max(np.abs(gradients), axis=1)[:, None])
+    mass, damping, stiffness = (
+        basis.T @ (scales[:, None] * matrix.toarray() * scales) @ basis
+        for matrix in (lin.tangent.mass, lin.tangent.damping, lin.tangent.stiffness)
+    )
+    # Inverted about a shift, so that rounding of fast modes does not enter slow ones.
+    factors = la.lu_factor(stiffness + SHIFT * damping + SHIFT**2 * mass)
+    by_position, by_rate = (
+        -la.lu_solve(factors, matrix) for matrix in (SHIFT * mass + damping, mass)
+    )
+    one = np.eye(len(mass))
+    inverses = la.eigvals(
+        np.block([[by_position, by_rate], [one + SHIFT * by_position, SHIFT * by_rate]])
+    )
+    values = SHIFT + 1.0 / inverses[np.abs(inverses) > 1e-10 * np.max(np.abs(inverses))]
+    return values[values.real > MIN_GROWTH * np.abs(values)]
+
+
+def check_path(mech, path):
+    """Check that rows are in order and agree with critical points and dense eigenvalues."""
+    assert path.status.success
+    assert np.all(np.diff(path.factors[:, -1]) >= 0.0)
+    critical = np.array([point.factor for point in path.critical])
+    change = {point.row: 2 if point.kind == "flutter point" else 1 for point in path.critical}
+    count = 0
+    for row, factor in enumerate(path.factors[:, -1]):
+        count += change.get(row, 0)
+        if np.min(np.abs(factor - critical), initial=np.inf) < MARGIN * factor:
+            continue
+        assert path.unstable[row] == len(dense_growth(mech, path, row))
+        # No mode becomes stable again on these paths.
+        assert path.unstable[row] == count
+
+
+def test_regression_damped_follower_frame_has_no_invented_branch_points():
+    # Shapes of damped modes have real and imaginary parts, whose span has further eigenvalues; one
+    # of these seemed to grow, so that branch points appeared at 0.76 and 0.92, and rows at 0.78
+    # had five unstable directions.
+    mech = frame(elements=4)
+    path = bd.equilibrium(mech)
+    assert [point.kind for point in path.critical] == ["flutter point", "flutter point"]
+    factors = [point.factor for point in path.critical]
+    # 16 elements: 0.098364 and 0.748174.
+    assert factors == pytest.approx([0.098364, 0.748174], rel=4e-4)
+    check_path(mech, path)
+
+
+@pytest.mark.slow(reason="seconds for each frame")
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(
+    ("damping", "mass", "elements", "options", "height"),
+    [
+        (1e-6, 0.2, 8, EXACT, 0.004),
+        (1e-5, 0.2, 8, EXACT, 0.004),
+        (1e-5, 0.2, 16, EXACT, 0.004),
+        (1e-4, 0.2, 8, EXACT, 0.004),
+        (1e-3, 0.2, 8, EXACT, 0.004),
+        (1e-4, 2.0, 6, FLOATING, 0.004),
+        (1e-6, 0.5, 4, FLOATING, 0.004),
+        (1e-5, 1.0, 32, EXACT, 0.01),
+        (1e-3, 0.05, 8, EXACT, 0.02),
+    ],
+)
+def test_unstable_directions_of_damped_follower_frames(damping, mass, elements, options, height):
+    mech = frame(damping, mass, elements, options, height)
+    check_path(mech, bd.equilibrium(mech))
+
+
+def test_regression_growth_behind_strongly_damped_modes_is_found():
+    # Twelve modes that decay at 1 / damping are slower than the growing ones, which were not
+    # counted: no critical point, or 18.2 as the first one.
+    mech = column(damping=0.1, follower=0.3)
+    path = bd.equilibrium(mech, to=30.0)
+    # cos(sqrt(P)) = -0.3 / 0.7 without shear.
+    angle = np.arccos(-0.3 / 0.7)
+    expected = [angle**2, (2.0 * np.pi - angle) ** 2]
+    assert [point.kind for point in path.critical] == ["branch point", "branch point"]
+    assert [point.factor for point in path.critical] == pytest.approx(expected, rel=2e-3)
+    check_path(mech, path)
+
+
+@pytest.mark.slow(reason="one second")
+@pytest.mark.parametrize("elements", [8, 16])
+def test_regression_flutter_behind_strongly_damped_modes_is_found(elements):
+    mech = column(damping=0.01, elements=elements)
+    path = bd.equilibrium(mech, to=100.0)
+    (point,) = path.critical
+    assert point.kind == "flutter point"
+    check_path(mech, path)
+
+
+def test_contradictory_numbers_of_growing_modes_end_the_path(monkeypatch):
+    # A real eigenvalue passes zero only where the tangent is singular.
+    def grows_beyond(system, x, mu):
+        growth = np.array([1.0 + 0j] if mu > 0.6 else [])
+        modes = np.ones((system.equations.n, len(growth)))
+        return Stability(np.zeros(0), modes, len(growth), growth=growth, growing_modes=modes)
+
+    monkeypatch.setattr(stability, "_assess_motion", grows_beyond)
+    with pytest.warns(bd.BeamdaeWarning, match="stability of equilibria changes abruptly"):
+        path = bd.equilibrium(column(1e-5), step=0.5)
+    assert path.status.kind == "failed"
+    assert path.critical == ()
