@@ -78,6 +78,7 @@ Array = np.ndarray
 DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
 # The derivatives in warnings.
 _WORDS = "the gradient"
+_PARAMETER_CHANGE = 0.01  # for which errors are stated
 # Change of ln |y|^p from sample to sample above which a smooth maximum depends on the samples.
 # Gradients of the velocity of a bouncing ball were 66 to 100 % wrong with 6 and more.
 _MAX_CHANGE_BETWEEN_SAMPLES = 4.0
@@ -249,7 +250,7 @@ def gradient(
             for sentence in narrow:
                 warn_user(sentence)
             if not narrow:
-                _warn_of_step_errors(run, objective, derivatives)
+                _warn_of_step_errors(run, objective, value, derivatives)
     return result
 
 
@@ -430,11 +431,14 @@ def _count_numbers(value: Any) -> int:
     return len(value) if are_real else 0
 
 
-def _warn_of_step_errors(run: DifferentiableRun, objective: Objective, derivatives: Array) -> None:
+def _warn_of_step_errors(
+    run: DifferentiableRun, objective: Objective, value: float, derivatives: Array
+) -> None:
     """Warn if the gradient depends on the steps of the run.
 
     Derivatives are compared by the changes of the objective that they predict for equal relative
-    changes of the parameters.
+    changes of the parameters. Near a minimum, where the gradient vanishes, relative errors are
+    large; the warning therefore also contains the error of these changes.
     """
     sizes = np.abs(list(run.flat.values.values()))
     if not np.any(sizes):
@@ -446,7 +450,14 @@ def _warn_of_step_errors(run: DifferentiableRun, objective: Objective, derivativ
     def repeat(method: GeneralizedAlpha | Radau) -> dict[str, Array]:
         return changes(run.with_method(method).differentiate(objective)[1])
 
-    warn_of_step_errors(run.flat.name, run.method, lambda: changes(derivatives), repeat)
+    def describe(error: float) -> str:
+        change = error * _PARAMETER_CHANGE * float(np.linalg.norm(sizes * derivatives))
+        return (
+            f", or {change:.2g} for a change of the parameters by "
+            f"{100.0 * _PARAMETER_CHANGE:g} %, beside an objective of {value:.4g}"
+        )
+
+    warn_of_step_errors(run.flat.name, run.method, lambda: changes(derivatives), repeat, describe)
 
 
 def _name_narrow_peaks(solution: Solution, objective: Objective) -> Iterator[str]:

@@ -99,6 +99,7 @@ def warn_of_step_errors(
     method: GeneralizedAlpha | Radau,
     derivatives: Callable[[], Mapping[str, Array]],
     repeat: Callable[[GeneralizedAlpha | Radau], Mapping[str, Array]],
+    describe: Callable[[float], str] = lambda error: "",
 ) -> None:
     """Warn if derivatives depend on the step or rtol of their run.
 
@@ -119,6 +120,8 @@ def warn_of_step_errors(
         Function that returns the derivatives by the words for them in the warning.
     repeat
         Function that returns the derivatives of the run by another integrator.
+    describe
+        Function that returns a phrase about a relative error, to follow its percentage.
     """
 
     def differences(other: GeneralizedAlpha | Radau, words: Iterable[str]) -> dict[str, float]:
@@ -155,6 +158,7 @@ def warn_of_step_errors(
     if len(words) > 1:
         others = f" (and above {100.0 * _MAX_STEP_ERROR:g} % for {len(words) - 1} more)"
     size = f"{100.0 * errors[worst]:.2g} %" if errors[worst] <= 1.0 else "more than 100 %"
+    size += describe(errors[worst])
     warn_user(
         f"{derivative_call()}: the error of {worst} of {model} due to {cause} is estimated at "
         f"{size}{others}; {advice}."
