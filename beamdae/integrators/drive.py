@@ -33,6 +33,7 @@ from beamdae.integrators.limits import RunLimits, StallDetector
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
+    AssessedMethod,
     LoopMethod,
     Method,
     ResumableMethod,
@@ -40,7 +41,12 @@ from beamdae.integrators.method import (
     StepError,
     StepMethod,
 )
-from beamdae.integrators.pilot_run import PILOT_LABEL, run_pilot
+from beamdae.integrators.pilot_run import (
+    PILOT_LABEL,
+    measure_amplitudes,
+    plan_attempt,
+    run_pilot,
+)
 from beamdae.integrators.redundant_constraints import remove_redundant, restore_reactions
 from beamdae.integrators.run_plan import RunPlan, plan_run
 from beamdae.integrators.sampling import RepeatedSample, Sampler, describe_growth
@@ -152,8 +158,6 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    if integrator.accuracy.name == "rtol" and limits.max_steps is None:
-        limits.stall_detector = StallDetector(plan.intervals[-1][1])
     gaps = compile_surface_gaps(equations)
     onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
     is_adaptive = integrator.accuracy.name == "rtol"
@@ -188,13 +192,27 @@ def _drive(
         return run
 
     try:
+        is_result = False
         if pilot_on is not None and equations.scales is None:
-            prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
-            plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
-        if status.kind != "interrupted" and (run is None or run.progress_error is None):
+            if equations.controllers and rtol is not None:
+                tight_plan, attempt_limits, steps = plan_attempt(plan, limits)
+                attempt = prepare_run(tight_plan, attempt_limits, method_on)
+                if isinstance(attempt.method, AssessedMethod):
+                    run = attempt
+                    trajectory, status = run.execute()
+                    if not steps.is_exceeded:
+                        plan = measure_amplitudes(plan, trajectory, status)
+                        # Without the limits of the user, the steps may still be too long.
+                        is_result = status.kind == "limited" or run.satisfies(rtol, plan)
+            is_done = is_result or (run is not None and run.is_stopped)
+            if plan.amplitudes is None and not is_done:
+                prepare_pilot = partial(prepare_run, method_on=pilot_on, label=PILOT_LABEL)
+                plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
+        if not (is_result or (run is not None and run.is_stopped)):
             trajectory = None  # Frees the rows of the pilot run.
-            if limits.stall_detector is not None:
-                limits.stall_detector.periods = count_periods(plan)
+            if is_adaptive and limits.max_steps is None:
+                periods = count_periods(plan)
+                limits.stall_detector = StallDetector(plan.intervals[-1][1], periods)
             run = prepare_run(plan, limits, method_on)
             trajectory, status = run.execute()
     except KeyboardInterrupt:
@@ -279,6 +297,7 @@ class _RunInProgress:
         self.force_peaks: dict[str, float] = {}
         # Exception that the user's function `progress` has raised.
         self.progress_error: Exception | None = None
+        self.is_interrupted = False
         # Ends of the unfinished intervals; events may add more.
         self._interval_ends = tuple(end for _, end in plan.intervals)
         self._segments: list[RunSegment] = []
@@ -311,6 +330,11 @@ class _RunInProgress:
         if self._sampler.controllers and equations is not self._sampled_equations:
             self._sampled_equations = equations
             self._sampler = Sampler(equations, self._repeated)
+
+    @property
+    def is_stopped(self) -> bool:
+        """True if the user has interrupted the run, or if the function `progress` failed."""
+        return self.is_interrupted or self.progress_error is not None
 
     @property
     def event_records(self) -> tuple[EventRecord, ...]:
@@ -358,8 +382,24 @@ class _RunInProgress:
         growth = "" if status.success else describe_growth(self._repeated)
         return replace(status, sentence=f"{status.sentence}; {growth}") if growth else status
 
+    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
+        """Return True if the steps taken satisfy the tolerances of a run with `rtol` on `plan`.
+
+        Events may have changed the method; runs with events are not assessed.
+        """
+        if self._detector is not None or self.thinning.report:
+            return False
+        if not cast(AssessedMethod, self.method).satisfies(rtol, plan):
+            return False
+        detector = detect_force_peaks(plan, rtol)
+        intervals = (segment.interval(self._equations.m) for segment in self._segments)
+        return detector is None or all(
+            detector.find_first(interval, interval.t[0]) is None for interval in intervals
+        )
+
     def report_interrupt(self) -> tuple[Trajectory, Status]:
         acknowledge()
+        self.is_interrupted = True
         sentence = f"interrupted at t = {self._history.end:.6g} s{self._label}"
         return self._collect(Status("interrupted", sentence))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from beamdae.errors import BeamdaeError, call_progress
 from beamdae.integrators.integrator import Progress
@@ -66,6 +67,13 @@ class StallDetector:
         )
 
 
+class StepDetector(Protocol):
+    """Detector of steps that are too short or too many."""
+
+    def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+        """Return the reason to stop at `t` [s] after `steps` steps, or None."""
+
+
 @dataclass
 class RunLimits:
     """Limits of one run; a limit of None is not enforced.
@@ -89,7 +97,7 @@ class RunLimits:
     time_limit: float | None
     max_steps: int | None
     begin: float
-    stall_detector: StallDetector | None = None
+    stall_detector: StepDetector | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
         """Return the number of steps, at least one, from step number `steps` to the next check."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -31,6 +31,12 @@ _MIN_COVERAGE = 0.2
 # Its rate is used nevertheless if it contains more than this number of periods. The position of a
 # slow motion that has just begun changes little, which makes the rate of its vibrations too large.
 _MIN_PARTIAL_PERIODS = 3.0
+
+# Factor of the local tolerance of a run whose amplitudes are unknown.
+_TIGHT_FACTOR = 3e-3
+# It ends if there are more steps per sample than this, and further ones, such as the first steps.
+_MAX_STEPS_PER_SAMPLE = 1.5
+_MAX_FURTHER_STEPS = 32
 
 
 class PilotRun(Protocol):
@@ -87,15 +93,13 @@ def run_pilot(
             begin += clock.perf_counter() - preparation_began
             pilot_limits.begin = begin
             trajectory, status = run.execute()
-            ended_by_event = status.success and status is not REACHED_END
-            if not ended_by_event and trajectory.end - start < _MIN_COVERAGE * plan.duration:
-                if plan.amplitudes is None:
-                    plan = replace(plan, partial_rate=_partial_rate(plan, trajectory))
-                break
-            amplitudes = Amplitudes.from_trajectory(plan.equations, trajectory)
             previous = {} if plan.amplitudes is None else plan.amplitudes.by_part
-            ratio = min(x / previous.get(name, 1.0) for name, x in amplitudes.by_part.items())
-            plan = replace(plan, amplitudes=amplitudes)
+            measured = measure_amplitudes(plan, trajectory, status)
+            is_short, plan = measured.amplitudes is plan.amplitudes, measured
+            if is_short or plan.amplitudes is None:
+                break
+            by_part = plan.amplitudes.by_part
+            ratio = min(x / previous.get(name, 1.0) for name, x in by_part.items())
             if not (ratio < _REPEAT_RATIO and status.success):
                 break
     except KeyboardInterrupt:
@@ -104,6 +108,55 @@ def run_pilot(
         trajectory, status = run.report_interrupt()
     assert run is not None
     return plan, run, trajectory, status
+
+
+@dataclass
+class SampledStepLimit:
+    """Limit of the steps between samples; takes the place of `StallDetector`.
+
+    Attributes
+    ----------
+    start
+        Start of the run [s].
+    rate
+        Samples of all controllers per second [1/s].
+    is_exceeded
+        True after there were more steps.
+    """
+
+    start: float
+    rate: float
+    is_exceeded: bool = False
+
+    def stall_reason(self, t: float, steps: int, steps_per_check: int) -> str | None:
+        """Return a reason to stop if there are many more steps than samples."""
+        most = _MAX_STEPS_PER_SAMPLE * self.rate * (t - self.start) + _MAX_FURTHER_STEPS
+        self.is_exceeded = steps > most
+        return "the samples do not determine the steps" if self.is_exceeded else None
+
+
+def plan_attempt(plan: RunPlan, limits: RunLimits) -> tuple[RunPlan, RunLimits, SampledStepLimit]:
+    """Return plan and limits of a run without a pilot run, whose steps end at frequent samples.
+
+    Its local tolerance is that of amplitudes of a hundredth of the size of each part. While there
+    is about one step per sample nevertheless, it takes no longer than a pilot run. If its errors
+    satisfy the tolerances of its amplitudes, which `measure_amplitudes` returns, it is the run.
+    """
+    rate = sum(1.0 / term.controller.every for term in plan.equations.controllers)
+    steps = SampledStepLimit(plan.intervals[0][0], rate)
+    tight_plan = replace(plan, tolerance_factor=_TIGHT_FACTOR)
+    return tight_plan, replace(limits, stall_detector=steps), steps
+
+
+def measure_amplitudes(plan: RunPlan, trajectory: Trajectory, status: Status) -> RunPlan:
+    """Return the plan with the amplitudes of a pilot run, unless it was too short."""
+    ended_by_event = status.success and status is not REACHED_END
+    covered = trajectory.end - plan.intervals[0][0]
+    if ended_by_event or covered >= _MIN_COVERAGE * plan.duration:
+        return replace(plan, amplitudes=Amplitudes.from_trajectory(plan.equations, trajectory))
+    if plan.amplitudes is None:
+        return replace(plan, partial_rate=_partial_rate(plan, trajectory))
+    return plan
 
 
 def _partial_rate(plan: RunPlan, trajectory: Trajectory) -> float:

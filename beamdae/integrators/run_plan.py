@@ -45,6 +45,9 @@ class RunPlan:
     partial_rate
         Rate of the motion [1/s] that a pilot run measured over many periods, if it was too short to
         measure amplitudes; otherwise 0.
+    tolerance_factor
+        Factor of local tolerances; below 1 for a run that is to satisfy the tolerances of unknown
+        amplitudes, see `pilot_run`.
     matrices
         Last matrix by name of the method, so that a run can reuse the pivots of its pilot run.
     """
@@ -55,6 +58,7 @@ class RunPlan:
     fastest_modes: Callable[[], tuple[Mode, ...]]
     amplitudes: Amplitudes | None = None
     partial_rate: float = 0.0
+    tolerance_factor: float = 1.0
     matrices: dict[str, FactorizedMatrix] = field(default_factory=dict, compare=False)
 
     def matrix(self, method: str, pattern: sp.csc_array) -> FactorizedMatrix:

@@ -257,3 +257,58 @@ def test_regression_tables_end_runs_before_the_law_fails_outside():
     last = run.trajectory.intervals[-1].state.q[-1]
     assert last[0] == pytest.approx(0.8, abs=1e-9)
     assert last[-1] == np.ceil(run.trajectory.end / 1e-3)
+
+
+def pushed(every, law, calls):
+    """Return a mass on a spring that a sampled force pushes; `calls` receives its samples [s]."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    push = mech.input("push", unit="N")
+    place = mech.sensor("place", mass.point, "x")
+    mech.add(bd.Force("motor", mass.point, (push - 400.0 * place, 0.0)))
+
+    def record(sample):
+        calls.append(sample.t)
+        return law(sample.t)
+
+    mech.add(bd.Controller("servo", every, [place], [push], record))
+    mech.observe("mass", mass.point)
+    return mech
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("start", [0.0, 0.6], ids=["moves", "rests at first"])
+def test_frequent_samples_need_no_pilot_run(start, rtol):
+    calls = []
+    mech = pushed(1e-3, lambda t: 4.0 * (t >= start - 1e-9), calls)
+    run = bd.simulate(mech, bd.Radau(rtol), 1.0, output_step=0.01)
+    # Samples 0, 1, 2, 4, ... are repeated twice.
+    assert len(calls) < 1.1 * 1000
+    exact = 0.01 * (1.0 - np.cos(20.0 * np.clip(run.t - start, 0.0, None)))
+    assert_allclose(run["mass.x"], exact, atol=0.2 * rtol)
+    assert run.integrator["amplitudes"]["mass"] > 0.0
+    assert run.integrator["local_tolerance"] < rtol
+
+
+def test_samples_that_do_not_determine_the_steps_need_a_pilot_run(monkeypatch):
+    """The pilot run takes all samples, too."""
+    calls = []
+    mech = pushed(0.25, lambda t: 4.0 * np.cos(t), calls)
+    run = bd.simulate(mech, bd.Radau(1e-6), 5.0)
+    assert len(calls) > 2 * 20
+    monkeypatch.setattr(RadauStepper, "satisfies", lambda *_: False)
+    assert_array_equal(run.table(), bd.simulate(mech, bd.Radau(1e-6), 5.0).table())
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [({"max_steps": 100}, "max_steps = 100"), ({"time_limit": 1e-9}, "time limit")],
+)
+def test_limits_hold_without_a_pilot_run(options, reason):
+    mech = pushed(1e-3, lambda t: 4.0, [])
+    run = bd.simulate(mech, bd.Radau(**options), 1.0)
+    assert run.status.kind == "limited"
+    assert reason in run.status.sentence
+    stopped = bd.simulate(mech, bd.Radau(), 1.0, progress=lambda t: "enough" if t > 0.3 else None)
+    assert stopped.status.sentence.endswith("enough")
+    assert 0.3 < stopped.trajectory.end < 0.4

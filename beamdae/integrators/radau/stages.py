@@ -175,11 +175,12 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
         if k > 0:
             rate = size / previous if previous > 0.0 else 0.0
             if rate > _STAGNATION_RATE and size <= run.stagnation_limit:
-                run.rate = rate
+                run.rate, run.newton_error = rate, max(run.newton_error, size)
                 return DONE
             if rate > (_MAX_SECOND_GROWTH if k == 1 else 1.0):
                 break
         if rate < 1.0 and size * rate <= 1.0 - rate:
+            run.newton_error = max(run.newton_error, size * rate / (1.0 - rate))
             run.rate = rate if k > 0 else 0.0
             return DONE
         previous = size

@@ -72,6 +72,9 @@ def take_radau_steps(run: RadauWorkspace) -> int:
         minimum(velocities, run.tested_velocity_weights, h, run.velocity_rounding_weights)
         error = max_norm(run.error[: run.test_weights.size], run.test_weights)
         if error < 1.0:
+            estimates = run.error[: run.test_weights.size]
+            minimum(run.lowest_errors[0], run.lowest_errors[0], 1.0, estimates)
+            minimum(run.lowest_errors[1], run.lowest_errors[1], -1.0, estimates)
             _accept_step(run, h, error)
             _store_step(run, h, h == remaining)
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -26,6 +26,7 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, Ste
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
     STIFF_RATIO_RADAU,
+    ErrorControl,
     MotionScales,
     motion_scales,
     reduce_tolerance,
@@ -198,22 +199,10 @@ class RadauStepper:
         plan: RunPlan,
     ) -> None:
         self._form = form = formulate_first_order(plan.equations, STABILIZED_FORM, apart=True)
-        self._scales = scales = motion_scales(plan)
-        self._control = resolve_error_control(
-            error_control,
-            _ORDER,
-            form.formulation,
-            rtol,
-            scales.rate,
-            STIFF_RATIO_RADAU,
-            plan.fastest_modes,
-        )
-        tested = self._control.tested_velocities(plan.equations, tangent_frames=True)
-        is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
-        has_untested = not np.delete(tested, plan.equations.states).all()
-        self._tolerance = tolerance = StepTolerance.from_rtol(
-            rtol, scales, tested, has_untested, is_one_sided
-        )
+        self._scales = motion_scales(plan)
+        self._error_control = error_control
+        self._control, self._tolerance = self._resolve_tolerance(rtol, plan, self._scales)
+        tolerance = self._tolerance
         longest = plan.longest_step("Radau", max_step)
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)
@@ -240,6 +229,39 @@ class RadauStepper:
         self._run = self._step_loop.work
         self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, _SAMPLE_OUTPUTS)
         self._problem: BeamdaeError | None = None
+
+    def _resolve_tolerance(
+        self, rtol: float, plan: RunPlan, scales: MotionScales
+    ) -> tuple[ErrorControl, StepTolerance]:
+        control = resolve_error_control(
+            self._error_control,
+            _ORDER,
+            self._form.formulation,
+            rtol,
+            scales.rate,
+            STIFF_RATIO_RADAU,
+            plan.fastest_modes,
+        )
+        tested = control.tested_velocities(plan.equations, tangent_frames=True)
+        is_one_sided = any(term.kernel.is_one_sided for term in plan.equations.forces)
+        has_untested = not np.delete(tested, plan.equations.states).all()
+        tolerance = StepTolerance.from_rtol(rtol, scales, tested, has_untested, is_one_sided)
+        return control, replace(tolerance, local=plan.tolerance_factor * tolerance.local)
+
+    def satisfies(self, rtol: float, plan: RunPlan) -> bool:
+        """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
+
+        If they do, `resolved_options` describe these tolerances.
+        """
+        control, tolerance = self._resolve_tolerance(rtol, plan, motion_scales(plan))
+        errors = -self._run.lowest_errors.min(axis=0)
+        iteration_weights = np.concatenate(tolerance.iteration_weights)
+        ratio = np.max(iteration_weights / np.concatenate(self._tolerance.iteration_weights))
+        is_accurate = np.max(errors * tolerance.test_weights) < 1.0
+        if not (is_accurate and self._run.newton_error * ratio <= 1.0):
+            return False
+        self._control, self._tolerance = control, tolerance
+        return True
 
     @property
     def workspace(self) -> RadauWorkspace:
@@ -427,6 +449,7 @@ def make_workspace(
         entry_columns=np.repeat(np.arange(reduced_size), np.diff(pattern.indptr)),
         error=np.zeros(size),
         difference=np.zeros(size),
+        lowest_errors=np.zeros((2, 2 * n)),
         vector=np.zeros(reduced_size),
         product=np.zeros(reduced_size),
         constraint_errors=np.zeros(reduced_size),
