@@ -7,6 +7,7 @@ possible.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ from beamdae.equations.formulations.first_order import (
 from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
 from beamdae.native.loop_functions import combine, factorize, fill, max_norm, solve
-from beamdae.native.return_codes import DONE, NOT_CONVERGED
+from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
 
 Array = np.ndarray
@@ -75,7 +76,7 @@ class InputJumpWorkspace:
 def solve_jump(run: InputJumpWorkspace) -> int:
     """Make the rates of states, the accelerations and the multipliers consistent.
 
-    Return DONE, NOT_CONVERGED, SINGULAR or NEW_PIVOTS.
+    Return DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR or NEW_PIVOTS.
     """
     n, y, yp, residual, change = run.form.n, run.y, run.yp, run.residual, run.change
     m = change.size - n
@@ -104,6 +105,8 @@ def solve_jump(run: InputJumpWorkspace) -> int:
         combine(yp[n : 2 * n], (1.0, 1.0), (yp[n : 2 * n], change[:n]))
         combine(lam, (1.0, 1.0), (lam, change[n:]))
         size = max(max_norm(yp[n : 2 * n], run.weights[:n]), max_norm(lam, run.weights[n:]))
+        if not math.isfinite(size + max_norm(yp[:n], run.weights[:n])):
+            return NOT_FINITE
         if run.max_iterations == 1 or max_norm(change, run.weights) <= _FRICTION_TOLERANCE * size:
             return DONE
     return NOT_CONVERGED
@@ -160,7 +163,7 @@ class InputJump:
         run.y[:], run.yp[:] = y, yp
         run.y[: len(q)] = q
         code, _ = self._call(t, branch)
-        if code != DONE or not np.isfinite(run.yp).all():
+        if code != DONE:
             return None
         return State(*(x.copy() for x in self._form.unpack(run.y, run.yp)))
 
@@ -172,7 +175,7 @@ class InputJump:
         run, n = self._run, self._run.form.n
         run.y[:], run.yp[:] = y, yp
         code, _ = self._call(t, branch)
-        if code != DONE or not np.isfinite(run.yp).all():
+        if code != DONE:
             return False
         m = run.change.size - n
         y[: 2 * n], y[2 * n :] = run.y[: 2 * n], 0.0
