@@ -36,6 +36,7 @@ from beamdae.interrupts import (
     attach_partial,
     interruptible,
 )
+from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
@@ -57,6 +58,7 @@ _ROUNDING_OF_ROWS = 1e-9  # tolerance of the number of output steps
 
 
 @interruptible
+@single_threaded
 def simulate(
     model: Model | Mechanism | ConstrainedSystem | EquationsOfMotion,
     integrator: Integrator | None = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,6 +75,7 @@ class Header(NamedTuple):
     unit: str
 
     @classmethod
+    @lru_cache(maxsize=4096)  # each run splits its headers several times
     def of(cls, column: str) -> Header:
         """Split a header 'name.suffix [unit]' into its parts."""
         dotted, unit = split_unit(column)

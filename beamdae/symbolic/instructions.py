@@ -102,6 +102,11 @@ def rebuild_output(
 ) -> SX:
     """Return the output of a function with one output; see `repeat_instructions`."""
     output = SX.zeros(function.sparsity_out(0))
-    constants = map(SX, read_constants(function))
-    repeat_instructions(read_instructions(function), inputs, [output], constants, operate, call)
+    instructions = read_instructions(function)
+    constants = (
+        SX(function.instruction_constant(k))
+        for k, (operation, _, _) in enumerate(instructions)
+        if isinstance(operation, int) and operation == ca.OP_CONST
+    )
+    repeat_instructions(instructions, inputs, [output], constants, operate, call)
     return output

@@ -325,6 +325,16 @@ def test_an_escaped_table_is_read_back_by_pandas(tmp_path):
     assert_frame_equal(rows, escape_table(table), check_dtype=False)
 
 
+@pytest.mark.parametrize("rows", [0, 1, 701])
+def test_tables_of_numbers_have_the_text_of_pandas(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(files, "_BLOCK_ROWS", 300)
+    numbers = np.random.default_rng(1).standard_normal((rows, 3))
+    numbers[::5, 1], numbers[1::5, 1], numbers[2::5, 2] = np.nan, -0.0, np.inf
+    table = pd.DataFrame(numbers, columns=["t [s]", "tip.x [m]", "a, b"])
+    text = write_table(tmp_path / "table.csv", table, {}).read_bytes().decode()
+    assert text == table.to_csv(index=False)
+
+
 def test_tables_with_equal_headers_or_without_rows_are_escaped():
     twice = pd.DataFrame([["=1", "=2"]], columns=["=a", "=a"])
     assert escape_table(twice).to_numpy().tolist() == [["'=1", "'=2"]]

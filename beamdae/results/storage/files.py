@@ -28,6 +28,7 @@ from beamdae.errors import (
 )
 from beamdae.package_versions import installed_version
 from beamdae.results.outcome import Status
+from beamdae.results.storage.number_text import format_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,6 +38,7 @@ _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
 # Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NOT_INSTALLED = "not installed"
+_BLOCK_ROWS = 10_000  # of a table that are formatted together
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
 
@@ -116,13 +118,20 @@ def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     """Write a CSV file in the format of pandas, without importing pandas."""
     with open(path, "w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         csv.writer(file, lineterminator=os.linesep).writerow(map(escape_cell, columns))
+        arrays = [np.asarray(columns[name]) for name in columns]
+        if arrays and all(array.dtype.kind == "f" for array in arrays):
+            for first in range(0, len(arrays[0]), _BLOCK_ROWS):
+                block = [array[first : first + _BLOCK_ROWS] for array in arrays]
+                # Compiling takes longer than formatting most tables with `repr`.
+                text = format_rows(np.column_stack(block), compiles=False)
+                file.write(text.replace("\n", os.linesep))
+            return
         # Joining formatted numbers is twice as fast as csv.writer.
-        rows = zip(*(_format_cells(columns[name]) for name in columns), strict=True)
+        rows = zip(*map(_format_cells, arrays), strict=True)
         file.writelines(",".join(row) + os.linesep for row in rows)
 
 
-def _format_cells(values: Any) -> list[str]:
-    column = np.asarray(values)
+def _format_cells(column: np.ndarray) -> list[str]:
     if column.dtype.kind != "f":
         return [_quote_cell(escape_cell(value)) for value in column.tolist()]
     return ["" if value != value else repr(value) for value in column.tolist()]

@@ -46,14 +46,17 @@ _COMMA, _NEWLINE = np.uint64(ord(",")), np.uint64(ord("\n"))
 _I, _N, _F = (np.uint64(ord(x)) for x in "inf")
 
 
-def format_rows(rows: Array) -> str:
+def format_rows(rows: Array, compiles: bool = True) -> str:
     """Return rows of numbers (k, columns) as lines of comma-separated values.
 
-    Numbers have the text of `repr`; NaN is empty.
+    Numbers have the text of `repr`; NaN is empty. If `compiles` is False, only machine code in the
+    cache is used.
     """
     if rows.size >= _MIN_COMPILED:
         count = max(_BLOCK_NUMBERS // rows.shape[1], 1)
-        work, loop = prepare_loop(write_rows, lambda _: _create_buffers(count, rows.shape[1]), True)
+        work, loop = prepare_loop(
+            write_rows, lambda _: _create_buffers(count, rows.shape[1]), True, compiles
+        )
         if loop is not None:
             blocks = []
             for first in range(0, len(rows), count):
