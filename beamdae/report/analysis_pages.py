@@ -75,7 +75,7 @@ _MIN_PEAK_WIDTH = 1e-5  # relative half width of peaks that are resolved
 _UNDAMPED_SHIFT, _MIN_POLE_DISTANCE = 0.1, 0.05
 
 
-def write_analysis_page(result: Any, path: Path) -> Path:
+def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Path:
     """Write the page of the result of an analysis, such as modes or a response curve."""
     if isinstance(result, Equilibrium):
         page = build_path_page(result, str(result.model.get("name", "equilibria")))
@@ -92,7 +92,7 @@ def write_analysis_page(result: Any, path: Path) -> Path:
     else:
         noun = "buckling modes" if isinstance(result, Buckling) else "modes"
         page = build_modes_page(result, f"{noun} about {result.about}")
-    return write_page(path, page)
+    return write_page(path, page if title is None else page | {"title": title})
 
 
 def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
@@ -237,8 +237,8 @@ def _export_mode_frames(modes: Modes | Buckling) -> list[dict[str, Any]]:
     except BeamdaeError:
         return []
     shares = np.linspace(0.0, 1.0, _FRAMES_PER_PERIOD + 1)
-    # With this phase, a real mode shape starts from zero displacement.
-    phases = np.exp(2j * np.pi * (shares - 0.25))
+    # The first frame, which pages show first and print, is at the largest displacement.
+    phases = np.exp(2j * np.pi * shares)
     return [export_frames(scenes.vibrating(k, phases), shares) for k in range(len(modes))]
 
 
@@ -715,7 +715,7 @@ def _export_campbell_frames(
     n_modes = diagram.eigenvalues.shape[1]
     positions = sorted(_sample_evenly(len(order), max(_MAX_CAMPBELL_MOTIONS // max(n_modes, 1), 2)))
     shares = np.linspace(0.0, 1.0, _FRAMES_PER_PERIOD + 1)
-    phases = np.exp(2j * np.pi * (shares - 0.25))
+    phases = np.exp(2j * np.pi * shares)
     frames: dict[tuple[int, int], dict[str, Any]] = {}
     before: dict[int, Array] = {}
     for i in positions:

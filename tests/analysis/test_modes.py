@@ -551,6 +551,15 @@ def test_regression_elements_are_not_too_long_for_axial_waves(formulation):
     assert "mode 4 and 7 more" in bd.modes(mech, n=12).warnings[0]
 
 
+@pytest.mark.slow(reason="modes at four speeds")
+def test_regression_campbell_diagrams_state_warnings_of_several_speeds_once():
+    """Each speed had its own sentence about the same beam."""
+    mech = bd.load_model("example:hub_beam")()
+    diagram = bd.campbell(mech, [0.0, 3.0, 5.0, 6.0], n=2)
+    (sentence,) = (x for x in diagram.warnings if "bends" in x)
+    assert sentence.startswith("at 3 speeds from 3 to 6 rad/s, beam: the beam bends 0.1")
+
+
 def test_regression_campbell_diagrams_with_long_elements_have_one_warning():
     mech = hinged_or_clamped_beam(2, "exact")
     texts = bd.campbell(mech, [0.0, 5.0, 10.0], n=3).warnings

@@ -136,7 +136,7 @@ def test_an_immobile_model_has_an_empty_table(modes, tmp_path):
         (["--speed", "5:5:3"], "the ends of a range of 3 values must differ"),
         (["--speed", "0:5mm:3"], "the unit mm measures another quantity"),
         (["--speed", "1", "--set", "weight=9.81"], "do not rotate with the mechanism"),
-        (["-n", "0"], "n must be"),
+        (["-n", "0"], "--number must be"),
     ],
 )
 def test_usage_errors_are_one_line_and_write_nothing(modes, tmp_path, arguments, message):

@@ -40,6 +40,11 @@ def test_the_page_opens_on_the_measured_column(fit, show):
     assert choice.input_value() == "bob.y_dot [m/s]"
     # One curve, and one element for the points of the data.
     points = panel.locator(".plot path.curve.data").get_attribute("d")
+    # Data that were drawn above the curve of the model hid it.
+    classes = panel.locator(".plot path.curve").evaluate_all(
+        "paths => paths.map((x) => x.classList.contains('data'))"
+    )
+    assert classes == sorted(classes, reverse=True)
     assert (panel.locator(".plot path.curve").count(), points.count("M")) == (2, len(TIMES))
     assert not tab.locator("#errors").is_visible()
 

@@ -157,21 +157,31 @@ class Campbell(HasTable, HasPage):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the model, the modes at each speed, and modes that were not followed."""
+        """Warnings about the model, the modes at the speeds, and modes that were not followed."""
         return tuple(text for _, text in self._describe_states()) + self._describe_lost_modes()
 
     def _describe_states(self) -> list[tuple[str, str]]:
-        """Return each warning of the modes, without and with the speed at which it holds."""
+        """Return each warning of the modes, without and with the speeds at which it holds.
+
+        Of warnings that differ only in numbers, the one at the fastest rotation is returned.
+        """
         # Warnings of the model do not depend on the speed.
         sets = [set(at_speed.warnings) for at_speed in self.modes]
         common = set.intersection(*sets) if len(sets) > 1 else set()
         first = [x for at_speed in self.modes[:1] for x in at_speed.warnings if x in common]
-        return [(sentence, sentence) for sentence in first] + [
-            (sentence, f"at {speed:g} rad/s, {sentence}")
-            for speed, at_speed in zip(self.speeds, self.modes, strict=True)
-            for sentence in at_speed.warnings
-            if sentence not in common
-        ]
+        kinds: dict[str, dict[float, str]] = {}
+        for speed, at_speed in zip(self.speeds.tolist(), self.modes, strict=True):
+            for sentence in (x for x in at_speed.warnings if x not in common):
+                kinds.setdefault(kind_of_message(sentence), {})[speed] = sentence
+        described = [(sentence, sentence) for sentence in first]
+        for sentences in kinds.values():
+            speeds = sorted(sentences)
+            where = f"{speeds[0]:g}"
+            if len(speeds) > 1:
+                where = f"{len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g}"
+            sentence = sentences[max(speeds, key=abs)]
+            described.append((sentence, f"at {where} rad/s, {sentence}"))
+        return described
 
     def _describe_lost_modes(self) -> tuple[str, ...]:
         return tuple(
@@ -182,7 +192,7 @@ class Campbell(HasTable, HasPage):
         )
 
     def _issue_warnings(self) -> None:
-        """Issue the warnings that `modes` issues, at the first speed of each, and of lost modes."""
+        """Issue the warnings that `modes` issues, and those of lost modes."""
         of_states = [x for at_speed in self.modes for x in at_speed._linearization.warnings]
         issued = set(map(kind_of_message, self.modes[0]._linearization.equations.build_warnings))
         for sentence, text in self._describe_states():

@@ -51,6 +51,7 @@ def buckling_command(
     table_path, picture_path = plan_outputs(out, f"{model.name}_buckling", picture, page)
     page_path = table_path.with_suffix(".html")
     from beamdae.analysis.statics.linear_buckling import buckling
+    from beamdae.report.analysis_pages import write_analysis_page
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import create_modes_figure
     from beamdae.report.terminal import text_tables
@@ -65,10 +66,10 @@ def buckling_command(
     console.print(model.name, style="bold")
     console.print(text_tables.buckling_table(table))
     print_warnings(console, result.warnings)
+    title = f"{model.name}, linear buckling"
     if page:
-        files.write(page_path.name, lambda: [result.page(page_path)])
+        files.write(page_path.name, lambda: [write_analysis_page(result, page_path, title)])
     if picture and result.mechanism is not None and len(result):
-        title = f"{model.name}, linear buckling"
         files.write(
             picture_path.name,
             lambda: [save_figure(create_modes_figure(result, title), picture_path)],

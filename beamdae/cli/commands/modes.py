@@ -142,6 +142,7 @@ def _write_and_print(
     result: Any, name: str, paths: dict[str, Path], animated_modes: list[int]
 ) -> None:
     from beamdae.analysis.linear_dynamics.natural_modes import Modes
+    from beamdae.report.analysis_pages import write_analysis_page
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.mode_shapes import (
         animate_mode,
@@ -182,18 +183,17 @@ def _write_and_print(
         animate_mode(result, mode, paths[f"{mode}"])
         return [paths[f"{mode}"]]
 
+    is_single = isinstance(result, Modes)
+    title = f"{name}, modes about {result.about}" if is_single else f"{name}, Campbell diagram"
+
     def write_picture() -> list[Path]:
-        if isinstance(result, Modes):
-            figure = create_modes_figure(result, f"{name}, modes about {result.about}")
-        else:
-            figure = create_campbell_figure(result, f"{name}, Campbell diagram")
-        return [save_figure(figure, paths["png"])]
+        create_figure = create_modes_figure if is_single else create_campbell_figure
+        return [save_figure(create_figure(result, title), paths["png"])]
 
     if "html" in paths:
-        files.write(paths["html"].name, lambda: [result.page(paths["html"])])
-    is_drawable = not isinstance(result, Modes) or (
-        result.mechanism is not None and len(result) > 0
-    )
+        path = paths["html"]
+        files.write(path.name, lambda: [write_analysis_page(result, path, title)])
+    is_drawable = not is_single or (result.mechanism is not None and len(result) > 0)
     if is_drawable:
         if "png" in paths:
             files.write(name, write_picture)

@@ -98,6 +98,7 @@ def periodic_command(
     page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_solution import periodic
     from beamdae.parts.rotation import rotation
+    from beamdae.report.analysis_pages import write_analysis_page
     from beamdae.report.pictures.time_plots import save_run_figure, save_selected_columns
     from beamdae.results.storage.files import escape_table, write_text
 
@@ -115,10 +116,10 @@ def periodic_command(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
     )
     _print_results(motion, model.name)
+    title = f"{model.name}, one period"
     if page:
-        files.write(page_path.name, lambda: [motion.page(page_path)])
+        files.write(page_path.name, lambda: [write_analysis_page(motion, page_path, title)])
     if picture and motion.solution.columns:
-        title = f"{model.name}, one period"
 
         def write_picture() -> list[Path]:
             columns = motion.solution.table()
