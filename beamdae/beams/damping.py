@@ -27,19 +27,14 @@ EXAMPLE_DAMPING = 1e-5
 class RayleighDamping(ObservableBeamLoad):
     """Proportional damping of a beam: forces -(`mass` M + `stiffness` K) v.
 
-    M is the mass matrix, K the stiffness matrix and v the vector of velocities. The mass term is a
-    force -mass * rho A * (velocity) and a moment -mass * rho I * (angular velocity of the section)
-    per length, with velocities relative to the inertial frame. Like a viscous fluid, this term also
-    damps the rigid motion of the beam. It makes vibrations about a frame at rest decay as
-    exp(-mass t / 2). The stiffness term gives a mode of angular frequency w the damping ratio
-    stiffness * w / 2.
-
-    In a floating frame, K is the constant stiffness of the undeformed beam (linear strains). For
-    amplitudes that are small compared to the radius of gyration of the section, the stiffness term
-    is then equivalent to `Section.damping` (Kelvin-Voigt). For larger amplitudes of thin beams, use
-    `Section.damping`: K treats the shortening of a bent beam as axial strain, so this damping
-    increases with the square of the amplitude. For `formulation="exact"`, the stiffness term uses
-    the strain rates of the deformed beam and has the effect of an equal `Section.damping`.
+    M is the mass matrix, K the stiffness matrix of the strains at the deformed beam, and v the
+    vector of velocities. The mass term is a force -mass * rho A * (velocity) and a moment
+    -mass * rho I * (angular velocity of the section) per length, with velocities relative to the
+    inertial frame. Like a viscous fluid, this term also damps the rigid motion of the beam. It
+    makes vibrations about a frame at rest decay as exp(-mass t / 2). The stiffness term gives a
+    mode of angular frequency w the damping ratio stiffness * w / 2: section forces are
+    proportional to the strain rates, with the effect of an equal `Section.damping` (Kelvin-Voigt)
+    at all amplitudes. Observed section forces and stresses do not contain it.
 
     Parameters
     ----------

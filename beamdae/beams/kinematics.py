@@ -84,9 +84,8 @@ class StrainRatePoint(NamedTuple):
     stiffness
         (EA [N], GA [N], EI [N m^2]).
     rates
-        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)], linear in the
-        velocities: linearized about the undeformed beam in a floating frame, and about the deformed
-        beam for exact beams.
+        Rates of axial strain [1/s], shear strain [1/s] and kappa11 [1/(m s)] of the deformed beam,
+        linear in the velocities.
     """
 
     weight: SX

@@ -7,7 +7,7 @@ shared by all elements of the same type, curved or straight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -111,13 +111,11 @@ class FloatingFrameElement(Element):
         ]
 
     def strain_rate_points(self, local: Local) -> list[StrainRatePoint]:
-        """Return the linear strain rates at the stiffness points."""
+        """Return the strain rates at the stiffness points of the deformed beam."""
         data = self.layout.split(local.data)
-        linear = replace(self, strain="linear", prestressed=False)
-        strain_rates = strain_points(linear, data.stiffness, local.v[FRAME_SIZE:])
         return [
-            StrainRatePoint(weight, data.elasticity(k), rates)
-            for k, (weight, rates) in enumerate(strain_rates)
+            StrainRatePoint(weight, data.elasticity(k), local.dot(strain))
+            for k, (weight, strain) in enumerate(self.strain_points(data.stiffness, local.q))
         ]
 
 
