@@ -303,6 +303,7 @@ class MovingForce(ObservablePower):
 
     symbol = "moving force"
     is_load = True
+    moves_along_beam = True
     name: str
     beam: Beam
     force: tuple[float, float]

@@ -331,6 +331,7 @@ class SlidingOnBeam(Part):
     """
 
     symbol = "sleeve"
+    moves_along_beam = True
     name: str
     a: Attachment
     beam: Beam

@@ -93,6 +93,9 @@ class Part:
     # that a part between two points of one rigid body does nothing.
     acts_between_attachments: ClassVar[bool] = False
 
+    # True if the part loads its `beam` at an arc length that changes during a run.
+    moves_along_beam: ClassVar[bool] = False
+
     @property
     def attachments(self) -> tuple[Attachment, ...]:
         """Attachments among the fields of the part and in nested lists and dictionaries."""

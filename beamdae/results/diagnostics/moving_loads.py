@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.beams.beam_loads import MovingForce
-from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.parts.part import Part
 from beamdae.parts.signals import Sensor
 from beamdae.results.diagnostics.beam_ranges import sample_positions
 from beamdae.results.trajectory import Trajectory
@@ -39,7 +37,7 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     """
     mechanism = equations.mechanism
     parts = () if mechanism is None else mechanism.parts.values()
-    loads = [x for x in parts if isinstance(x, (MovingForce, SlidingOnBeam))]
+    loads: list[Any] = [x for x in parts if x.moves_along_beam]
     if mechanism is None or not loads:
         return
     paths: dict[str, tuple[float, float]] = {}
@@ -80,13 +78,13 @@ def measured_quantity(observed: Quantity) -> tuple[Quantity, tuple[str, ...]]:
     return observed, tuple(column.name for column in observed.columns)
 
 
-def _path(load: Part, equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[float, float]:
+def _path(load: Any, equations: EquationsOfMotion, trajectory: Trajectory) -> tuple[float, float]:
     """Return the range of the arc length of a load during the run [m]."""
-    if isinstance(load, MovingForce):
-        times = np.array([trajectory.start, trajectory.end])
-        places = load.start + load.speed * times
-    else:
+    if load.coordinates:
         assert equations.mechanism is not None
         rows = map_coordinates(equations.mechanism).slice_of(load)
         places = sample_positions(trajectory)[:, rows]
+    else:
+        times = np.array([trajectory.start, trajectory.end])
+        places = load.start + load.speed * times
     return float(np.min(places)), float(np.max(places))
