@@ -151,6 +151,8 @@ def _drive(
 ) -> Solution:
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
+    for term in equations.controllers:
+        term.controller.require_no_memory()
     planning_began = clock.perf_counter()
     first = initial_configuration(equations)
     plan = plan_run(equations if first is None else first.equations, times)

@@ -190,6 +190,42 @@ def test_regression_stable_loops_are_not_called_unstable_where_a_limit_stops_the
     assert "unstable" not in run.status.sentence
 
 
+def _late_integral(sample):
+    sample.state[0] += sample.every * max(sample.t - 1.0, 0.0) ** 2
+    return sample.state[0] - 4.0 * sample.reads[1]
+
+
+@pytest.mark.parametrize(
+    ("law", "is_unstable"),
+    [
+        (lambda sample: 20.0 * sample.reads[0] + 1e-6, True),
+        (lambda sample: 8.0 * (1.0 - sample.reads[0]) - 22.0 * sample.reads[1], True),
+        (lambda sample: 8.0 * (1.0 - sample.reads[0]), False),
+        (lambda sample: 8.0 * ((sample.t > 2.0) - sample.reads[0]) - 4.0 * sample.reads[1], False),
+        (_late_integral, False),
+    ],
+    ids=["positive feedback", "late sample", "undamped", "set point", "integral"],
+)
+@pytest.mark.parametrize("method", [bd.Radau(), bd.GeneralizedAlpha(5e-3)])
+def test_regression_unstable_loops_that_reach_the_end_have_a_warning(law, is_unstable, method):
+    """A torque that had grown by a factor of 1e5 at the end was "ok"."""
+    mech = build_servo(law, state=[0.0])
+    run = bd.simulate(mech, method, t_end=2.5 if is_unstable else 4.0)
+    assert run.status.success
+    found = [x for x in run.warnings if x.startswith("servo: torque grows exponentially")]
+    assert len(found) == is_unstable
+
+
+def test_regression_unstable_loops_of_states_have_a_warning():
+    mech = build_servo(lambda sample: 0.0)
+    error = 1.0 - mech.sensor("angle again", mech.parts["wheel"].at(0.0, 0.0), "angle")
+    rate = mech.sensor("rate again", mech.parts["wheel"].at(0.0, 0.0), "angle_dot")
+    torque = bd.pid(mech, "loop", error, kp=8.0, ki=30.0, kd=1.0, rate=-rate)
+    mech.add(bd.Moment("second motor", mech.parts["wheel"].at(0.0, 0.0), torque))
+    run = bd.simulate(mech, bd.Radau(), t_end=20.0)
+    assert any(x.startswith("loop integral grows exponentially") for x in run.warnings)
+
+
 def test_regression_laws_with_memory_of_their_own_end_the_run():
     # Pilot runs call the law, too: the second of two equal runs gave another result in silence.
     integral, previous = [0.0], [0.0]
@@ -237,6 +273,24 @@ def test_regression_laws_whose_memory_acts_late_end_the_run(method, start):
         with pytest.warns(bd.BeamdaeWarning, match="for the same sample at t = .*; keep memory in"):
             run = bd.simulate(build_servo(law), method, start + 0.5, **begin)
         assert run.status.kind == "failed"
+
+
+def test_regression_laws_whose_memory_an_earlier_run_has_changed_are_rejected():
+    """The second run was "ok", with a latch that was closed from its start."""
+    is_closed = False
+
+    def latch(sample):
+        nonlocal is_closed
+        is_closed = is_closed or sample.t > 0.25
+        return 2.0 * is_closed - sample.reads[1]
+
+    with pytest.warns(bd.BeamdaeWarning, match="for the same sample"):
+        bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
+    with pytest.raises(bd.BeamdaeError, match="servo: in an earlier run, the law gave 0, then 2 f"):
+        bd.simulate(build_servo(latch), bd.GeneralizedAlpha(5e-3), 0.5)
+    is_closed = False
+    law = lambda sample: latch(sample)  # noqa: E731
+    assert bd.simulate(build_servo(law), bd.GeneralizedAlpha(5e-3), 0.2).status.success
 
 
 def test_analyses_other_than_runs_reject_sampled_controllers():
