@@ -31,6 +31,7 @@ from beamdae.results.diagnostics.beam_ranges import (
 )
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.long_steps import long_step_warnings
@@ -281,6 +282,7 @@ class RunData:
             *impact_speed_warnings(self.equations, self.trajectory),
             *mesh_error_warnings(self.equations, checked.columns, checked._select_loaded_state),
             *moving_load_warnings(self.equations, self.trajectory),
+            *growing_loop_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *self.resume_warnings,
             *filter(None, (self.start.warning,)),
