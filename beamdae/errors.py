@@ -111,6 +111,8 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!
 
 # Lists of the active `record_messages`.
 _message_lists: ContextVar[tuple[list[str], ...]] = ContextVar("message_lists", default=())
+# List of the innermost active `hold_messages`.
+_held_messages: ContextVar[list[str] | None] = ContextVar("held_messages", default=None)
 
 
 @contextmanager
@@ -125,6 +127,17 @@ def record_messages() -> Iterator[list[str]]:
         yield messages
     finally:
         _message_lists.reset(token)
+
+
+@contextmanager
+def hold_messages() -> Iterator[list[str]]:
+    """List the messages of `warn_user` within a `with` block instead of issuing them."""
+    messages: list[str] = []
+    token = _held_messages.set(messages)
+    try:
+        yield messages
+    finally:
+        _held_messages.reset(token)
 
 
 def record_warnings(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -166,6 +179,10 @@ def warn_user(message: str) -> None:
     colon are one kind, of which only the first is shown, for example in the runs of a loop. As for
     Python, this does not apply if filters show every warning or turn warnings into errors.
     """
+    held = _held_messages.get()
+    if held is not None:
+        held.append(message)
+        return
     for messages in _message_lists.get():
         if message not in messages:
             messages.append(message)

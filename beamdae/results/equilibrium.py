@@ -173,6 +173,36 @@ class Equilibrium(HasPage):
         )
 
     @property
+    def instability(self) -> str:
+        """Sentence on an unstable end of a path under prescribed loads; "" if there is none.
+
+        A prescribed displacement, or arc length, also holds equilibria that are unstable under
+        constant loads. A critical point at the end is neither stable nor unstable.
+        """
+        count, end = int(self.unstable[-1]), len(self.q) - 1
+        is_critical = any(point.row == end for point in self.critical)
+        if count <= 0 or is_critical or self.settings.get("control", "load") != "load":
+            return ""
+        state = "the equilibrium" + (f" at load factor {self.factor:.6g}" if self.loads else "")
+        state += f" is unstable in {count} direction{'s' * (count > 1)}"
+        last_stable = max(np.flatnonzero(self.unstable == 0), default=-1)
+        lost = next((x for x in self.critical if x.row >= last_stable >= 0), None)
+        if lost is None:
+            return (
+                f"equilibrium: {state} from the beginning of the path; choose other positions with "
+                "start= to look for a stable one."
+            )
+        state = f"{state} since the {lost.kind} at load factor {lost.factor:.6g}"
+        if lost.kind != "branch point":
+            return f"equilibrium: {state}; simulate what the structure does beyond it."
+        number = sum(x.kind == lost.kind for x in self.critical if x.row <= lost.row)
+        crossing = f"follow the crossing path with switch={number}, or " * (len(self.loads) == 1)
+        return (
+            f"equilibrium: {state}, where a real structure leaves this path; {crossing}analyze an "
+            "imperfect structure (bd.imperfect, bd.knock_down)."
+        )
+
+    @property
     def positions(self) -> dict[str, float]:
         """Coordinates at the end of the path [m or rad] by name, for `Mechanism(start=)`."""
         return dict(zip(self.equations.q_names, self.q[-1].tolist(), strict=True))
@@ -391,7 +421,16 @@ class Equilibrium(HasPage):
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         meshes = mesh_error_warnings(self.equations, self.columns, self._select_loaded_state)
         of_model = self.equations.build_warnings
-        found = (*of_model, *self.notes, free, *beams, *strains, *meshes, *outside)
+        found = (
+            *of_model,
+            *self.notes,
+            self.instability,
+            free,
+            *beams,
+            *strains,
+            *meshes,
+            *outside,
+        )
         return tuple(filter(None, found))
 
     def metadata(self, **further: Any) -> dict[str, Any]:

@@ -1,8 +1,10 @@
 """Critical loads as a function of a parameter, against closed forms."""
 
+import warnings
+
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 import beamdae as bd
@@ -46,17 +48,32 @@ def test_limit_load_of_a_truss_over_its_rise():
     # Newton's method ends with corrections of 1e-9.
     assert_allclose(curve.factors, truss_limit(curve.values), rtol=1e-9)
     assert curve.special == ()
-    assert list(curve.table()) == ["rise", "load factor [-]"]
+    assert list(curve.table()) == ["rise", "load factor [-]", "unstable directions [-]"]
+    assert np.all(curve.unstable == 0)
     assert repr(curve).startswith("<Boundary of the limit point: ok, reached the end; ")
     assert curve.q.shape == (len(curve.values), 2)
+
+
+@pytest.mark.slow(reason="follows a curve")
+def test_boundary_does_not_warn_of_the_end_of_its_first_path():
+    by, values = ("rise", "load"), (3.0, 2.9)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # The path passes the branch point and ends at the limit point.
+        curve = bd.boundary(truss, "branch point", by, values, step=1.0, to=1e4)
+    assert curve.status.success
 
 
 @pytest.mark.slow(reason="one second")
 def test_limit_and_branch_of_a_tall_truss_meet_at_a_hilltop():
     # The branch is at L^3 = L0 (L^2 - 1), the limit at L^3 = L0: both at L^2 = 2, L0 = 2 sqrt(2).
     by, settings = ("rise", "load"), {"to": {"crown.y": 0.0}, "step": 0.2}
-    limits = bd.boundary(truss, "limit point", by, (2.4, 3.0), **settings)
+    with pytest.warns(bd.BeamdaeWarning, match="limit points lie on unstable paths"):
+        limits = bd.boundary(truss, "limit point", by, (2.4, 3.0), **settings)
     assert_allclose(limits.factors, truss_limit(limits.values), rtol=1e-9)
+    # Taller trusses buckle sideways before their limit load.
+    assert_array_equal(limits.unstable, np.where(limits.values > np.sqrt(7.0), 1, 0))
+    assert "on unstable paths" in repr(limits)
     branches = bd.boundary(truss, "branch point", by, (3.0, 2.0), **settings)
     for curve, count in ((limits, 1), (branches, 2)):
         assert curve.status.success
@@ -183,6 +200,7 @@ def test_flutter_load_over_damping():
     assert curve.status.success
     # Bisection to 1e-8; growth up to a fraction of the frequency counts as rounding.
     assert_allclose(curve.factors, 41.0 / 28.0 + 0.5 * curve.values**2, rtol=1e-6)
+    assert np.all(curve.unstable == 0)
 
 
 @pytest.mark.parametrize(

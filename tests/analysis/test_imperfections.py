@@ -1,5 +1,7 @@
 """Structures with geometric imperfections against Koiter's asymptotics and closed forms."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -142,6 +144,22 @@ def test_knock_down_curve_of_an_arch():
     assert set(curve.kinds) == {"limit point"}
     drops = 1.0 - curve.table()["knock-down factor [-]"].to_numpy()
     assert_allclose(np.diff(np.log10(drops)), 2.0 / 3.0, atol=0.05)
+
+
+@pytest.mark.slow(reason="several paths")
+def test_knock_down_does_not_warn_of_the_ends_of_its_paths():
+    mech = hinged_arch()
+    sideways, symmetric = bd.buckling(mech, n=2).shapes
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # The paths pass branch points, and load control ends at the limit points.
+        curve = bd.knock_down(mech, symmetric, [1e-4, 2e-4], to=100.0)
+    assert curve.kinds == ("branch point",) * 2
+    # A path that ends before a limit point has no critical point.
+    with pytest.warns(bd.BeamdaeWarning, match="no critical point: .*control='arc length'"):
+        bd.knock_down(mech, sideways, [1e-3], to=100.0)
+    with pytest.warns(bd.BeamdaeWarning, match="no critical point; choose"):
+        bd.knock_down(mech, sideways, [1e-3], to=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,30 @@ def test_straight_path_is_unstable_beyond_the_branch_point():
     assert path.stable
 
 
+def test_unstable_ends_of_load_control_warn():
+    with pytest.warns(bd.BeamdaeWarning, match="since the branch point at load factor 1, where"):
+        path = bd.equilibrium(rigid_column(), to=1.3)
+    assert "switch=1" in path.instability
+    assert path.instability in path.warnings
+    (branch,) = path.critical
+    assert path.at(branch.row).instability == ""
+    assert path.at(branch.row + 1).instability != ""
+    # Returns to stable equilibria; prescribes a displacement; follows the crossing path.
+    assert bd.equilibrium(rigid_column(), to=[1.3, 0.5]).instability == ""
+    unloaded = bd.equilibrium(truss(), to={"crown.y": 0.1})
+    assert unloaded.unstable[-1] == 1
+    assert unloaded.instability == ""
+    assert bd.equilibrium(rigid_column(), to=1.3, switch=1).instability == ""
+
+
+def test_unstable_equilibria_without_scaled_loads_warn():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction from the beginning"):
+        bd.equilibrium(mech, loads=[])
+
+
 def ziegler(load):
     """Return Ziegler's double pendulum, masses 2 m and m, follower load, k = l = m = 1."""
     mech = bd.Mechanism()

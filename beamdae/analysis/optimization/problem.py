@@ -108,6 +108,8 @@ class DesignProblem:
         The model at the first values of the parameters.
     objective, limits
         Objective and constraints.
+    quantities
+        The objective and the constrained quantities.
     first, lower, upper
         First values of the numbers in the parameters, and their bounds, (k,).
     sizes
@@ -145,7 +147,7 @@ class DesignProblem:
         self._unit_errors: list[BeamdaeError] = []
         self._require_units()
         quantities = (self.objective, *(limit.quantity for limit in self.limits))
-        self._quantities: Sequence[Quantity] = quantities
+        self.quantities: Sequence[Quantity] = quantities
 
     @property
     def names(self) -> list[str]:
@@ -162,7 +164,7 @@ class DesignProblem:
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of runs and paths in the objective and the constraints."""
         names: dict[str, None] = {}
-        for leaf in (leaf for quantity in self._quantities for leaf in quantity.leaves):
+        for leaf in (leaf for quantity in self.quantities for leaf in quantity.leaves):
             terms = leaf.objective.terms if isinstance(leaf, RunQuantity) else ((1.0, leaf),)
             columns = (getattr(term, "column", None) for _, term in terms)
             names |= dict.fromkeys(x for x in columns if isinstance(x, str))
@@ -172,7 +174,7 @@ class DesignProblem:
     def has_adaptive_steps(self) -> bool:
         """True if quantities of runs with adaptive steps are used."""
         method = self._settings.integrator or DEFAULT_METHOD
-        leaves = (leaf for quantity in self._quantities for leaf in quantity.leaves)
+        leaves = (leaf for quantity in self.quantities for leaf in quantity.leaves)
         return method.accuracy.name == "rtol" and any(isinstance(x, RunQuantity) for x in leaves)
 
     def without_designs(self) -> DesignProblem:
@@ -247,7 +249,7 @@ class DesignProblem:
         flat = replace(self.flat, parameters=self.parameters(values))
         model = DesignModel(flat)
         groups: dict[tuple[Any, ...], list[AnalysisQuantity]] = {}
-        for quantity in self._quantities:
+        for quantity in self.quantities:
             for leaf in quantity.leaves:
                 groups.setdefault(analysis_key(leaf), []).append(leaf)
         analyses: dict[tuple[Any, ...], Analysis] = {}
@@ -259,12 +261,12 @@ class DesignProblem:
                 analysis = create_analysis(model, leaves, self._settings)
                 analyses[key] = analysis
                 results |= {leaf: analysis.value(leaf) for leaf in leaves}
-        combined = [quantity.combine(results) for quantity in self._quantities]
+        combined = [quantity.combine(results) for quantity in self.quantities]
         numbers = np.array([value for value, _ in combined])
         if not np.all(np.isfinite(numbers)):
             index = int(np.argmin(np.isfinite(numbers)))
             raise BeamdaeError(
-                f"{_NAME}: {self._quantities[index].label} of {flat.name} is not finite."
+                f"{_NAME}: {self.quantities[index].label} of {flat.name} is not finite."
             )
         return Design(flat, analyses, numbers, results, [weights for _, weights in combined])
 

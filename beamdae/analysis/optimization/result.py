@@ -21,6 +21,7 @@ from beamdae.analysis.optimization.problem import (
 )
 from beamdae.analysis.optimization.quantities import (
     MAX_EXPONENT,
+    EquilibriumErrors,
     EquilibriumValue,
     LargestOf,
     Limit,
@@ -328,6 +329,11 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
     )
     results = design.results
     status, messages = search.status, list_warnings(results)
+    leaves = [x for quantity in problem.quantities for x in quantity.leaves]
+    if not any(isinstance(x, (EquilibriumValue, EquilibriumErrors)) for x in leaves):
+        # Paths of critical loads end beyond these.
+        about_end = [x.instability for x in results if isinstance(x, Equilibrium)]
+        messages = tuple(x for x in messages if x not in about_end)
     if not search.was_ended:
         try:
             own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
@@ -428,8 +434,7 @@ def _list_units(problem: DesignProblem, analyses: Sequence[Any]) -> list[str]:
     """Return the units of the objective and of the constrained quantities; "" if unknown."""
     equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
     known = {} if equations is None else list_column_units(equations)
-    quantities = (problem.objective, *(x.quantity for x in problem.limits))
-    return [find_unit(quantity, known) or "" for quantity in quantities]
+    return [find_unit(quantity, known) or "" for quantity in problem.quantities]
 
 
 def _relative_margin(limit: Limit, margin: float, first: float) -> float:

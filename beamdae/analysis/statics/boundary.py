@@ -15,7 +15,8 @@ from beamdae.analysis.statics.critical_curves import CriticalCurve, CurvePoint, 
 from beamdae.analysis.statics.critical_points import BRANCH, FLUTTER, LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
 from beamdae.analysis.statics.path_controls import LoadControl
-from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.analysis.statics.stability import Stability
+from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
@@ -36,7 +37,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model, require_model_function
 from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
-from beamdae.results.equilibrium import Equilibrium
+from beamdae.results.equilibrium import UNSTABLE, Equilibrium
 from beamdae.results.outcome import REACHED_END, Status
 
 if TYPE_CHECKING:
@@ -110,6 +111,11 @@ class Boundary(HasTable, HasPage):
         Load factors (k,) [-].
     special
         Special points, in the order of the curve.
+    unstable
+        Number of unstable directions (k,) besides the critical one, or -1 if it is not known, as
+        for limit and branch points under forces without a potential. If it is 0, the path is
+        stable before or after the critical point; otherwise, the structure has left this path at
+        another critical point.
     q
         Coordinates (k, n) [m or rad].
     status
@@ -125,6 +131,7 @@ class Boundary(HasTable, HasPage):
     values: Array
     factors: Array
     special: tuple[BoundaryPoint, ...]
+    unstable: Array
     q: Array = field(repr=False)
     status: Status
     loads: tuple[str, ...]
@@ -135,9 +142,11 @@ class Boundary(HasTable, HasPage):
             f"; {one.kind} at {self.parameter} = {one.value:.6g}, factor {one.factor:.6g}"
             for one in self.special
         )
+        count = int(np.sum(self.unstable > 0))
+        unstable = f", {count} of them on unstable paths" if count else ""
         return (
             f"<Boundary of the {self.kind}: {self.status.kind}, {self.status.sentence}; "
-            f"{len(self.values)} points, {self.parameter} = {self.values[0]:g} to "
+            f"{len(self.values)} points{unstable}, {self.parameter} = {self.values[0]:g} to "
             f"{self.values[-1]:g}{special}>"
         )
 
@@ -146,10 +155,16 @@ class Boundary(HasTable, HasPage):
         return load_views().plot_critical_loads(self)
 
     def table(self) -> pd.DataFrame:
-        """Return a table with the values of the parameter and the load factors."""
+        """Return a table with the values of the parameter, the load factors and `unstable`."""
         import pandas as pd
 
-        return pd.DataFrame({self.parameter: self.values, "load factor [-]": self.factors})
+        return pd.DataFrame(
+            {
+                self.parameter: self.values,
+                "load factor [-]": self.factors,
+                UNSTABLE: self.unstable,
+            }
+        )
 
 
 @interruptible
@@ -211,7 +226,8 @@ def boundary(
     Warns
     -----
     BeamdaeWarning
-        If the curve ends early, and as in `equilibrium` for the first path.
+        If the curve ends early, if points lie on paths that are unstable without the critical
+        mode, and as in `equilibrium` for the first path, except about its end.
 
     Examples
     --------
@@ -238,7 +254,9 @@ def boundary(
     number = require_count(_NAME, "number", number, 1)
     step = require_positive(_NAME, "step", step)
     max_points = require_count(_NAME, "max_points", max_points, 2)
-    path = equilibrium(model(**{name: limits[0]}), **settings)
+    path, messages = trace_critical_points(model(**{name: limits[0]}), settings)
+    for message in messages:
+        warn_user(message)
     if len(path.loads) != 1:
         raise BeamdaeError(
             f"{_NAME}: loads must be one list of names, got {len(path.loads)} stages; name the "
@@ -246,9 +264,11 @@ def boundary(
         )
     rows = [point.row for point in path.critical if point.kind == kind]
     if len(rows) < number:
+        remedy = "; choose a farther target to=, or another kind"
+        end = remedy if path.status.success else f": {path.status.sentence}"
         raise BeamdaeError(
             f"{_NAME}: the path for {name} = {limits[0]:g} has {len(rows)} of {number} points of "
-            f"the kind {kind!r}; choose a farther target to=, or another kind."
+            f"the kind {kind!r}{end}."
         )
 
     def build(value: float) -> LoadedEquations:
@@ -260,16 +280,26 @@ def boundary(
     with single_threaded:
         follow = _follow_flutter if kind == FLUTTER else partial(_follow_curve, kind)
         first = _first_point(family, path, rows[number - 1], limits[0])
-        points, special, status = follow(family, first, limits, step, max_points)
+        points, special, status, counts = follow(family, first, limits, step, max_points)
         coordinates = [family.at(one.p).reference + one.u for one in points]
     if not status.success:
         warn_user(f"{_NAME}: {status.sentence}.")
+    unstable = np.array(counts)
+    if np.any(unstable > 0):
+        k = int(np.argmax(unstable > 0))
+        warn_user(
+            f"{_NAME}: {np.sum(unstable > 0)} of {len(points)} {kind}s lie on unstable paths "
+            f"(unstable directions above 0), the first one at {name} = {points[k].p:.6g} with the "
+            f"load factor {points[k].mu:.6g}; the structure leaves such a path at another critical "
+            "point, so also follow other kinds and numbers."
+        )
     return Boundary(
         kind,
         name,
         np.array([one.p for one in points]),
         np.array([one.mu for one in points]),
         tuple(special),
+        unstable,
         np.array(coordinates)[:, : path.equations.n],
         status,
         path.loads[0],
@@ -309,7 +339,7 @@ def _first_point(family: Family, path: Equilibrium, row: int, value: float) -> C
     return CurvePoint(x - reference, float(path.factors[row, -1]), value)
 
 
-_Curve = tuple[list[CurvePoint], list[BoundaryPoint], Status]
+_Curve = tuple[list[CurvePoint], list[BoundaryPoint], Status, list[int]]
 
 
 def _follow_curve(
@@ -323,12 +353,13 @@ def _follow_curve(
     """Follow a limit or branch point along its curve."""
     curve = CriticalCurve(family, kind, limits, first)
     points, special = [first], list[BoundaryPoint]()
+    counts = [_count_other_unstable(curve.equilibrium(first).stability)]
     sign = np.sign(limits[1] - limits[0])
     try:
         points = [curve.correct(first, curve.parameter_plane)]
         direction = curve.tangent(points[0], sign * curve.parameter_plane)
     except CorrectorError as error:
-        return points, special, Status("failed", str(error))
+        return points, special, Status("failed", str(error)), counts
     low, high = sorted(limits)
     size = step
     while len(points) < max_points:
@@ -354,18 +385,28 @@ def _follow_curve(
         except CorrectorError as error:
             size *= _CUT_FACTOR
             if size < _MIN_STEP_RATIO * step:
-                return points, special, Status("failed", str(error))
+                return points, special, Status("failed", str(error)), counts
             continue
         points.append(end)
+        counts.append(_count_other_unstable(curve.equilibrium(end).stability))
         special += passed
         direction = after
         if is_last:
-            return points, special, REACHED_END
+            return points, special, REACHED_END, counts
         growth = _GROWTH_ANGLE / max(
             float(np.arccos(min(cosine, 1.0))), _GROWTH_ANGLE / _GROWTH_FACTOR
         )
         size = min(growth * size, step)
-    return points, special, _limited(points)
+    return points, special, _limited(points), counts
+
+
+def _count_other_unstable(stability: Stability) -> int:
+    """Return the number of unstable directions besides the critical one; -1 if it is unknown."""
+    eigenvalues, count = stability.eigenvalues, stability.unstable_count
+    if not len(eigenvalues) or count < 0:
+        return -1
+    critical = eigenvalues[np.argmin(np.abs(eigenvalues))]
+    return count - int(critical < -stability.zero_tolerance)
 
 
 def _limited(points: list[CurvePoint]) -> Status:
@@ -483,9 +524,10 @@ def _follow_flutter(
     """Locate flutter points for values of the parameter in equal steps."""
     count = int(np.ceil(1.0 / step)) + 1
     points: list[CurvePoint] = []
+    counts: list[int] = []
     for p in np.linspace(*limits, count).tolist():
         if len(points) >= max_points:
-            return points, [], _limited(points)
+            return points, [], _limited(points), counts
         # Linear extrapolation of displacements and load factor.
         guess = first
         if len(points) > 1:
@@ -494,14 +536,19 @@ def _follow_flutter(
         elif points:
             guess = points[-1]
         try:
-            points.append(_locate_flutter(family, guess._replace(p=p)))
+            point, count_before = _locate_flutter(family, guess._replace(p=p))
         except CorrectorError as error:
-            return points, [], Status("failed", f"at the value {p:g} of the parameter, {error}")
-    return points, [], REACHED_END
+            status = Status("failed", f"at the value {p:g} of the parameter, {error}")
+            return points, [], status, counts
+        points.append(point)
+        counts.append(count_before)
+    return points, [], REACHED_END, counts
 
 
-def _locate_flutter(family: Family, guess: CurvePoint) -> CurvePoint:
+def _locate_flutter(family: Family, guess: CurvePoint) -> tuple[CurvePoint, int]:
     """Return the flutter point nearest to the load factor of `guess`, for the same parameter.
+
+    The number of unstable directions on its stabler side follows.
 
     Raises
     ------
@@ -512,14 +559,14 @@ def _locate_flutter(family: Family, guess: CurvePoint) -> CurvePoint:
     system, reference = family.at(guess.p)
     corrector = Corrector(system)
     near = EquilibriumPoint(system, reference + guess.u, guess.mu)
-    counts: dict[float, int] = {}
+    stabilities: dict[float, Stability] = {}
 
     def count(mu: float) -> int:
         nonlocal near
-        if mu not in counts:
+        if mu not in stabilities:
             near = corrector.correct(LoadControl(), mu, near.x, mu)
-            counts[mu] = near.stability.oscillation_count
-        return counts[mu]
+            stabilities[mu] = near.stability
+        return stabilities[mu].oscillation_count
 
     width = _WINDOW
     low, high = guess.mu, guess.mu
@@ -534,4 +581,5 @@ def _locate_flutter(family: Family, guess: CurvePoint) -> CurvePoint:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if count(middle) == count(low) else (low, middle)
     end = corrector.correct(LoadControl(), high, near.x, high)
-    return CurvePoint(end.x - reference, 0.5 * (low + high), guess.p)
+    unstable = min(stabilities[low].unstable_count, stabilities[high].unstable_count)
+    return CurvePoint(end.x - reference, 0.5 * (low + high), guess.p), unstable

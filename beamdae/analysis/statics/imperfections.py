@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.analysis.statics.linear_buckling import Buckling
-from beamdae.analysis.statics.static_equilibrium import equilibrium
+from beamdae.analysis.statics.static_equilibrium import trace_critical_points
 from beamdae.beams.beam import CUSTOM_FORMULATION, Beam, beams_of
 from beamdae.beams.remeshing import replace_beams
 from beamdae.curves.intrinsic_curve import IntrinsicCurve
@@ -17,6 +17,7 @@ from beamdae.curves.plane_curves import PlaneCurve, require_curve
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import (
     BeamdaeError,
+    kind_of_message,
     record_warnings,
     require_finite,
     require_mapping,
@@ -28,6 +29,7 @@ from beamdae.errors import (
 from beamdae.interrupts import interruptible
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.section_forces.section_motions import (
     SectionFunction,
     evaluate_sections,
@@ -250,25 +252,34 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
     Warns
     -----
     BeamdaeWarning
-        If the path of an amplitude has no critical point, or ended early, as in `equilibrium`.
+        If the path of an amplitude has no critical point, and as in `equilibrium` for the model,
+        each kind of warning once.
     """
     model = as_mechanism("knock_down", model)
     deviations = _find_deviations("knock_down", model, shape)
     values = require_sequence("knock_down", "amplitudes", amplitudes, "numbers")
     sizes = [require_finite("knock_down", "amplitudes", value) for value in values]
     kinds, factors = [], []
+    messages: dict[str, str] = {}
+
+    def trace(mechanism: Mechanism) -> Equilibrium:
+        path, sentences = trace_critical_points(mechanism, settings)
+        for sentence in sentences:
+            messages.setdefault(kind_of_message(sentence), sentence)
+        return path
+
     for size in sizes:
-        bent = _deviate("knock_down: an entry of amplitudes,", model, deviations, size)
-        path = equilibrium(bent, **settings)
+        path = trace(_deviate("knock_down: an entry of amplitudes,", model, deviations, size))
         kinds.append(path.critical[0].kind if path.critical else "")
         factors.append(float(path.critical[0].factor) if path.critical else np.nan)
         if not path.critical:
-            message = (
-                f"knock_down: the path of the amplitude {size:g} m has no critical point; choose "
-                "a farther target to=."
-            )
-            warn_user(message)
-    perfect = equilibrium(model, **settings).critical
+            what = f"knock_down: the path of the amplitude {size:g} m has no critical point"
+            is_short = path.status.success
+            end = "; choose a farther target to=" if is_short else f": {path.status.sentence}"
+            warn_user(f"{what}{end}.")
+    perfect = trace(model).critical
+    for message in messages.values():
+        warn_user(message)
     factor = float(perfect[0].factor) if perfect else np.nan
     return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)
 

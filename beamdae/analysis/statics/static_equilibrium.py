@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,14 @@ from beamdae.analysis.statics.path_tracing import (
     trace_path,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import BeamdaeError, require_choice, require_finite, warn_of_result, warn_user
+from beamdae.errors import (
+    BeamdaeError,
+    hold_messages,
+    require_choice,
+    require_finite,
+    warn_of_result,
+    warn_user,
+)
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -121,7 +129,7 @@ def equilibrium(
     -----
     BeamdaeWarning
         If the path ended early (with the last converged load factor and the reason), and for each
-        of `Equilibrium.warnings`.
+        of `Equilibrium.warnings`, which name an unstable end of a path by load control.
 
     Examples
     --------
@@ -176,9 +184,24 @@ def equilibrium(
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
-        warn_user(f"{information.get('name', _NAME)}: {result.status.sentence}.")
+        warn_user(_describe_early_end(result))
     warn_of_result(result.warnings, equations.build_warnings)
     return result
+
+
+def _describe_early_end(path: Equilibrium) -> str:
+    return f"{path.model.get('name', _NAME)}: {path.status.sentence}."
+
+
+def trace_critical_points(model: Any, settings: Mapping[str, Any]) -> tuple[Equilibrium, list[str]]:
+    """Return a path of which only the critical points are used, and the warnings it would issue.
+
+    Warnings about the end of the path, which lies beyond its critical points, are omitted.
+    """
+    with hold_messages() as messages:
+        path = equilibrium(model, **settings)
+    about_end = (_describe_early_end(path), path.instability)
+    return path, [message for message in messages if message not in about_end]
 
 
 def _turning_notes(system: LoadedEquations, x: Array, factor: float) -> tuple[str, ...]:
