@@ -327,9 +327,16 @@ class RunData:
         # Errors of motions that the constraints determine do not accumulate.
         has_errors = self._has_fixed_steps and self.equations.m < self.equations.n
         if has_errors and not self._is_at_rest:
-            n_steps = sum(len(x.t) for x in self.trajectory.intervals)
+            n_steps = sum(len(x.t) - 1 for x in self.trajectory.intervals)
             duration, length = float(np.ptp(self.t[[0, -1]])), self.equations.length
-            yield from long_step_warnings(self.step_extremes, n_steps, duration, length)
+            yield from long_step_warnings(
+                self.step_extremes,
+                n_steps,
+                duration,
+                length,
+                self.integrator.get("period_error", 0.0),
+                lambda: self._energy_ledger.has_free_vibrations,
+            )
 
     def _select_loaded_state(self, row: int) -> LoadedState:
         """Return the state at an output time; load factors of inactive parts are zero."""

@@ -239,7 +239,6 @@ class FixedAlphaStepper(AlphaStepper):
 
     steps_per_check: ClassVar[int] = FIXED_STEPS_PER_CHECK
     _loop: ClassVar[Callable[[Any], int]] = staticmethod(take_fixed_steps)
-    resolved_options: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, *settings: Any, step: float) -> None:
         super().__init__(*settings)
@@ -248,6 +247,11 @@ class FixedAlphaStepper(AlphaStepper):
         self.awaits_sample = False
         self._call = RepeatedCall(self._step_loop, _SAMPLE_INPUTS, ("filled",))
         self._problem: BeamdaeError | None = None
+
+    @property
+    def resolved_options(self) -> dict[str, Any]:
+        """The relative error of periods of free vibrations, see `AlphaParameters`."""
+        return {"period_error": self._alpha_start.member.period_error}
 
     def begin(self, start: float, end: float, branch: float, state: State) -> None:
         """Begin the smooth interval from `start` to `end` [s] at a consistent state."""

@@ -39,14 +39,17 @@ _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be eval
 _MAX_NAMES = 3  # of further columns in a warning
 _MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
 _SAME_STEP = 1e-6  # relative difference of equal steps
+_BLOCKS_AT_ONCE, _MIN_BLOCK = 16, 8  # parts of a vibration with its own amplitude, in steps
 
 
 @dataclass(frozen=True)
 class StepExtremes:
     """Extremes of an observed column, their times [s], and its root mean square.
 
-    All of them include the steps and the output rows. `roughness` is the root mean square of the
-    second differences between fixed steps, without jumps; 0 for adaptive steps.
+    All of them include the steps and the output rows. For adaptive steps, the last two are 0.
+    `roughness` is the root mean square of the second differences between fixed steps, without
+    jumps. `delay` is the error of a vibration that accumulates if its periods change by (w h)^2,
+    with the angular frequency w and the step h.
     """
 
     min: float
@@ -55,6 +58,7 @@ class StepExtremes:
     max_time: float
     rms: float
     roughness: float = 0.0
+    delay: float = 0.0
 
 
 class ExtremesByColumn(ReadOnlyDict):
@@ -150,7 +154,7 @@ def measure_step_extremes(
     observed
         Function that returns the observed columns (k,) at these times, by header.
     has_fixed_steps
-        True to measure the roughness of the columns.
+        True to measure roughness and delay of the columns.
     """
     headers = equations.observed_headers
     if not headers:
@@ -159,7 +163,7 @@ def measure_step_extremes(
     omitted_units = _UNITS_OF_ACCELERATIONS if has_transients else ()
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
-    squares, roughness = _SquareIntegral(rows_of_table), _Roughness(len(headers))
+    squares, differences = _SquareIntegral(rows_of_table), _StepDifferences(len(headers))
     extremes: tuple[Array, Array] | None = None
     intervals_of_rows = trajectory.interval_index(row_times)
     for number, interval in enumerate(trajectory.intervals):
@@ -176,7 +180,7 @@ def measure_step_extremes(
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
             if has_fixed_steps and interval.record is None:
-                roughness.extend(rows[block, 0], columns)
+                differences.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
             if extremes is not None:
                 pairs = zip(extremes, of_block, strict=True)
@@ -190,15 +194,17 @@ def measure_step_extremes(
     of_rows = _find_extremes(row_times, numbers)
     pairs = zip(extremes, of_rows, strict=True)
     times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
+    roughness, delay = differences.finish()
     return ExtremesByColumn(
         {
-            header: StepExtremes(low, low_time, high, high_time, rms, rough)
-            for header, (low, high), (low_time, high_time), rms, rough in zip(
+            header: StepExtremes(low, low_time, high, high_time, *others)
+            for header, (low, high), (low_time, high_time), *others in zip(
                 headers,
                 values.T.tolist(),
                 times.T.tolist(),
                 squares.finish().tolist(),
-                roughness.finish().tolist(),
+                roughness.tolist(),
+                delay.tolist(),
                 strict=True,
             )
             if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
@@ -276,14 +282,18 @@ class _SquareIntegral:
         return np.sqrt(self._sum / duration) if duration > 0.0 else np.abs(self._rows[0, 1:])
 
 
-class _Roughness:
-    """Root mean square of the second differences of columns between equal steps.
+class _StepDifferences:
+    """Roughness and delay of columns from the differences between equal steps.
 
-    Of three consecutive differences, the smallest magnitude counts: jumps contain only two.
+    Of three consecutive differences, the smallest magnitude counts: jumps contain only two. A
+    vibration with the amplitude A has third differences of A (w h)^3, and its delay is their sum.
+    If its amplitude decays, so do the errors before: the number of steps times the differences is
+    an upper bound. Both hold for vibrations that few blocks of steps contain, such as impacts.
     """
 
     def __init__(self, n_columns: int) -> None:
-        self._sum, self._count = np.zeros(n_columns), 0
+        self._squares, self._count, self._n_steps = np.zeros(n_columns), 0, 0
+        self._sum, self._delay = np.zeros(n_columns), np.zeros(n_columns)
 
     def extend(self, times: Array, columns: Array) -> None:
         """Add ascending steps with the columns (k, n)."""
@@ -291,14 +301,34 @@ class _Roughness:
         is_equal = np.abs(np.diff(steps)) <= _SAME_STEP * steps[1:]
         # Columns may be infinite or not a number at some steps.
         with np.errstate(invalid="ignore", over="ignore"):
-            differences = np.abs(np.diff(columns, 2, axis=0)) * is_equal[:, None]
-            smallest = np.minimum(differences[2:], differences[1:-1])
-            self._sum += np.sum(np.minimum(smallest, differences[:-2]) ** 2, axis=0)
+            seconds = np.diff(columns, 2, axis=0) * is_equal[:, None]
+            smallest = _smallest_of_three(seconds)
+            self._squares += np.sum(smallest**2, axis=0)
+            thirds = _smallest_of_three(np.diff(seconds, axis=0))
+            if len(thirds):
+                self._add_delay(thirds)
         self._count += len(smallest)
+        self._n_steps += len(times)
 
-    def finish(self) -> Array:
-        """Return the roughness of each column, (n,)."""
-        return np.sqrt(self._sum / max(self._count, 1))
+    def _add_delay(self, thirds: Array) -> None:
+        size = max(len(thirds) // _BLOCKS_AT_ONCE, _MIN_BLOCK)
+        starts = np.arange(0, len(thirds), size)
+        counts = np.diff(np.append(starts, len(thirds)))[:, None]
+        means = np.sqrt(2.0 * np.add.reduceat(thirds**2, starts, axis=0) / counts)
+        sums = self._sum + np.cumsum(counts * means, axis=0)
+        bounds = (self._n_steps + np.cumsum(counts)[:, None]) * means
+        self._delay = np.fmax(self._delay, np.max(np.minimum(sums, bounds), axis=0))
+        self._sum = sums[-1]
+
+    def finish(self) -> tuple[Array, Array]:
+        """Return roughness and delay of each column, (n,) each."""
+        return np.sqrt(self._squares / max(self._count, 1)), self._delay
+
+
+def _smallest_of_three(differences: Array) -> Array:
+    """Return the smallest magnitude of three consecutive rows (k, n)."""
+    sizes = np.abs(differences)
+    return np.asarray(np.minimum(np.minimum(sizes[2:], sizes[1:-1]), sizes[:-2]))
 
 
 def may_have_short_peaks(equations: EquationsOfMotion) -> bool:
