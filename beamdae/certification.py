@@ -720,13 +720,7 @@ class _Certification:
             # `not >=` also counts errors that are not numbers.
             if not worst >= _MIN_REDUCTION * self._worst_total():
                 stagnations += 1
-        sentence = f"all required columns are within {accuracy:g} of half their range"
-        headers = np.array(list(self._last.solution.columns))
-        others = [remove_unit(x) for x in headers[~self._required & ~(self._total <= accuracy)]]
-        if others:
-            names = list_first(others, _MAX_NAMES)
-            sentence += f"; columns that are not required exceed it: {names}"
-        return Status("ok", sentence)
+        return Status("ok", f"all required columns are within {accuracy:g} of half their range")
 
     def _update(self, difference: _Difference, last: _Run, run: _Run) -> None:
         """Set the errors of `run` from its difference from `last`.
@@ -811,8 +805,10 @@ class _Certification:
         good_until, growth_rate = float(last.solution.t[0]), np.nan
         if status.success:
             good_until = float(last.solution.t[-1])
+            sentence = status.sentence + self._name_other_columns(self._total + time - self._time)
             if notes:
-                status = Status("ok", f"{status.sentence}; see the notes for what is not assessed")
+                sentence += "; see the notes for what is not assessed"
+            status = Status("ok", sentence)
         elif is_assessed and self._last_difference is not None:
             good_until, growth_rate = self._describe_growth(self._last_difference, self._total)
             rate = (
@@ -876,6 +872,24 @@ class _Certification:
             ),
             notes=tuple(notes),
         )
+
+    def _name_other_columns(self, total: Array) -> str:
+        """Return the end of a sentence on columns that are not required and exceed the accuracy.
+
+        `total` contains the errors, with those of the extremes that the rows miss.
+        """
+        columns = list(self._last.solution.columns)
+        is_other = ~self._required & ~(total <= self.task.accuracy)
+        worst = sorted(np.flatnonzero(is_other), key=lambda k: -np.nan_to_num(total[k], nan=np.inf))
+        if not worst:
+            return ""
+        names = list_first(
+            [f"{remove_unit(columns[k])} ({total[k]:.2g})" for k in worst], _MAX_NAMES
+        )
+        sentence = f"; columns that are not required exceed it: {names}"
+        if np.any(self._total[worst] <= self.task.accuracy):
+            sentence += ", also because the rows miss extremes (reduce output_step=)"
+        return sentence
 
     def _describe_growth(self, difference: _Difference, errors: Array) -> tuple[float, float]:
         """Return the time [s] up to which errors are within the accuracy, and the growth rate.

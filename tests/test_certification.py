@@ -2,6 +2,7 @@
 
 import itertools
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -345,6 +346,24 @@ def test_an_interrupted_run_returns_a_certificate_or_raises(monkeypatch):
         bd.certify(double_pendulum(0.3), t_end=0.1, progress=interrupt_run(2))
     assert caught.value.partial.status == result.status
     assert caught.value.solution.t[-1] == 0.1
+
+
+def test_regression_columns_whose_extremes_the_rows_miss_are_among_those_not_required():
+    """The sentence was without the worst column of the budget, which read (no)."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 0.0), mass.point, 40.0))
+    pulse = bd.Force(
+        "pulse", mass.point, (lambda t: 0.1 * ca.exp(-(((t - 0.505) / 0.004) ** 2)), 0.0)
+    )
+    mech.add(pulse)
+    mech.observe("pulse", pulse.force)
+    mech.observe("mass", mass.point)
+    result = bd.certify(mech, t_end=1.0, output_step=0.01)
+    budget = result.budget
+    assert budget.loc["pulse.Fx [N]", "certified"] == "(no)"
+    assert "not required exceed it: pulse.Fx (" in result.status.sentence
+    assert "the rows miss extremes" in result.status.sentence
 
 
 def test_repr_and_html_name_the_result(certificate):

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from beamdae.cli import signals
 from beamdae.cli.output import (
     WrittenFiles,
-    create_console,
+    print_facts,
     print_warnings,
-    record_results,
     withdraw_warnings,
 )
 from beamdae.cli.progress import show_run_progress
@@ -360,14 +359,12 @@ def print_results(run: Run, solution: Solution) -> None:
     from beamdae.report.terminal import text_tables
     from beamdae.results.event_records import format_event_times
 
-    record_results(lambda: _json_results(run, solution))
-    console = create_console()
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
         rows["events"] = format_event_times(solution.event_records)
     if run.certificate is not None:
         rows |= run.certificate.facts()
-    console.print(text_tables.fact_list(run.model.name, rows))
+    console = print_facts(run.model.name, rows, lambda: _json_results(run, solution))
     if solution.columns:
         console.print(text_tables.range_table(solution.columns, run.errors, solution.step_extremes))
     if solution.derivatives is not None:
