@@ -102,10 +102,8 @@ def describe_fit(fit: Fit) -> dict[str, str]:
     if not fit.status.success:
         interval = "none, because the search did not reach a minimum"
     facts = {"status": fit.status.sentence}
-    if fit.is_sigma_known:
-        # Otherwise, both numbers are equal by construction.
-        freedom = f"{fit.degrees_of_freedom} degrees of freedom"
-        facts["chi-square"] = f"{fit.chi_square:.4g} at {freedom}"
+    if chi_square := fit.describe_chi_square():
+        facts["chi-square"] = chi_square
     count = len(fit.solutions)
     facts |= {
         "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),

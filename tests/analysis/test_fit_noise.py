@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import beamdae as bd
 
@@ -49,6 +50,37 @@ def test_regression_outliers_are_named(exact):
     assert len(result.warnings) == 1
     values[[20, 55]] = np.nan
     assert fit(values).warnings == ()
+
+
+def test_regression_improbable_chi_square_is_stated(exact):
+    """A parameter was 28 % off with a probability of 7e-4 and no message."""
+    noise = white() / np.std(white())
+    result = fit(exact + 1e-3 * noise, sigma=1e-3)
+    assert 0.1 < result.probability < 0.9
+    assert f"(probability {result.probability:.2g})" in repr(result)
+    with pytest.warns(bd.BeamdaeWarning, match="The model may not explain the data"):
+        # 1.28^2 * 101 residuals against 99 degrees of freedom.
+        doubtful = fit(exact + 1.28e-3 * noise, sigma=1e-3)
+    assert doubtful.probability == pytest.approx(
+        chi2.sf(doubtful.chi_square, doubtful.degrees_of_freedom), rel=1e-9
+    )
+    assert 1e-6 < doubtful.probability < 1e-3
+    estimated = fit(exact + 1e-3 * noise)
+    assert np.isnan(estimated.probability)
+    assert "chi-square" not in repr(estimated)
+
+
+def test_regression_first_runs_of_another_size_warn_at_once(exact):
+    """A fit without its start searched for minutes without a message."""
+    data = {"t [s]": TIMES, "mass.x": 1.0 + 1e3 * (exact - 1.0)}
+    sentence = r"mass.x has a range of 0\.\d+ m in the first run and of [\d.]+ m in the data"
+    with pytest.warns(bd.BeamdaeWarning, match=sentence):
+        bd.fit(oscillator, data, list(TRUE), METHOD, max_evaluations=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Noise about a constant.
+        resting = {"t [s]": TIMES, "mass.x": exact, "mass.y": white()}
+        bd.fit(oscillator, resting, list(TRUE), METHOD, sigma=1e-3)
 
 
 def test_regression_times_that_begin_late_correlate_the_residuals(exact):

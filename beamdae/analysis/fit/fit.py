@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
@@ -24,11 +24,16 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.model_functions import Model
+from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
 
 _MAX_STARTS = 10_000
 _MAX_SEED = 2**32 - 1
+# Ratio of the ranges of a column in the first run and in the data from which a fit warns, and
+# correlation of consecutive data up to which these may be noise.
+_MAX_RANGE_RATIO = 100.0
+_MIN_CORRELATION = 0.5
 
 
 @interruptible
@@ -153,9 +158,10 @@ def fit(
     Warns
     -----
     BeamdaeWarning
-        If the search did not converge, with the reason, for each sentence in `Fit.warnings`, which
-        include those of the runs, if a parameter has no effect on the model, and for each sentence
-        in `Fit.undetermined` if a standard deviation is infinite.
+        At once if the ranges of a column in the first run and in the data differ by a factor above
+        100; if the search did not converge, with the reason, for each sentence in `Fit.warnings`,
+        which include those of the runs, if a parameter has no effect on the model, and for each
+        sentence in `Fit.undetermined` if a standard deviation is infinite.
 
     Examples
     --------
@@ -199,7 +205,13 @@ def fit(
         end = SearchResult(evaluation, 1, status, np.zeros(len(first), bool))
     else:
         try:
-            end = search(problem, scaling, first, max_evaluations)
+            end = search(
+                problem,
+                scaling,
+                first,
+                max_evaluations,
+                check_start=lambda evaluation: _compare_ranges(problem, evaluation),
+            )
         except Interrupted as interrupt:
             if interrupt.partial is None:
                 raise
@@ -226,6 +238,28 @@ def fit(
         elif kind_of_message(sentence) not in problem.build_warnings:
             warn_user(sentence)
     return result
+
+
+def _compare_ranges(problem: FitProblem, first: Evaluation) -> None:
+    """Warn of columns whose range in the first run is far from that of the data.
+
+    Columns with an unknown scale are omitted, and data that may be noise about a constant.
+    """
+    model, end = problem.recorded_values(first), 0
+    for series, header in zip(problem.data.series, problem.headers, strict=True):
+        begin, end = end, end + len(series.values)
+        changes = series.values - series.values.mean()
+        is_noise = changes[1:] @ changes[:-1] <= _MIN_CORRELATION * (changes @ changes)
+        if is_noise or any(begin in sensor.rows for sensor in problem.sensors.scales):
+            continue
+        ranges = [float(np.ptp(x)) for x in (model[begin:end], series.values)]
+        if max(ranges) > _MAX_RANGE_RATIO * min(ranges):
+            unit = split_unit(header)[1]
+            texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
+            warn_user(
+                f"fit: {series.label} has a range of {texts[0]} in the first run and of "
+                f"{texts[1]} in the data; check start=, loads, units and first values."
+            )
 
 
 def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> list[str]:

@@ -286,6 +286,10 @@ class FitProblem:
         model, derivatives = self._compare(runs, times)
         return self._project(values, runs, model, derivatives)
 
+    def recorded_values(self, evaluation: Evaluation) -> Array:
+        """Return the recorded values (N,) that an evaluation predicts."""
+        return self._values + evaluation.residuals / self._weights
+
     def accepts(self, values: Array) -> bool:
         """Return True if the equations of all experiments can be assembled with values (K,)."""
         fitted = dict(zip(self.names, values.tolist(), strict=False))

@@ -56,6 +56,8 @@ _MIN_MEAN_SHARE = 0.5
 # If larger values of chi-square are less probable, the model does not explain the data; if smaller
 # ones are, sigma is too large.
 _MIN_PROBABILITY = 1e-6
+# Probability of larger values of chi-square below which the model is doubtful.
+_MIN_USUAL_PROBABILITY = 1e-3
 # From this ratio of sigma to the residuals of a column, sigma is reported.
 _MAX_SIGMA_RATIO = 1.4
 # Larger shares of the variance that a fit without known errors leaves are reported.
@@ -147,13 +149,31 @@ class Fit:
             )
         )
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
-        end = f"<Fit: {values}; {self.status.sentence}{bounds}>"
+        end = f"<Fit: {values}; {self.status.sentence}{bounds}{self._chi_square_text}>"
         return " ".join([end, *self.warnings, *self.undetermined])
 
     def _repr_html_(self) -> str:
-        end = f"Fit of {self.model_name}: {self.status.sentence}"
+        end = f"Fit of {self.model_name}: {self.status.sentence}{self._chi_square_text}"
         lines = [end, *self.warnings, *self.undetermined]
         return "<br>".join(map(html.escape, lines)) + self.table().to_html(float_format=_DIGITS)
+
+    @property
+    def _chi_square_text(self) -> str:
+        """Text that follows the status: chi-square with its probability, or "" without `sigma`."""
+        description = self.describe_chi_square()
+        return f"; chi-square {description}" if description else ""
+
+    def describe_chi_square(self) -> str:
+        """Return chi-square, the degrees of freedom and `probability`; "" if sigma is estimated.
+
+        Without `sigma`, chi-square is equal to the degrees of freedom by construction.
+        """
+        if not self.is_sigma_known:
+            return ""
+        return (
+            f"{self.chi_square:.4g} at {self.degrees_of_freedom} degrees of freedom (probability "
+            f"{self.probability:.2g})"
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,7 +226,7 @@ class Fit:
         Sentences on values of parameters that the model rejected, on estimates that depend on the
         steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
         than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
-        and larger values of chi-square have a probability below 1e-6, or, without `sigma`, more
+        and larger values of chi-square have a probability below 1e-3, or, without `sigma`, more
         than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
         of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
         white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
@@ -278,6 +298,16 @@ class Fit:
         If the model is right and `sigma` is known, it is near `degrees_of_freedom`.
         """
         return float(self.residuals @ self.residuals)
+
+    @property
+    def probability(self) -> float:
+        """Probability of a larger `chi_square` if the model and `sigma` are right.
+
+        Small values indicate a wrong model. It is NaN if `sigma` was not given.
+        """
+        if not self.is_sigma_known or self.degrees_of_freedom < 1:
+            return float("nan")
+        return float(chdtrc(self.degrees_of_freedom, self.chi_square))
 
     @property
     def singular_values(self) -> Array:
@@ -749,6 +779,7 @@ def _check_residuals(
         or _check_variation(problem, weighted)
         or _check_sigma(problem, residuals, count)
         or _check_noise(problem, weighted)
+        or _check_probability(problem, residuals, count)
     )
 
 
@@ -762,6 +793,20 @@ def _check_intervals(problem: FitProblem, information: Information) -> tuple[str
         f"The intervals of {', '.join(names)} may not hold: their linear approximation fails "
         "because the data hardly distinguish effects of estimates (see undetermined); use "
         f"fit.profile({names[0]!r}), which does without it, or fix a parameter.",
+    )
+
+
+def _check_probability(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+    """Return a warning if larger sums of the squared residuals are rare for the given sigma."""
+    freedom = residuals.size - count
+    if not problem.data.is_sigma_known or freedom < 1:
+        return ()
+    probability = float(chdtrc(freedom, residuals @ residuals))
+    if probability >= _MIN_USUAL_PROBABILITY:
+        return ()
+    return (
+        "The model may not explain the data: if it and sigma are right, larger residuals have a "
+        f"probability of {probability:.1g}; check sigma and the residuals over time (plot).",
     )
 
 

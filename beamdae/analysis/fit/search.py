@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,10 +67,12 @@ def search(
     first: Array,
     max_evaluations: int,
     free: Array | None = None,
+    check_start: Callable[[Evaluation], None] | None = None,
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
-    Only the variables marked in `free` (K,) vary; None means all.
+    Only the variables marked in `free` (K,) vary; None means all. `check_start` is called with the
+    first evaluation.
 
     Raises
     ------
@@ -137,6 +139,8 @@ def search(
             "fit: the first run has no finite sum of squared residuals; choose other first values "
             "in parameters, or check the data."
         )
+    if check_start is not None:
+        check_start(start)
     if not free.any():
         is_at_bound = np.zeros(len(first), bool)
         return SearchResult(start, 1, Status("ok", "all parameters are fixed"), is_at_bound)

@@ -246,6 +246,7 @@ def _json_results(result: Fit) -> dict[str, Any]:
         "estimates": result.table().assign(unit=list(result.units.values())).to_dict("index"),
         "chi-square": result.chi_square,
         "degrees of freedom": result.degrees_of_freedom,
+        "probability of a larger chi-square": result.probability,
         "sigma": dict(result.sigma),
         "evaluations": result.evaluations,
         "undetermined": list(result.undetermined),
