@@ -222,10 +222,15 @@ class Check:
     mesh_errors: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        verdict = self.problem or "ready to run"
-        if self.warnings:
-            verdict += f"; {len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}"
-        return f"<Check of {self.name}: mobility {self.mobility}; {verdict}>"
+        return f"<Check of {self.name}: mobility {self.mobility}; {self.verdict}>"
+
+    @property
+    def verdict(self) -> str:
+        """The reason why a run is not possible, or "ready to run" with the number of warnings."""
+        if self.problem or not self.warnings:
+            return self.problem or "ready to run"
+        count = f"{len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}"
+        return f"ready to run, but {count} about its results"
 
     def _repr_html_(self) -> str:
         from beamdae.report.run_summary import format_html_table

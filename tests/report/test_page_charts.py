@@ -59,6 +59,15 @@ def test_values_are_read_in_the_unit_of_the_axis(show):
     assert unit == "MPa"
 
 
+def test_regression_constants_but_for_rounding_errors_are_drawn_as_constants(show):
+    """661.753049 to 661.753051 MPa looked like a violent vibration."""
+    tab = show(study_page())
+    low, high = tab.evaluate("padRange([661.753049, 661.753051], false)")
+    assert high - low > 100.0
+    low, high = tab.evaluate("padRange([661.75, 661.76], false)")
+    assert high - low == pytest.approx(0.011)
+
+
 def test_values_are_read_at_the_pointer_and_by_keys(show):
     tab = show(study_page())
     select_only(tab, 2)

@@ -7,6 +7,7 @@ import pickle
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page
 from beamdae.studies.execution import study_run
 from beamdae.studies.execution.executors import LocalPool, SerialPool
-from beamdae.studies.execution.study_run import StudyPlan
+from beamdae.studies.execution.study_run import StudyPlan, StudyResults
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 from beamdae.studies.study_pictures import list_plots
 from beamdae.studies.tasks import serialize_value
@@ -304,3 +305,24 @@ def test_command_prints_the_number_of_completed_cases(tmp_path):
     assert (tmp_path / "masses" / "report.html").is_file()
     table = pd.read_csv(io.BytesIO((tmp_path / "masses" / "cases.csv").read_bytes()))
     assert list(table["mass"]) == [1.0, -1.0]
+
+
+def test_regression_warnings_that_several_cases_share_are_described_once():
+    """Texts of several warnings differed in their combination: one paragraph per case."""
+    bent = "arm: the beam bends {} rad. Use strain='exact' (see arm.x); or more elements."
+    missed = "tip.x_dot: the output rows miss {} m/s at t = 1 s, also in tip.y (2 m){}."
+    texts = [
+        "",
+        f"{bent.format(0.1)} {missed.format(2, '')}",
+        missed.format(3.5, ", tip.z (1 m)"),
+        f"{bent.format(0.2)} {missed.format(1e-5, '')} Further: no.",
+    ]
+    study = SimpleNamespace(name="heights", cases=range(4), tag="case {}".format)
+    table = pd.DataFrame({"warnings": texts, "group": "a"})
+    results = SimpleNamespace(study=study, table=table, references={})
+    sentences = StudyResults.describe_warnings(results)
+    assert sentences == [
+        f"heights: warnings in 2 of 4 cases, for example case 1: {bent.format(0.1)}",
+        f"heights: warnings in 3 of 4 cases, for example case 1: {missed.format(2, '')}",
+        "heights: warnings in 1 of 4 cases, for example case 3: Further: no.",
+    ]

@@ -74,7 +74,7 @@ def describe_check(check: Any) -> Mapping[str, str]:
         )
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
-    facts["verdict"] = check.problem or "ready to run"
+    facts["verdict"] = check.verdict
     return facts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -41,6 +42,8 @@ from beamdae.studies.store.store import Store
 from beamdae.studies.tasks import NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
+# The warnings of a case are one text; each begins with the name of a part or column and a colon.
+_BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 _MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
@@ -184,15 +187,19 @@ class StudyResults:
         Warnings of one kind differ only in numbers.
         """
         table = self.table
-        kinds: dict[str, list[tuple[int, str, str]]] = {}
+        # By kind, the first warning of each case.
+        kinds: dict[str, dict[int, str]] = {}
         if "warnings" not in table:
             return []
-        for k, (text, group) in enumerate(zip(table["warnings"], table["group"], strict=True)):
-            if isinstance(text, str) and text:
-                kinds.setdefault(kind_of_message(f": {text}"), []).append((k, group, text))
+        for k, text in enumerate(table["warnings"]):
+            for warning in _BETWEEN_WARNINGS.split(text) if isinstance(text, str) and text else ():
+                # Further columns of a warning may differ, too.
+                kind = kind_of_message(f": {warning}").partition(", also ")[0]
+                kinds.setdefault(kind, {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
-            row, group, text = cases[0]
+            row, text = next(iter(cases.items()))
+            group = table["group"].iloc[row]
             tag = self.study.tag(self.study.cases[row])
             label = f"{group}, {tag}" if group in self.references else tag
             sentences.append(

@@ -5,6 +5,7 @@ const MIN_TICK_INTERVALS = 1.6;
 const MAX_TICK_INTERVALS = 3.5;
 const MIN_POWER_TICK_DECADES = 0.7; // logarithmic axes that span less have evenly spaced ticks
 const MAX_POWER_TICKS = 8;
+const MIN_RELATIVE_RANGE = 1e-7; // of values; smaller ranges are rounding errors
 
 // Map from values in `range` to positions from `start` to `end` in the picture, and its inverse.
 // `stepBase` is that of `createLinearTicks`. Evenly spaced ticks show values divided by ten to the power `order`; other ticks have the order 0.
@@ -76,7 +77,10 @@ function padRange([low, high], isLog) {
     const factor = Math.max(10 ** (0.08 * (1 + Math.log10(high / low))), Math.sqrt((10 * low) / high));
     return [low / factor, high * factor];
   }
-  const margin = 0.05 * (high - low) || 0.1 * Math.abs(high) || 1;
+  const size = Math.max(Math.abs(low), Math.abs(high));
+  // Constants but for rounding errors are drawn as constants.
+  const isConstant = high - low <= MIN_RELATIVE_RANGE * size;
+  const margin = isConstant ? 0.1 * size || 1 : 0.05 * (high - low);
   return [low - margin, high + margin];
 }
 

@@ -26,7 +26,8 @@ function drawHeader() {
   byId("title").textContent = page.title;
   byId("subtitle").textContent = page.subtitle;
   byId("remarks").hidden = !page.notes.length;
-  byId("remarks").open = !window.matchMedia("(max-width: 34rem)").matches;
+  // Many notes would take the place of the motion on the first screen.
+  byId("remarks").open = page.notes.length === 1 && !window.matchMedia("(max-width: 34rem)").matches;
   byId("remarks").firstElementChild.textContent = page.notes.length === 1 ? "1 note" : `${page.notes.length} notes`;
   byId("notes").replaceChildren(...page.notes.map((note) => html("li", {}, note)));
   byId("versions").textContent = Object.entries(page.made)
