@@ -144,6 +144,37 @@ def test_regression_flutter_behind_strongly_damped_modes_is_found(elements):
     check_path(mech, path)
 
 
+def portal(damping, elements):
+    """Return a clamped portal frame of 1 m by 1 m with follower forces on both corners."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=damping)
+    corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    left, beam, right = (
+        mech.add(bd.Beam(name, bd.Line(start, end), section, elements, **EXACT))
+        for name, start, end in zip(("left", "beam", "right"), corners, corners[1:], strict=False)
+    )
+    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), left.start))
+    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), right.end))
+    mech.add(bd.Weld("left corner", left.end, beam.start))
+    mech.add(bd.Weld("right corner", beam.end, right.start))
+    for name, at, load in (("first", left.end, 1.0), ("second", right.start, 0.8)):
+        mech.add(bd.Force(name, at, (0.3 * section.EI, -load * section.EI), axes="body"))
+    return mech
+
+
+@pytest.mark.slow(reason="five seconds")
+def test_regression_limit_point_next_to_a_slow_damped_oscillation_is_no_flutter_point():
+    # Behind the minimum of the load, two modes that grow become an oscillation. Their small squared
+    # frequencies left one motion out of the refined modes: the point was a flutter point, and the
+    # number of unstable directions changed from one to two.
+    path = bd.equilibrium(portal(1e-4, 2), to=12.0, control="arc length")
+    kinds = [point.kind for point in path.critical]
+    assert kinds == ["limit point", "limit point", "flutter point"]
+    rows = [point.row for point in path.critical]
+    assert [path.unstable[row - 1] for row in rows] == [0, 1, 2]
+    assert path.unstable[-1] == 0
+
+
 def test_contradictory_numbers_of_growing_modes_end_the_path(monkeypatch):
     # A real eigenvalue passes zero only where the tangent is singular.
     def grows_beyond(system, x, mu):

@@ -291,16 +291,17 @@ class PathSegment:
                 *self._locate_growth(middle, between, high, after),
             ]
         (divergence, flutter), (later_divergence, later_flutter) = counts
-        if divergence + 2 * flutter == later_divergence + 2 * later_flutter:
+        total = later_divergence + 2 * later_flutter - divergence - 2 * flutter
+        if not total:
             # A growing oscillation becomes two growing modes without oscillation, or the reverse.
             return []
         unstable = after if after.negative_count > before.negative_count else before
         near = self._interpolate(0.5 * (low + high), None)
         oscillates = unstable.growth.imag > 0.0
         found = []
-        if abs(later_divergence - divergence) == 1 and later_flutter == flutter:
-            change = later_divergence - divergence
-            return [replace(self._locate_divergence(near.position), change=change)]
+        if abs(total) == 1:
+            # Also if the new mode and another one become an oscillation next to this point.
+            return [replace(self._locate_divergence(near.position), change=total)]
         for kind, selected, number, size in (
             (FLUTTER, oscillates, later_flutter - flutter, 2),
             (near.kind, ~oscillates, later_divergence - divergence, 1),

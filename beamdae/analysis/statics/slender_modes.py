@@ -49,8 +49,11 @@ _MIN_INERTIA_RATIO = 1e-6
 _MIN_ACCURATE_ENERGY_RATIO = 1e-14
 _MAX_ENERGY_ROUNDING = 1e-3
 # Values of the shift s of the energy x^T (K + s M) x, relative to the largest squared frequency, of
-# which the first one is used that leaves no motion with inertia a negative energy.
-_ENERGY_SHIFT_FACTORS = tuple(2.0 * 4.0 ** np.arange(7.0))
+# which the first one is used that leaves no motion with inertia a negative energy. Next to limit
+# points of damped structures, squared frequencies are small compared with negative energies, and
+# more than the first number of shifts are necessary; otherwise, larger ones would not help.
+_ENERGY_SHIFT_FACTORS = tuple(2.0 * 4.0 ** np.arange(25.0))
+_MAX_USUAL_FACTOR = _ENERGY_SHIFT_FACTORS[6]
 # Errors may exceed the difference between two steps by this factor, and are at least this fraction
 # of the bound on the rounding error of the stiffness matrix: rigid-body motions of free strips have
 # a stiffness of up to 6e-4 of it, and the bending of a strip with L/h = 1e5 and 64 elements has a
@@ -296,7 +299,9 @@ def _span_soft_motions(
         is_independent = energies > min_energy_ratio * energies[-1]
         others = shares[:, ~is_independent] / sizes[:, None]
         lost_inertias = np.einsum("ij,ij->j", others, inertia @ others)
-        if not np.any(lost_inertias * shift > _MIN_INERTIA_RATIO):
+        is_complete = not np.any(lost_inertias * shift > _MIN_INERTIA_RATIO)
+        has_negative = energies[0] < -_MIN_INERTIA_RATIO * energies[-1]
+        if is_complete or (factor >= _MAX_USUAL_FACTOR and not has_negative):
             break
     scaled = shares[:, is_independent] / np.sqrt(energies[is_independent]) / sizes[:, None]
     inertias, shares = la.eigh(scaled.T @ inertia @ scaled)
