@@ -354,3 +354,19 @@ def test_regression_the_load_factor_is_plotted_over_the_only_column_that_changes
     (axis,) = path.plot(x="crown.y").figure.axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("crown.y [m]", "load factor [-]")
     assert_allclose(axis.lines[0].get_xdata(), path["crown.y"])
+
+
+def test_regression_paths_whose_loads_are_zero_have_a_note():
+    """A path of eleven equal points was stable at the load factor 1, without a word."""
+
+    def hang(force):
+        mech = bd.Mechanism()
+        bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+        mech.add(bd.Spring("x", mech.ground.at(0.0, 0.0), bob.point, 10.0))
+        mech.add(bd.Spring("y", mech.ground.at(1.0, 1.0), bob.point, 10.0))
+        mech.add(bd.Force("push", bob.point, (mech.input("force", default=force), 0.0)))
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match="all scaled loads are zero at t = 0 s, so all"):
+        assert bd.equilibrium(hang(0.0)).status.success
+    assert not bd.equilibrium(hang(1e-9)).warnings

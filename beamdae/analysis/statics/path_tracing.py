@@ -274,7 +274,8 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             factor = path.points[one.row].mu
             critical.append(CriticalPoint(one.kind, first + one.row, factor, coordinate))
         if system.has_scaled_loads:
-            notes += _unknown_notes(path) + _rounding_notes(path) + _damping_notes(path)
+            notes += _zero_load_notes(path) + _unknown_notes(path) + _rounding_notes(path)
+            notes += _damping_notes(path)
             notes += _range_notes(path) + jump_notes
         iterations += corrector.iterations
         status = _end_status(path, system, control)
@@ -282,6 +283,21 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
+
+
+def _zero_load_notes(path: StagePath) -> list[str]:
+    """Return a remark if the loads of a stage are zero at both ends of its path."""
+    if path.points[-1] is path.points[0] or not all(map(_is_unloaded, (path.points[0], path.end))):
+        return []
+    t = path.end.system.loaded.time[0]
+    return [
+        f"equilibrium: all scaled loads are zero at t = {t:g} s, so all points of the path are "
+        "equal; pass another time t=, other loads=, or other values of inputs."
+    ]
+
+
+def _is_unloaded(point: EquilibriumPoint) -> bool:
+    return not np.any(point.system.residual(point.x, point.mu)[1])
 
 
 def _unknown_notes(path: StagePath) -> list[str]:
@@ -434,7 +450,7 @@ def _follow_stage(
     """Extend the path of one stage to the targets; switch branches as the settings request."""
     begin, targets = path.end, list(settings.targets)
     steps = _choose_steps(corrector, begin, settings, control)
-    if settings.column and not np.any(corrector.system.residual(begin.x, begin.mu)[1]):
+    if settings.column and _is_unloaded(begin):
         t = corrector.system.loaded.time[0]
         path.status = Status(
             "failed",
