@@ -39,6 +39,7 @@ _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be eval
 _MAX_NAMES = 3  # of further columns in a warning
 _MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
 _SAME_STEP = 1e-6  # relative difference of equal steps
+_AMPLITUDE_TO_MEAN = 0.5 * math.pi  # of a vibration
 _BLOCKS_AT_ONCE, _MIN_BLOCK = 16, 8  # parts of a vibration with its own amplitude, in steps
 
 
@@ -314,9 +315,9 @@ class _StepDifferences:
         size = max(len(thirds) // _BLOCKS_AT_ONCE, _MIN_BLOCK)
         starts = np.arange(0, len(thirds), size)
         counts = np.diff(np.append(starts, len(thirds)))[:, None]
-        means = np.sqrt(2.0 * np.add.reduceat(thirds**2, starts, axis=0) / counts)
-        sums = self._sum + np.cumsum(counts * means, axis=0)
-        bounds = (self._n_steps + np.cumsum(counts)[:, None]) * means
+        amplitudes = _AMPLITUDE_TO_MEAN * np.add.reduceat(thirds, starts, axis=0) / counts
+        sums = self._sum + np.cumsum(counts * amplitudes, axis=0)
+        bounds = (self._n_steps + np.cumsum(counts)[:, None]) * amplitudes
         self._delay = np.fmax(self._delay, np.max(np.minimum(sums, bounds), axis=0))
         self._sum = sums[-1]
 
