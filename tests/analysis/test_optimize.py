@@ -1,7 +1,5 @@
 """Optimization: closed forms, gradients against differences, failures, limits and interrupts."""
 
-import warnings
-
 import numpy as np
 import pytest
 from scipy.optimize import OptimizeResult
@@ -181,23 +179,39 @@ def loaded_spring(stiffness=100.0):
 
 
 @pytest.mark.slow(reason="half a second and more")
-def test_regression_maxima_above_the_limit_of_their_smooth_maximum_are_reported():
-    travel = bd.SmoothMaximum("mass.x")
+@pytest.mark.parametrize("exponent", [10.0, 50.0])
+@pytest.mark.parametrize("is_negative", [False, True])
+def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is_negative):
+    """A maximum was 6 % above the limit of its smooth maximum."""
+    travel = bd.SmoothMaximum("mass.x", exponent)
+    limit = bd.at_least(-1.0 * travel, -0.02) if is_negative else bd.at_most(travel, 0.02)
     size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
-    with pytest.warns(bd.BeamdaeWarning, match="mass.x in the run .*above its smooth maximum"):
-        design = bd.optimize(
-            loaded_spring, size, "stiffness", bd.at_most(travel, 0.02), {"stiffness": (20.0, 500.0)}
-        )
+    calls = (loaded_spring, size, "stiffness", limit, {"stiffness": (20.0, 500.0)})
+    design = bd.optimize(*calls)
     assert design.status.success
-    largest = 2.0 / design.parameters["stiffness"]
-    # The recommended ratio is that of the smooth maximum to the maximum.
-    recommended = float(design.warnings[0].partition("the limit to ")[2].split()[0])
-    assert recommended == pytest.approx(0.02 / largest, rel=1e-2)
-    # A lower limit of the maximum is not affected.
-    lower = bd.at_most(-1.0 * travel, -0.02)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        bd.optimize(loaded_spring, size, "stiffness", lower, {"stiffness": (20.0, 500.0)})
+    assert design.warnings == ()
+    # The search continues until the ratio of maximum and smooth maximum is constant to 0.1 %.
+    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-3)
+    (constraint,) = design.constraints
+    assert abs(constraint.value) == pytest.approx(0.02, rel=1e-5)
+    assert constraint.comparison == "at its limit"
+    # A search that ends before warns.
+    first = {"stiffness": 97.0}
+    with pytest.warns(bd.BeamdaeWarning, match="mass.x is within its limit of .*% above it"):
+        bd.optimize(*calls, parameters=first, max_evaluations=1)
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_search():
+    travel = bd.SmoothMaximum("mass.x")
+    size = bd.ParameterFunction(lambda stiffness: (stiffness / 200.0 - 1.0) ** 2, "stiffness")
+    arguments = (loaded_spring, size, "stiffness")
+    bounds = {"stiffness": (20.0, 500.0)}
+    free = bd.optimize(*arguments, (), bounds)
+    limited = bd.optimize(*arguments, bd.at_most(travel, 0.02), bounds)
+    assert limited.evaluations == free.evaluations
+    (constraint,) = limited.constraints
+    assert constraint.value < 0.0101
 
 
 @pytest.mark.slow(reason="thirteen designs with runs, paths and modes")

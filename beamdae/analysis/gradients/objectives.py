@@ -290,8 +290,8 @@ class SmoothMaximum(ColumnObjective):
 
     integrated as by `TimeIntegral`. It does not exceed max |y| and approaches it
     as p increases. For a peak max|y| (1 - (t/tau)^2 / 2), it is max|y| (sqrt(2 pi / p) tau/T)^(1/p)
-    for large p: 7 % below the maximum for p = 50 and tau = T/10. Multiply a limit of max |y|
-    accordingly, or correct it during a search by the ratio of the value to max |y|.
+    for large p: 7 % below the maximum for p = 50 and tau = T/10. `optimize` corrects limits by this
+    ratio.
 
     Attributes
     ----------

@@ -82,7 +82,9 @@ def optimize(
         Names of the parameters to vary: floats, or tuples or lists of floats such as the
         coefficients of a thickness.
     subject_to
-        Constraints `at_most(quantity, limit)` and `at_least(quantity, limit)`.
+        Constraints `at_most(quantity, limit)` and `at_least(quantity, limit)`. An upper limit of a
+        `SmoothMaximum` is that of the maximum over the run: the search is repeated from its end
+        with the ratio of both until they agree within 0.1 %.
     bounds
         (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
         "6 mm" for parameters with a unit. For a list of floats, each of the two is such a number or

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD, flatten_model
 from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
 from beamdae.analysis.optimization.analyses import (
     Analysis,
     DesignModel,
@@ -22,6 +23,7 @@ from beamdae.analysis.optimization.analyses import (
 )
 from beamdae.analysis.optimization.quantities import (
     AnalysisQuantity,
+    LargestOf,
     Limit,
     Quantity,
     RunQuantity,
@@ -41,6 +43,7 @@ from beamdae.errors import (
 )
 from beamdae.integrators.integrator import refine
 from beamdae.model_parameters import convert_text, parse_unit, split_unit
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -50,6 +53,8 @@ _NAME = "optimize"
 _KEPT_DESIGNS = 3
 # A limit that is exceeded by more than this, relative to the limit, is violated.
 FEASIBILITY_TOLERANCE = 1e-6
+# Quantities whose limits are those of maxima over the run.
+_SMOOTH_QUANTITIES = (RunQuantity, LargestOf)
 
 
 @dataclass(eq=False)
@@ -79,6 +84,28 @@ class Design:
     def results(self) -> tuple[Any, ...]:
         """Results of the analyses."""
         return tuple(x.result for x in self.analyses.values() if x.result is not None)
+
+    def maximum_ratios(self, limits: Sequence[Limit]) -> Array:
+        """Return the ratios (C,) of maxima over the run to their limited smooth maxima.
+
+        They are at least 1, and 1 for limits of other quantities.
+        """
+        ratios = np.ones(len(limits))
+        solution = next((x for x in self.results if isinstance(x, Solution)), None)
+        run = None
+        for k, (limit, value) in enumerate(zip(limits, self.values[1:].tolist(), strict=True)):
+            quantity = limit.quantity
+            is_upper = min(limit.sign * value, limit.sign * limit.bound) > 0.0
+            if solution is None or not is_upper or not isinstance(quantity, _SMOOTH_QUANTITIES):
+                continue
+            for leaf in quantity.leaves:
+                terms = leaf.objective.terms if isinstance(leaf, RunQuantity) else ()
+                if len(terms) == 1 and isinstance(terms[0][1], SmoothMaximum):
+                    factor, term = terms[0]
+                    run = run or solution.at_times(SampleGrid.of(solution.trajectory).t)
+                    largest = float(np.max(np.abs(factor * read_column(run, term.column)[1])))
+                    ratios[k] = max(ratios[k], largest / abs(value))
+        return ratios
 
     def gradient(self, index: int) -> Array:
         """Return the gradient (k,) of a value with respect to the numbers of the model."""
@@ -269,11 +296,6 @@ class DesignProblem:
                 f"{_NAME}: {self.quantities[index].label} of {flat.name} is not finite."
             )
         return Design(flat, analyses, numbers, results, [weights for _, weights in combined])
-
-    def margins(self, values: Array) -> Array:
-        """Return the margins (C,) of the constraints for values (1 + C,) of a design."""
-        pairs = zip(self.limits, values[1:].tolist(), strict=True)
-        return np.array([limit.margin(value) for limit, value in pairs])
 
     def _read_bounds(self, bounds: Any) -> tuple[Array, Array]:
         """Return lower and upper bounds of the numbers."""

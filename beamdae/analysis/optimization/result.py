@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.gradients.objectives import SampleGrid, SmoothMaximum, read_column
+from beamdae.analysis.gradients.objectives import SmoothMaximum
 from beamdae.analysis.optimization.problem import (
     FEASIBILITY_TOLERANCE,
     Design,
@@ -31,6 +31,7 @@ from beamdae.analysis.optimization.quantities import (
 )
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
+    MAX_EXCESS,
     SearchResult,
     find_active_bounds,
 )
@@ -53,8 +54,6 @@ if TYPE_CHECKING:
 
 # Relative change by more accurate runs above which values of a design depend on the steps.
 _MAX_STEP_ERROR = 0.01
-# Relative excess of a maximum over its limit from which it is reported.
-_MAX_EXCESS = 1e-3
 # Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
 _MAX_BOUND_EXCESS = 5e-3
 # Relative excess for which an exponent is recommended.
@@ -69,7 +68,8 @@ class Constraint(NamedTuple):
     name
         The quantity and its limit.
     value
-        Value of the quantity.
+        Value of the quantity. A limited `SmoothMaximum` is multiplied by the ratio of the maximum
+        to its value at the end of the search before, so that it is the maximum up to 0.1 %.
     limit
         The limit.
     margin
@@ -336,7 +336,7 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         messages = tuple(x for x in messages if x not in about_end)
     if not search.was_ended:
         try:
-            own = (*_check_steps(problem, search), *_check_maxima(problem, best.values, results))
+            own = (*_check_steps(problem, search), *_check_maxima(problem, design))
             messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
         except KeyboardInterrupt:
             acknowledge()
@@ -374,13 +374,15 @@ def _list_constraints(
     multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
     _, *units = _list_units(problem, search.first_analyses)
     values, firsts = (x.values[1:].tolist() for x in (search.best, search.trials[0]))
-    rows = zip(problem.limits, values, firsts, multipliers, units, strict=True)
+    ratios = search.ratios.tolist()
+    rows = zip(problem.limits, values, ratios, firsts, multipliers, units, strict=True)
     constraints = []
-    for limit, value, first, multiplier, unit in rows:
+    for limit, smooth, ratio, first, multiplier, unit in rows:
+        value = ratio * smooth
         margin = limit.margin(value)
         relative = _relative_margin(limit, margin, first)
         numbers = (value, limit.bound, margin, multiplier, relative)
-        largest, exponent = _find_largest(limit.quantity, value, design)
+        largest, exponent = _find_largest(limit.quantity, smooth, design)
         closer = _suggest_exponent(value / largest, exponent) if largest > 0.0 else float("nan")
         constraints.append(Constraint(limit.label, *numbers, unit, largest, closer))
     return tuple(constraints)
@@ -487,29 +489,17 @@ def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> t
     return tuple(messages)
 
 
-def _check_maxima(
-    problem: DesignProblem, values: np.ndarray, results: Sequence[Any]
-) -> tuple[str, ...]:
-    """Return a warning for each column whose maximum exceeds the limit of its smooth maximum."""
-    solution = next((x for x in results if isinstance(x, Solution)), None)
-    messages, run = [], None
-    for limit, value in zip(problem.limits, values[1:].tolist(), strict=True):
-        quantity = limit.quantity
-        if solution is None or limit.sign < 0 or not isinstance(quantity, (RunQuantity, LargestOf)):
-            continue
-        for leaf in quantity.leaves:
-            terms = leaf.objective.terms if isinstance(leaf, RunQuantity) else ()
-            if len(terms) != 1 or not isinstance(terms[0][1], SmoothMaximum):
-                continue
-            factor, term = terms[0]
-            run = run or solution.at_times(SampleGrid.of(solution.trajectory).t)
-            largest = factor * float(np.max(np.abs(read_column(run, term.column)[1])))
-            if 0.0 < value <= limit.bound * (1.0 + _MAX_EXCESS) < largest:
-                excess, bound = 100.0 * (largest / value - 1.0), limit.bound
-                messages.append(
-                    f"The largest magnitude of {term.column} in the run of the design is "
-                    f"{largest:.4g}, {excess:.1f} % above its smooth maximum, which is at its "
-                    f"limit of {bound:.4g}; to keep the magnitude itself below a value, set the "
-                    f"limit to {value / largest:.3f} of this value."
-                )
+def _check_maxima(problem: DesignProblem, design: Design) -> tuple[str, ...]:
+    """Return a warning for each maximum that exceeds the limit of its smooth maximum."""
+    ratios = design.maximum_ratios(problem.limits)
+    messages = []
+    rows = zip(problem.limits, design.values[1:].tolist(), ratios.tolist(), strict=True)
+    for limit, value, ratio in rows:
+        largest, bound = ratio * abs(value), abs(limit.bound) * (1.0 + MAX_EXCESS)
+        if ratio > 1.0 and abs(value) <= bound < largest:
+            messages.append(
+                f"{limit.quantity.label} is within its limit of {limit.bound:.4g}, but the largest "
+                f"magnitude in the run of the design is {largest:.4g}, {100.0 * (ratio - 1.0):.1f} "
+                "% above it; continue the search from this design (parameters=)."
+            )
     return tuple(messages)

@@ -39,6 +39,10 @@ _ADAPTIVE_STEPS = (
     "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "
     "GeneralizedAlpha(step=1e-3)"
 )
+# Relative excess of a maximum over the limit of its smooth maximum from which the search continues
+# with another ratio of both, and the result warns; largest number of such searches.
+MAX_EXCESS = 1e-3
+_MAX_CORRECTIONS = 5
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
 
@@ -88,8 +92,9 @@ class Stationarity:
 class SearchResult:
     """End of a search; `best` is the best evaluated design.
 
-    `first_analyses` are the results of the analyses of the first design. `progress_error` is the
-    exception of the user's function `progress` that ended it, or None.
+    `first_analyses` are the results of the analyses of the first design. `ratios` (C,) are those of
+    maxima to their limited smooth maxima by which these were multiplied; 1 for other quantities.
+    `progress_error` is the exception of the user's function `progress` that ended it, or None.
     """
 
     best: Trial
@@ -98,6 +103,7 @@ class SearchResult:
     stationarity: Stationarity | None
     first_analyses: tuple[Any, ...]
     max_evaluations: int
+    ratios: Array
     progress_error: Exception | None = None
 
     @property
@@ -141,6 +147,8 @@ class Search:
         self._first_analyses: tuple[Any, ...] = ()
         self._last_gradients: tuple[Array, Array] | None = None
         self._last_margins = np.zeros(len(problem.limits))
+        # Factors of limited smooth maxima, see `_limit_maxima`.
+        self._ratios = np.ones(len(problem.limits))
         # Units of the objective and of the constraints.
         self._scales = np.ones(1 + len(problem.limits))
 
@@ -165,7 +173,11 @@ class Search:
                 self._record(problem.first, first)
             # Errors of the gradient concern the model rather than a design.
             self._gradients(problem.first / problem.sizes)
-            status = self._minimize()
+            status = self._minimize(problem.first)
+            for _ in range(_MAX_CORRECTIONS):
+                if not status.success or not self._limit_maxima():
+                    break
+                status = self._minimize(self._best().numbers)
         except _SearchEndError as end:
             status = end.status
         except KeyboardInterrupt:
@@ -179,6 +191,40 @@ class Search:
             return replace(self._result(self._best(), failure), progress_error=error.problem)
         return self._finish(status)
 
+    def _limit_maxima(self) -> bool:
+        """Update the ratios of maxima to smooth maxima; return False if all remain the same.
+
+        A search with constant ratios is differentiable, and the limits of its end are those of the
+        maxima themselves; see Le et al., Struct. Multidisc. Optim. 41 (2010) 605,
+        doi:10.1007/s00158-009-0440-y.
+        """
+        best = self._best()
+        ratios = self._problem.design(best.numbers).maximum_ratios(self._problem.limits)
+        bounds = np.abs([limit.bound for limit in self._problem.limits])
+        largest = np.maximum(ratios, self._ratios) * np.abs(best.values[1:])
+        is_off = np.abs(ratios - self._ratios) > MAX_EXCESS * self._ratios
+        is_off &= largest * (1.0 + MAX_EXCESS) > bounds
+        if not np.any(is_off):
+            return False
+        self._ratios = np.where(is_off, ratios, self._ratios)
+        self._trials = {
+            key: trial if trial.failure else self._rate(trial.numbers, trial.values)
+            for key, trial in self._trials.items()
+        }
+        self._end = None
+        return True
+
+    def _rate(self, numbers: Array, values: Array) -> Trial:
+        """Return an analyzed design with its violation."""
+        least = float(np.min(self._margins(values), initial=np.inf))
+        return Trial(numbers, values, max(0.0, -least))
+
+    def _margins(self, values: Array) -> Array:
+        """Return the scaled margins (C,) of the constraints for values (1 + C,) of a design."""
+        rows = zip(self._problem.limits, self._ratios.tolist(), values[1:].tolist(), strict=True)
+        margins = [limit.margin(ratio * value) for limit, ratio, value in rows]
+        return np.array(margins) / self._scales[1:]
+
     def _scale(self, first: Design, index: int) -> float:
         """Return the size of a value: that of the first design, or of its change if it is zero."""
         value = abs(float(first.values[index]))
@@ -189,7 +235,9 @@ class Search:
         self, best: Trial, status: Status, stationarity: Stationarity | None = None
     ) -> SearchResult:
         trials, analyses = tuple(self._trials.values()), self._first_analyses
-        return SearchResult(best, trials, status, stationarity, analyses, self._max_evaluations)
+        return SearchResult(
+            best, trials, status, stationarity, analyses, self._max_evaluations, self._ratios
+        )
 
     def _finish(self, status: Status) -> SearchResult:
         best, trials = self._best(), tuple(self._trials.values())
@@ -206,7 +254,7 @@ class Search:
             kind = "limited" if status.success else status.kind
             end = "" if status.success else f"; {status.sentence}"
             problem = self._problem
-            worst = int(np.argmin(problem.margins(best.values) / self._scales[1:]))
+            worst = int(np.argmin(self._margins(best.values)))
             status = Status(
                 kind,
                 "no evaluated design satisfies the constraints, the best one violates "
@@ -239,10 +287,11 @@ class Search:
         is_early = 2 * next(k for k, x in enumerate(trials) if x is best) < len(trials)
         return status.kind == "limited" and (is_early or _NO_DECREASE in status.sentence)
 
-    def _minimize(self) -> Status:
+    def _minimize(self, first: Array) -> Status:
+        """Search from values (k,) of the numbers, and return the status."""
         problem = self._problem
         bounds = Bounds(problem.lower / problem.sizes, problem.upper / problem.sizes)
-        begin = problem.first / problem.sizes
+        begin = first / problem.sizes
         options: dict[str, Any] = {"maxiter": self._max_evaluations}
         constraints: Any = ()
         if self._method == "SLSQP":
@@ -306,7 +355,7 @@ class Search:
             trial = self._evaluate(numbers)
         if trial.failure:
             return np.inf, self._last_margins
-        margins = self._problem.margins(trial.values) / self._scales[1:]
+        margins = self._margins(trial.values)
         self._last_margins = margins
         return float(trial.values[0] / self._scales[0]), margins
 
@@ -324,12 +373,11 @@ class Search:
         return self._record(numbers, design)
 
     def _record(self, numbers: Array, design: Design) -> Trial:
-        margins = self._problem.margins(design.values) / self._scales[1:]
-        violation = max(0.0, -float(np.min(margins, initial=np.inf)))
-        trial = Trial(numbers, design.values, violation)
+        trial = self._rate(numbers, design.values)
         self._trials[numbers.tobytes()] = trial
         if self._progress is not None:
-            call_progress(self._progress, len(self._trials), float(design.values[0]), violation)
+            objective = float(design.values[0])
+            call_progress(self._progress, len(self._trials), objective, trial.violation)
         return trial
 
     def _record_failure(self, numbers: Array, failure: Exception) -> Trial:
@@ -363,7 +411,7 @@ class Search:
         count = len(problem.limits)
         rows = np.array([design.gradient(k) for k in range(1 + count)])
         rows *= problem.sizes / self._scales[:, None]
-        signs = np.array([limit.sign for limit in problem.limits])
+        signs = self._ratios * [limit.sign for limit in problem.limits]
         return rows[0], -signs[:, None] * rows[1:] if count else np.zeros((0, len(numbers)))
 
     def _best(self) -> Trial:
@@ -384,7 +432,7 @@ class Search:
         """Return multipliers with the smallest residual of the conditions of first order."""
         problem = self._problem
         gradient, jacobian = self._scaled_gradients(trial.numbers)
-        margins = problem.margins(trial.values) / self._scales[1:]
+        margins = self._margins(trial.values)
         active = np.flatnonzero(margins <= _ACTIVE_TOLERANCE)
         identity = np.eye(len(gradient))
         at_lower, at_upper = find_active_bounds(problem, trial.numbers)
