@@ -268,7 +268,7 @@ def modes(
     Warns
     -----
     BeamdaeWarning
-        For each of `Modes.warnings`, except unstable states, missing modes and long elements.
+        For each of `Modes.warnings`, except unstable states and missing modes.
 
     Examples
     --------
@@ -327,8 +327,10 @@ def compute_modes(
     if mechanism is not None:
         values, shapes = result.eigenvalues[:assessed], result.shapes[:assessed]
         shares = {name: x[:assessed] for name, x in result.shares.items()}
-        warnings.extend(mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares))
-    return replace(result, warnings=tuple(warnings))
+        sentences = mesh_warnings(mechanism, lin.equations, lin.state, values, shapes, shares)
+        warnings.extend(sentences)
+        lin = replace(lin, warnings=(*lin.warnings, *sentences))
+    return replace(result, warnings=tuple(warnings), _linearization=lin)
 
 
 def _rounding_warnings(
