@@ -6,6 +6,7 @@ https://fmi-standard.org
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -49,7 +50,7 @@ class Description:
 
 def write_description(description: Description, fmi: int) -> str:
     """Return modelDescription.xml for FMI 2.0 (`fmi` = 2) or 3.0 (3)."""
-    return _format(_describe_2(description) if fmi == 2 else _describe_3(description))
+    return _format(_describe(description, fmi))
 
 
 def write_build_description(description: Description) -> str:
@@ -63,97 +64,68 @@ def write_build_description(description: Description) -> str:
     return _format(root)
 
 
-def _describe_2(x: Description) -> Element:
-    root = _root(x, "2.0", guid=x.token)
-    interface = SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=x.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true",
-        canSerializeFMUstate="true",
-        providesDirectionalDerivative=_flag(bool(x.values)),
-    )
-    files = SubElement(interface, "SourceFiles")
-    for name in x.sources:
-        SubElement(files, "File", name=name)
-    _add_common(root, x)
-    variables = SubElement(root, "ModelVariables")
-    for k, value in enumerate(x.values):
-        variable = SubElement(
-            variables, "ScalarVariable", {"name": value.name, "valueReference": str(k)}
-        )
-        variable.attrib |= _role(value)
-        SubElement(variable, "Real", _number(value))
-    for k, output in enumerate(x.outputs, len(x.values)):
-        variable = SubElement(
-            variables,
-            "ScalarVariable",
-            {
-                "name": output.name,
-                "valueReference": str(k),
-                "causality": "output",
-                "variability": "continuous",
-            },
-        )
-        SubElement(variable, "Real", _unit(output.unit))
-    structure = SubElement(root, "ModelStructure")
-    if x.outputs:
-        for name in ("Outputs", "InitialUnknowns"):
-            unknowns = SubElement(structure, name)
-            for k in range(len(x.outputs)):
-                SubElement(unknowns, "Unknown", index=str(1 + len(x.values) + k))
-    return root
-
-
-def _describe_3(x: Description) -> Element:
-    root = _root(x, "3.0", instantiationToken=x.token)
-    interface = SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=x.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-        providesDirectionalDerivatives=_flag(bool(x.values)),
-    )
-    if not x.is_adaptive:
-        interface.set("fixedInternalStepSize", repr(x.step))
-    _add_common(root, x)
-    variables = SubElement(root, "ModelVariables")
-    for k, value in enumerate(x.values):
-        attributes = {"name": value.name, "valueReference": str(k), **_role(value)}
-        SubElement(variables, "Float64", {**attributes, **_number(value)})
-    for k, output in enumerate(x.outputs, len(x.values)):
-        attributes = {"name": output.name, "valueReference": str(k), "causality": "output"}
-        SubElement(variables, "Float64", {**attributes, **_unit(output.unit)})
-    SubElement(
-        variables,
-        "Float64",
-        name="time",
-        valueReference=str(len(x.values) + len(x.outputs)),
-        causality="independent",
-        variability="continuous",
-        unit="s",
-    )
-    structure = SubElement(root, "ModelStructure")
-    for name in ("Output", "InitialUnknown"):
-        for k in range(len(x.outputs)):
-            SubElement(structure, name, valueReference=str(len(x.values) + k))
-    return root
-
-
-def _root(x: Description, fmi: str, **token: str) -> Element:
-    return Element(
+def _describe(x: Description, fmi: int) -> Element:
+    """Return the root of a model description; the versions name some attributes differently."""
+    is_2 = fmi == 2
+    root = Element(
         "fmiModelDescription",
         {
-            "fmiVersion": fmi,
+            "fmiVersion": f"{fmi}.0",
             "modelName": x.name,
-            **token,
+            "guid" if is_2 else "instantiationToken": x.token,
             "generationTool": f"beamdae {version('beamdae')}",
             "variableNamingConvention": "flat",
         },
     )
+    interface = SubElement(
+        root,
+        "CoSimulation",
+        {
+            "modelIdentifier": x.identifier,
+            "canHandleVariableCommunicationStepSize": "true",
+            "canGetAndSetFMUstate" if is_2 else "canGetAndSetFMUState": "true",
+            "canSerializeFMUstate" if is_2 else "canSerializeFMUState": "true",
+            f"providesDirectionalDerivative{'' if is_2 else 's'}": _flag(bool(x.values)),
+        },
+    )
+    if is_2:
+        files = SubElement(interface, "SourceFiles")
+        for name in x.sources:
+            SubElement(files, "File", name=name)
+    elif not x.is_adaptive:
+        interface.set("fixedInternalStepSize", repr(x.step))
+    _add_common(root, x)
+    variables = SubElement(root, "ModelVariables")
+    for k, (attributes, number) in enumerate(_list_variables(x, has_time=not is_2)):
+        attributes = {**attributes, "valueReference": str(k)}
+        if is_2:
+            SubElement(SubElement(variables, "ScalarVariable", attributes), "Real", number)
+        else:
+            SubElement(variables, "Float64", {**attributes, **number})
+    structure = SubElement(root, "ModelStructure")
+    references = range(len(x.values), len(x.values) + len(x.outputs))
+    for name in ("Output", "InitialUnknown") if x.outputs else ():
+        unknowns = SubElement(structure, f"{name}s") if is_2 else structure
+        for k in references:
+            if is_2:
+                SubElement(unknowns, "Unknown", index=str(1 + k))
+            else:
+                SubElement(unknowns, name, valueReference=str(k))
+    return root
+
+
+def _list_variables(
+    x: Description, has_time: bool
+) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
+    """Yield name, causality and variability, and the type, of inputs, parameters and outputs."""
+    for value in x.values:
+        yield {"name": value.name, **_role(value)}, _number(value)
+    for output in x.outputs:
+        role = {"causality": "output", "variability": "continuous"}
+        yield {"name": output.name, **role}, _unit(output.unit)
+    if has_time:
+        role = {"causality": "independent", "variability": "continuous"}
+        yield {"name": "time", **role}, _unit("s")
 
 
 def _add_common(root: Element, x: Description) -> None:
