@@ -272,7 +272,7 @@ class RunData:
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),
             *(x.sentence for x in self.suspected_errors),
-            *missed_peak_warnings(self.missed_peaks),
+            *missed_peak_warnings(self.missed_peaks, len(self.t)),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),
             *impact_warnings(self.equations, self.trajectory, self.event_records),

@@ -451,6 +451,44 @@ def test_regression_the_most_important_column_is_named_first():
     }
     missed = missed_peaks.find_missed_peaks(observed, extremes, 1.0)
     assert max(missed.values(), key=lambda peak: peak.error).column == "pin.Fy [N]"
-    (message,) = missed_peaks.missed_peak_warnings(missed)
+    (message,) = missed_peaks.missed_peak_warnings(missed, 5)
     assert message.startswith("pin.Fx: the output rows miss its largest value, 1200 N at t = 0.9 s")
     assert "also in tip.x (1.1 m, rows 1 m), pin.Fy;" in message
+
+
+def test_regression_peaks_that_hardly_differ_from_the_rows_have_no_warning():
+    """A force of -131.272 N, of which the rows reached -131.265 N, had a warning."""
+    t = np.linspace(0.0, 1.0, 5)
+    observed = {"root.N [N]": 131.265 - 0.1 * t, "tip.x [m]": 131.265 - 0.1 * t}
+    extremes = {
+        header: missed_peaks.StepExtremes(131.165, 1.0, 131.272, 0.1, 131.0) for header in observed
+    }
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 1.0)
+    assert set(missed) == set(observed)  # certificates refuse such rows
+    (message,) = missed_peaks.missed_peak_warnings(missed, 5)
+    # Positions depend on an origin.
+    assert message.startswith("tip.x: ")
+    assert "root.N" not in message
+
+
+def test_regression_runs_of_two_rows_have_no_missed_peaks():
+    """A run whose rows were its start and end warned of all extremes of the motion."""
+    t = np.array([0.0, 1.0])
+    missed = missed_peaks.find_missed_peaks(
+        {"tip.x [m]": t}, {"tip.x [m]": missed_peaks.StepExtremes(0.0, 0.0, 2.0, 0.5, 1.0)}, 1.0
+    )
+    assert missed
+    assert not list(missed_peaks.missed_peak_warnings(missed, 2))
+
+
+@pytest.mark.parametrize(("speed", "count"), [(1e-4, 0), (1e-2, 1)])
+def test_regression_speeds_at_the_size_of_the_tolerance_have_no_missed_peaks(speed, count):
+    """A rotation that vanishes by symmetry varied by 6e-4 of the speeds with rtol=1e-3."""
+    t = np.linspace(0.0, 1.0, 5)
+    observed = {"top.y_dot [m/s]": t, "top.x_dot [m/s]": speed * t}
+    extremes = {
+        "top.y_dot [m/s]": missed_peaks.StepExtremes(0.0, 0.0, 1.0, 1.0, 1.0),
+        "top.x_dot [m/s]": missed_peaks.StepExtremes(0.0, 0.0, 2.0 * speed, 0.9, 1.0),
+    }
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 1.0, rtol=1e-3)
+    assert len(missed) == count

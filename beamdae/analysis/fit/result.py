@@ -245,7 +245,7 @@ class Fit:
         """
         kinds: dict[str, dict[str, str]] = {}
         for experiment, run in self.solutions.items():
-            omitted = missed_peak_warnings(run.missed_peaks)
+            omitted = set(missed_peak_warnings(run.missed_peaks, len(run.t)))
             for sentence in (x for x in run.warnings if x not in omitted):
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
         sentences = []

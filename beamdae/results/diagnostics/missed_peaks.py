@@ -34,6 +34,11 @@ _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
 _ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
+# Smaller misses, relative to values that do not depend on an origin, have no warning.
+_MIN_SHARE_OF_VALUE = 1e-3
+_UNITS_WITH_ORIGIN = ("m", "rad")
+_UNITS_OF_MOTIONS = ("m", "rad", "m/s", "rad/s")
+_MIN_ROWS = 3  # runs with fewer rows are not curves
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
@@ -107,6 +112,13 @@ class MissedPeak:
     def importance(self) -> float:
         """Difference relative to the largest half range of this kind of columns [-]."""
         return abs(self.value - self.row_value) / self.largest_half_range
+
+    @property
+    def is_visible(self) -> bool:
+        """True if peak and rows are different numbers, not only beside the range of the column."""
+        has_origin = Header.of(self.column).unit in _UNITS_WITH_ORIGIN
+        miss = abs(self.value - self.row_value)
+        return has_origin or miss > _MIN_SHARE_OF_VALUE * abs(self.value)
 
     @property
     def description(self) -> str:
@@ -395,6 +407,9 @@ def find_missed_peaks(
     is_at_rest |= mark_constant_columns(names, values, half_range, length, rtol)
     units = [Header.of(name).unit for name in names]
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
+    # Errors of motions are of this size.
+    is_motion = np.array([unit in _UNITS_OF_MOTIONS for unit in units])
+    is_at_rest |= is_motion & (half_range <= rtol * largest_of_kind(names, half_range, length))
     misses = np.stack([rows[0] - low, high - rows[1]])
     misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
@@ -431,14 +446,17 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         )
 
 
-def missed_peak_warnings(peaks: Mapping[str, MissedPeak]) -> Iterator[str]:
-    """Yield one warning about all missed peaks of a run, with values of the worst of each kind.
+def missed_peak_warnings(peaks: Mapping[str, MissedPeak], n_rows: int) -> Iterator[str]:
+    """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
 
-    Peaks of columns that are small beside others of their kind come last.
+    Peaks of columns that are small beside others of their kind come last. Peaks that differ from
+    the rows by less than a thousandth of their value are omitted, and so are all if the `n_rows`
+    of the run are only its start and its end.
     """
-    if not peaks:
+    visible = [peak for peak in peaks.values() if peak.is_visible]
+    if not visible or n_rows < _MIN_ROWS:
         return
-    ordered = sorted(peaks.values(), key=lambda peak: -peak.importance)
+    ordered = sorted(visible, key=lambda peak: -peak.importance)
     of_kinds: dict[str, MissedPeak] = {}
     for peak in ordered:
         unit = Header.of(peak.column).unit
