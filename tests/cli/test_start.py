@@ -33,7 +33,7 @@ NEVER |= {"asyncio", "hypothesis", "IPython", "rich.traceback"}
 NEVER |= {"beamdae.cli.commands.sweep", "beamdae.integrators.ida.ida", "pydantic"}
 NEVER |= {"beamdae.integrators.alpha.generalized_alpha"}
 # Modules of parts, starts and results that the model does not have.
-NEVER |= {"beamdae.beams.exact.kinematics", "numpy.ma.core"}
+NEVER |= {"beamdae.beams.exact.kinematics", "numpy.ma.core", "numpy.random.mtrand"}
 NEVER |= {"beamdae.equations.starts.initial_conditions", "beamdae.results.equilibrium"}
 # Packages of beamdae for other tasks.
 UNUSED = tuple(f"beamdae.{name}" for name in ("analysis", "studies", "export", "live", "sundials"))
@@ -113,6 +113,26 @@ import numpy.ma.core
 assert ma.is_masked(masked) and np.ma.is_masked(masked) and ma.isMaskedArray(masked)
 assert np.ma is sys.modules["numpy.ma"] is numpy.ma
 assert not hasattr(ma, "no_such_name") and not hasattr(np.ma, "no_such_name")
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_commands_recognize_random_generators_after_their_module_is_loaded():
+    code = """
+import pickle, sys
+from beamdae.unused_imports import defer_unused_imports
+defer_unused_imports()
+import numpy as np
+from numpy import random
+import scipy.sparse.linalg
+assert "numpy.random.mtrand" not in sys.modules
+generator = np.random.default_rng(1)
+assert isinstance(generator, random.Generator) and isinstance(generator, np.random.Generator)
+assert np.random is sys.modules["numpy.random"]
+from scipy._lib._util import check_random_state
+assert check_random_state(generator) is generator
+assert pickle.loads(pickle.dumps(generator)).normal() == generator.normal()
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 
