@@ -16,6 +16,7 @@ from beamdae.cli.output import create_progress_console, is_quiet
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
+    from beamdae.results.frequency_response import ResponsePoint
     from beamdae.studies.execution.study_progress import StudyProgress
 
 # Widths in columns; a narrower bar or label is left out.
@@ -93,6 +94,31 @@ def show_run_progress(t_end: float, task: str = "") -> Iterator[Callable[[str, f
 
         if show:
             show(ProgressLine(0.0, f"0/{t_end:.3g} s", None, task or "starting"))
+        yield update
+
+
+@contextmanager
+def show_curve_progress(
+    parameter: str, unit: str, ends: tuple[float, float]
+) -> Iterator[Callable[[ResponsePoint], None]]:
+    """Show the progress of a response curve; yield a function of each of its points."""
+    from beamdae.model_parameters import format_with_unit
+
+    timer, count, (first, last) = _RunTimer(1.0), 0, ends
+    with _live_display() as show:
+        show_line = show or _RunLines()
+
+        def update(point: ResponsePoint) -> None:
+            nonlocal count
+            count += 1
+            fraction = (point.parameter - first) / (last - first)
+            value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
+            done = f"{count} point{'s' * (count > 1)}"
+            remaining = timer.remaining(fraction)
+            show_line(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
+
+        if show:
+            show(ProgressLine(0.0, "0 points", None, "first periodic motion"))
         yield update
 
 

@@ -198,6 +198,15 @@ def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypa
     assert not response.points
 
 
+def test_progress_is_called_with_the_points():
+    points = []
+    response = bd.frequency_response(
+        pushed_mass, "frequency", (40.0, 41.0), step=1.0, max_step=1.0, progress=points.append
+    )
+    assert points == list(response.points)
+    assert len(points) > 1
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
     def point(s):

@@ -1,5 +1,6 @@
 """`beamdae response`: table, picture, folds and usage errors."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -44,7 +45,9 @@ def response(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow(reason="a curve and its picture")
-def test_a_table_and_a_picture_are_written(response):
+def test_a_table_and_a_picture_are_written(response, monkeypatch):
+    clock = itertools.chain([0.0], itertools.repeat(11.0))
+    monkeypatch.setattr("beamdae.cli.progress.monotonic", lambda: next(clock))
     result = response("--over", "frequency=0.26:0.36", "--rtol", "1e-6")
     assert result.exit_code == 0, result.output
     table = pd.read_csv("results/oscillator_response.csv")
@@ -52,6 +55,9 @@ def test_a_table_and_a_picture_are_written(response):
     assert_allclose(table["bob.x half range [m]"], amplitude(rates), rtol=1e-4)
     assert table["stable"].all()
     assert "reached the end of the range" in result.stdout
+    # The first of the lines that are printed after every ten seconds.
+    (progress,) = (x for x in result.stderr.splitlines() if "left" in x)
+    assert progress == "frequency = 0.26 Hz: 1 point, -:-- left"
     assert "peak of" in result.stdout
     assert "frequency [Hz]" in result.stdout
     assert Path("results/oscillator_response.png").stat().st_size > 1000

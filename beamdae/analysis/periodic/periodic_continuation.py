@@ -28,6 +28,7 @@ from beamdae.errors import (
     require_finite,
     require_pair,
     require_positive,
+    require_progress,
     short_repr,
     warn_user,
 )
@@ -91,6 +92,7 @@ def frequency_response(
     max_points: int = 400,
     t_start: float = 0.0,
     *,
+    progress: Callable[[ResponsePoint], None] | None = None,
     partial: PartialResult = "raise",
 ) -> FrequencyResponse:
     """Follow a periodic motion of a model over the frequency of its loads or another parameter.
@@ -124,6 +126,8 @@ def frequency_response(
         Maximum number of points on the curve, at least 2.
     t_start
         Time [s] at which periods begin.
+    progress
+        Function that is called with each point of the curve, a `ResponsePoint`.
     partial
         "return" to return the curve so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.
@@ -142,6 +146,8 @@ def frequency_response(
     Interrupted
         If Ctrl-C ends the call; `Interrupted.partial` is the curve so far, which may be
         empty.
+    Exception
+        Any exception of `progress`.
 
     Warns
     -----
@@ -174,9 +180,10 @@ def frequency_response(
     settle = require_count(_NAME, "settle", settle, 0, MAX_SETTLING_PERIODS)
     max_points = require_count(_NAME, "max_points", max_points, least=2)
     require_choice(_NAME, "partial", partial, PARTIAL_RESULTS)
+    require_progress(_NAME, progress)
     points: list[ResponsePoint] = []
     try:
-        status = _follow_curve(curve, points, settle, first_step, max_step, max_points)
+        status = _follow_curve(curve, points, settle, first_step, max_step, max_points, progress)
     except KeyboardInterrupt:
         acknowledge()
         place = f"at {curve.describe(points[-1].parameter)}" if points else "before the first point"
@@ -198,15 +205,22 @@ def _follow_curve(
     first_step: float,
     max_step: float,
     max_points: int,
+    progress: Callable[[ResponsePoint], None] | None = None,
 ) -> Status:
     """Append the points of the curve to `points`, and return the reason for its end."""
+
+    def append(point: CurvePoint) -> None:
+        points.append(point.as_response_point(sign))
+        if progress is not None:
+            progress(points[-1])
+
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     previous: CurvePoint | None = None
     point, reason = curve.first_point(settle)
     if point is None:
         return Status("failed", reason)
-    points.append(point.as_response_point(sign))
+    append(point)
     while len(points) < max_points:
         next_point, reason = curve.next_point(previous, point, step)
         if next_point is None:
@@ -217,7 +231,7 @@ def _follow_curve(
         if sign * (next_point.value - last) > 0.0:
             next_point = curve.end_point(point, next_point)
         previous, point = point, next_point
-        points.append(point.as_response_point(sign))
+        append(point)
         if sign * (point.value - last) >= 0.0:
             return Status("ok", "reached the end of the range")
         is_reversed = points[-1].forward != points[0].forward

@@ -33,6 +33,7 @@ from beamdae.cli.output import (
     print_warnings,
 )
 from beamdae.cli.output_paths import plan_outputs
+from beamdae.cli.progress import show_curve_progress
 from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError, require_positive
 
@@ -96,23 +97,29 @@ def response_command(
     table_path, picture_path = plan_outputs(out, f"{model.name}_response", picture, page)
     page_path = table_path.with_suffix(".html")
     from beamdae.analysis.periodic.periodic_continuation import frequency_response
+    from beamdae.report.analysis_pages import write_analysis_page
     from beamdae.report.pictures.figures import save_figure
     from beamdae.report.pictures.path_plots import create_response_figure
     from beamdae.results.storage.files import escape_table, write_text
 
-    result = frequency_response(
-        model,
-        parameter,
-        ends,
-        _period_function(angular, period),
-        method,
-        step,
-        max_step,
-        settle,
-        max_points=max_points,
-        t_start=t_start,
-        partial="return",
-    )
+    unit = "rad/s" if angular else "Hz" if period is None else ""
+    if parameter in model.parameter_info:
+        unit = model.parameter_info[parameter].unit or unit
+    with show_curve_progress(parameter, unit, ends) as progress:
+        result = frequency_response(
+            model,
+            parameter,
+            ends,
+            _period_function(angular, period),
+            method,
+            step,
+            max_step,
+            settle,
+            max_points=max_points,
+            t_start=t_start,
+            progress=progress,
+            partial="return",
+        )
     if angular and not result.unit:
         result = replace(result, unit="rad/s")
     table = escape_table(result.table())
@@ -120,10 +127,11 @@ def response_command(
         [write_text(table_path, table.to_csv(index=False))], (page_path, picture_path)
     )
     _print_results(result, model.name)
-    if page and result.points and result.status.kind != "interrupted":
-        files.write(page_path.name, lambda: [result.page(page_path)])
-    if picture and result.points and result.status.kind != "interrupted":
-        title = f"{model.name}, periodic motions"
+    is_shown = bool(result.points) and result.status.kind != "interrupted"
+    title = f"{model.name}, periodic motions"
+    if page and is_shown:
+        files.write(page_path.name, lambda: [write_analysis_page(result, page_path, title)])
+    if picture and is_shown:
         files.write(
             picture_path.name,
             lambda: [save_figure(create_response_figure(result, title, plotted), picture_path)],
