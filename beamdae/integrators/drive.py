@@ -202,7 +202,8 @@ def _drive(
                 if isinstance(attempt.method, AssessedMethod):
                     run = attempt
                     trajectory, status = run.execute()
-                    if not steps.is_exceeded:
+                    # A failure may be due to the tight tolerance.
+                    if not (steps.is_exceeded or status.kind == "failed"):
                         plan = measure_amplitudes(plan, trajectory, status)
                         # Without the limits of the user, the steps may still be too long.
                         is_result = status.kind == "limited" or run.satisfies(rtol, plan)

@@ -13,6 +13,7 @@ from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.drive import _RunInProgress
 from beamdae.integrators.ida.stepper import IdaStepper
 from beamdae.integrators.input_jumps import InputJump
+from beamdae.integrators.method import StepError
 from beamdae.integrators.radau.stepper import RadauStepper
 
 EVERY = 0.02
@@ -312,3 +313,19 @@ def test_limits_hold_without_a_pilot_run(options, reason):
     stopped = bd.simulate(mech, bd.Radau(), 1.0, progress=lambda t: "enough" if t > 0.3 else None)
     assert stopped.status.sentence.endswith("enough")
     assert 0.3 < stopped.trajectory.end < 0.4
+
+
+def test_failures_due_to_tight_tolerances_do_not_end_runs(monkeypatch):
+    """The first run of a mechanism with controllers, without a pilot run, has tight tolerances."""
+    advance = RadauStepper.advance
+
+    def fail(self, most):
+        if self.resolved_options["local_tolerance"] < 1e-7 and self.workspace.t > 0.2:
+            raise StepError("too tight")
+        return advance(self, most)
+
+    monkeypatch.setattr(RadauStepper, "advance", fail)
+    calls = []
+    run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(), 0.3, output_step=0.01)
+    assert run.status.success, run.status.sentence
+    assert len(calls) > 2 * 300
