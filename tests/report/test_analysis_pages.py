@@ -647,7 +647,10 @@ def test_the_page_of_a_boundary_marks_its_special_points(show):
     values, status = np.array([1.0, 2.0, 1.0]), Status("ok", "reached the end")
     special = (bd.BoundaryPoint("cusp", 2.0, 5.0),)
     factors, q = np.array([3.0, 5.0, 6.0]), np.zeros((3, 1))
-    boundary = bd.Boundary("limit point", "rise", values, factors, special, q, status, ("press",))
+    unstable = np.zeros(3, int)
+    boundary = bd.Boundary(
+        "limit point", "rise", values, factors, special, unstable, q, status, ("press",)
+    )
     tab = show(build_critical_loads_page(boundary, "limit loads"))
     assert tab.locator("#precision .mark").count() == 1
     assert "cusp" in tab.locator("#precision").inner_text()
