@@ -536,3 +536,25 @@ def test_named_velocities_are_components():
     solution = bd.simulate(mech, start={"block.x_dot": 2.0}, t_end=1e-3)
     first = [solution[f"block.{name}"].iloc[0] for name in ("x_dot", "y_dot")]
     assert_allclose(first, (2.0, 1.0), rtol=1e-11)
+
+
+def test_regression_small_gaps_of_small_mechanisms_are_closed():
+    """A gap of 7e-13 m, a millionth of the mechanism, stayed open and ended runs at their start."""
+    length, gap = 1e-6, 7e-13
+    mech = bd.Mechanism()
+    corners = length * np.array([[0.0, 0.0], [0.3, 0.4], [1.1, 0.9], [1.5, 0.0]])
+    bars = [
+        mech.add(bd.RigidBody.rod(f"bar {k}", *map(tuple, corners[k : k + 2]), mass=1e-15))
+        for k in range(3)
+    ]
+    bodies = [mech.ground, *bars, mech.ground]
+    for k, corner in enumerate(corners):
+        end = corner + (gap if k == 2 else 0.0)
+        mech.add(bd.Revolute(f"pin {k}", bodies[k].at(*corner), bodies[k + 1].at(*end)))
+    mech.add(bd.Moment("motor", bars[0].at(0.0, 0.0), 1e-20))
+    mech.observe("bar 0", bars[0].at(*corners[1]))
+    runs = [bd.simulate(mech, bd.Radau(rtol), t_end=1e-3) for rtol in (1e-5, 1e-8)]
+    assert all(run.status.success for run in runs)
+    assert np.ptp(runs[1]["bar 0.angle"]) > 0.1
+    assert_allclose(*(run["bar 0.angle"] for run in runs), rtol=0.0, atol=1e-4)
+    assert runs[1].drift.abs().to_numpy()[0].max() < 1e-20
