@@ -17,6 +17,7 @@ import scipy.sparse as sp
 
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.kinematics import (
+    FormulationKinematics,
     Kinematics,
     LocalAxis,
     MaterialPoint,
@@ -354,6 +355,15 @@ class Beam(Part):
             supported = {field.name for field in fields(_kinematics_type(formulation))}
             other._formulation = formulation
             other._settings = {k: x for k, x in self._settings.items() if k in supported}
+        return other
+
+    def with_exact_strains(self) -> Beam:
+        """Return a copy with strain="exact" and the same coordinates; needs a floating frame."""
+        other, kinematics = copy(self), self.kinematics
+        assert isinstance(kinematics, FormulationKinematics)
+        vars(other).pop("kinematics", None)
+        # The default frame depends on the strains.
+        other._settings = {**self._settings, "strain": "exact", "frame": kinematics.frame}
         return other
 
     def with_free_curve(self, free_curve: PlaneCurve) -> Beam:

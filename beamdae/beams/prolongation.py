@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
@@ -9,6 +11,8 @@ from scipy.sparse.linalg import splu
 from beamdae.beams.beam import Beam
 from beamdae.beams.mesh import Mesh
 from beamdae.beams.shape_functions import shape_functions
+
+Array = np.ndarray
 
 # Coordinates of a node: two displacements and a rotation.
 _NODE_SIZE = 3
@@ -48,3 +52,39 @@ def prolongation_matrix(coarse: Beam, fine: Beam) -> sp.csc_array:
     operator = sp.csc_array(fine.kinematics.operator)
     normal = splu(sp.csc_matrix(operator.T @ operator))
     return sp.csc_array(normal.solve((operator.T @ target).toarray()))
+
+
+def prolong_coordinates(
+    names: Sequence[str], fine_names: Sequence[str], beams: Mapping[str, tuple[Beam, Beam]]
+) -> tuple[sp.csc_array, Array]:
+    """Return the map from coordinates q of a mechanism to those with other meshes of beams.
+
+    Parameters
+    ----------
+    names, fine_names
+        Names of the coordinates of both mechanisms.
+    beams
+        The beams of both, by name: with halved elements, or with the same coordinates.
+
+    Returns
+    -------
+    tuple
+        Matrix P and vector s; the coordinates are s + P @ q.
+    """
+    old = {name: k for k, name in enumerate(names)}
+    new = {name: k for k, name in enumerate(fine_names)}
+    prolongation = sp.lil_array((len(new), len(old)))
+    start = np.zeros(len(new))
+    for name, (coarse, fine) in beams.items():
+        rows = [new[f"{name}.{c.name}"] for c in fine.coordinates]
+        columns = [old[f"{name}.{c.name}"] for c in coarse.coordinates]
+        block = sp.eye_array(len(rows))
+        if fine.mesh is not coarse.mesh:
+            block = prolongation_matrix(coarse, fine)
+        prolongation[np.ix_(rows, columns)] = block.toarray()
+        start[rows] = fine.initial_position - block @ coarse.initial_position
+    prefixes = tuple(f"{name}." for name in beams)
+    for name in new:
+        if not name.startswith(prefixes):
+            prolongation[new[name], old[name]] = 1.0
+    return sp.csc_array(prolongation), start

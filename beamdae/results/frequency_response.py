@@ -20,10 +20,12 @@ from beamdae.results.columns import (
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import (
+    BeamError,
     half_range,
     largest_magnitude,
     largest_modulus,
     mean,
+    run_warnings,
 )
 from beamdae.results.solution import Solution
 
@@ -59,6 +61,8 @@ class ResponsePoint:
         Floquet multipliers, complex, sorted by descending modulus; see `PeriodicMotion`.
     forward
         True if the parameter increases along the curve at this point.
+    beam_error
+        Errors of the columns by the strains and elements of beams, see `PeriodicMotion`.
     """
 
     parameter: float
@@ -66,6 +70,7 @@ class ResponsePoint:
     solution: Solution
     multipliers: Array
     forward: bool = True
+    beam_error: BeamError | None = None
 
     @property
     def stable(self) -> bool:
@@ -114,7 +119,8 @@ class FrequencyResponse(HasTable, HasPage):
     def warnings(self) -> tuple[str, ...]:
         """Reason if the curve ended early, and warnings of the motions.
 
-        Of warnings that differ only in numbers, the first one.
+        Of the errors of beams, the largest one; of other warnings that differ only in numbers, the
+        first one.
         """
         return self._list_warnings(includes_model=True)
 
@@ -123,14 +129,29 @@ class FrequencyResponse(HasTable, HasPage):
         first: dict[str, str] = {}
         if not self.status.success:
             first[""] = f"frequency_response: {self.status.sentence}."
+        first |= self._beam_warnings()
         for point in self.points:
             solution = point.solution
-            for sentence in solution.warnings:
+            for sentence in run_warnings(solution, point.beam_error):
                 if not includes_model and sentence in solution.equations.build_warnings:
                     continue
                 text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"
                 first.setdefault(kind_of_message(sentence), text)
         return tuple(first.values())
+
+    def _beam_warnings(self) -> dict[str, str]:
+        """Return the warning of the largest error of beams, and the first of an unknown error."""
+        errors = [(x.parameter, x.beam_error) for x in self.points if x.beam_error is not None]
+        texts = {}
+        for is_known in (True, False):
+            reported = [x for x in errors if x[1].warning and bool(x[1].columns) is is_known]
+            if reported:
+                value, error = max(reported, key=lambda x: x[1].size)
+                count = f" Such motions: {len(reported)} of {len(self.points)}."
+                texts[f"beams {is_known}"] = (
+                    f"{self.parameter} = {value:.6g}: {error.warning}{count}"
+                )
+        return texts
 
     def table(self) -> pd.DataFrame:
         """Return one row per motion: parameter, period, and sizes of the observed columns.

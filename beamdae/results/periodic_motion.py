@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae.errors import list_first
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
+from beamdae.results.diagnostics.beam_ranges import MAX_UNREPORTED_ERROR, range_warnings
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -21,7 +24,66 @@ Array = np.ndarray
 _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exceed 1 by this
 # Larger errors leave the stability open if they exceed the distance of the largest modulus from 1.
 _MAX_MULTIPLIER_ERROR = 1e-2
+_MAX_NAMES = 3  # of beams and of columns in a warning
+_ROUNDED_PERCENT = 10.0  # larger errors are stated without decimals
 _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
+
+
+@dataclass(frozen=True)
+class BeamError:
+    """Error of a periodic motion by the strains and elements of beams.
+
+    Attributes
+    ----------
+    beams
+        Names of the beams that more accurate ones replace.
+    has_exact_strains, has_fine_mesh
+        Whether these have exact strains, and elements of half the length.
+    columns
+        Relative error of each column by its header, positive if the motion is too large: of the
+        half range or of the largest magnitude, whichever is larger. "period [s]" is the period.
+        Empty if no motion of the more accurate beams was found.
+    """
+
+    beams: tuple[str, ...]
+    has_exact_strains: bool
+    has_fine_mesh: bool
+    columns: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def size(self) -> float:
+        """Largest absolute error; infinite if unknown."""
+        return max(map(abs, self.columns.values()), default=np.inf)
+
+    @property
+    def warning(self) -> str | None:
+        """Warning if the error exceeds 1 %, otherwise None."""
+        if self.size <= MAX_UNREPORTED_ERROR:
+            return None
+        causes = ["strains"] * self.has_exact_strains + ["elements"] * self.has_fine_mesh
+        remedies = ["strain='exact'"] * self.has_exact_strains
+        remedies += ["twice as many elements"] * self.has_fine_mesh
+        beams, remedy = list_first(self.beams, _MAX_NAMES), " and ".join(remedies)
+        if not self.columns:
+            return (
+                f"{beams}: with {remedy}, no periodic motion close to this one was found, so its "
+                f"amplitudes are uncertain; use {remedy}."
+            )
+        largest = sorted(self.columns.items(), key=lambda x: -abs(x[1]))
+        errors = [
+            f"{_format_percent(error)} of {name.partition(' [')[0]}"
+            for name, error in largest
+            if abs(error) > MAX_UNREPORTED_ERROR
+        ]
+        return (
+            f"{beams}: errors by the {' and '.join(causes)} are {list_first(errors, _MAX_NAMES)}; "
+            f"use {remedy}."
+        )
+
+
+def _format_percent(error: float) -> str:
+    percent = 100.0 * error
+    return f"{percent:+.0f} %" if abs(percent) >= _ROUNDED_PERCENT else f"{percent:+.2g} %"
 
 
 @read_only_data
@@ -53,6 +115,9 @@ class PeriodicMotion(HasTable, HasPage):
         Outcome of the search; `status.kind` is "ok" if the search converged.
     warnings
         Warnings of `solution`, and others that the call issued.
+    beam_error
+        Largest error of a column by the strains and elements of beams, including its amplification
+        by resonances. None if there are no columns, or no such beams.
     """
 
     solution: Solution
@@ -63,6 +128,7 @@ class PeriodicMotion(HasTable, HasPage):
     iterations: int = 0
     status: Status = field(default=Status("ok", "repeats after one period"))
     warnings: tuple[str, ...] = field(default=(), repr=False)
+    beam_error: BeamError | None = None
 
     def __repr__(self) -> str:
         return f"<PeriodicMotion: period {self.period:g} s, {self.status.kind}, {self.stability}>"
@@ -136,6 +202,21 @@ class PeriodicMotion(HasTable, HasPage):
             rows[header] = (mean(values), half_range(values), *extrema(values), unit)
         names = ["mean", "half range", "least", "largest", "unit"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)
+
+
+def run_warnings(solution: Solution, error: BeamError | None) -> tuple[str, ...]:
+    """Return the warnings of a run over one period, without estimates that the error replaces.
+
+    Parameters
+    ----------
+    solution
+        The run.
+    error
+        Error of the periodic motion by its beams; None if it is not known.
+    """
+    has_exact_strains = error is not None and error.has_exact_strains
+    replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
+    return tuple(x for x in solution.warnings if x not in replaced)
 
 
 def mean(values: Array) -> float:

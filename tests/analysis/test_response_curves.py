@@ -181,7 +181,7 @@ def arc_point(value, s, slope):
     solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])}, equations=UNIT_LENGTH)
     point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
     return SimpleNamespace(
-        value=value, iterations=3, position=s, as_response_point=lambda sign: point
+        value=value, iterations=3, position=s, as_response_point=lambda sign, errors: point
     )
 
 
@@ -253,7 +253,7 @@ def test_regression_steps_against_the_tangents_are_rejected(value, slopes, reaso
 
 def test_peaks_of_monotonic_curves_are_between_their_points():
     rows = [(0.0, 0.0), (9.9, 1.0), (10.0, 0.999), (10.1, 0.998)]
-    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0) for p, x in rows)
+    points = tuple(arc_point(p, x, 1.0).as_response_point(1.0, None) for p, x in rows)
     response = FrequencyResponse("speed", points, Status("ok", "done"))
     ((value, _),) = response.peaks("x")
     assert 0.0 <= value <= 10.0

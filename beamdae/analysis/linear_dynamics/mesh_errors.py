@@ -90,6 +90,21 @@ def mesh_warnings(
     return sentences
 
 
+def bending_wave_error(beam: Beam, rate: float) -> float:
+    """Return the relative error of the frequency of bending waves, without tension.
+
+    Parameters
+    ----------
+    beam
+        The beam.
+    rate
+        Angular frequency [rad/s].
+    """
+    order, factor = _DISPERSION[beam.mesh.nodes]
+    middles = 0.5 * (beam.mesh.element_bounds[1:] + beam.mesh.element_bounds[:-1])
+    return float(factor * _mean_powers(beam, order, np.array([rate]), middles)[0])
+
+
 def _axial_energy(
     beam: Beam, equations: EquationsOfMotion, state: State, shape: Array, middles: Array
 ) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 
+from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
@@ -210,10 +211,11 @@ def _follow_curve(
     """Append the points of the curve to `points`, and return the reason for its end."""
 
     def append(point: CurvePoint) -> None:
-        points.append(point.as_response_point(sign))
+        points.append(point.as_response_point(sign, errors))
         if progress is not None:
             progress(points[-1])
 
+    errors = BeamErrorEstimator()
     step, (first, last) = first_step, curve.ends
     sign = 1.0 if last > first else -1.0
     previous: CurvePoint | None = None
@@ -325,12 +327,13 @@ class CurvePoint:
         states = np.sqrt(np.mean(np.square(direction[:-1] / scales.ravel())))
         return float(np.hypot(states, direction[-1]))
 
-    def as_response_point(self, sign: float) -> ResponsePoint:
+    def as_response_point(self, sign: float, errors: BeamErrorEstimator) -> ResponsePoint:
         """Convert to a point of the result; `sign` is 1 for an ascending range, -1 otherwise."""
+        error = errors.measure(self.run, self.monodromy)
         multipliers = floquet_multipliers(self.monodromy)
         forward = sign * self.direction[-1] > 0.0
         period = self.run.period_map.period
-        return ResponsePoint(self.value, period, self.run.solution, multipliers, forward)
+        return ResponsePoint(self.value, period, self.run.solution, multipliers, forward, error)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.monodromy import LinearizationError, dominant_range
 from beamdae.analysis.periodic.shooting import (
     DEFAULT_RTOL,
@@ -35,7 +36,12 @@ from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import PeriodicMotion, floquet_multipliers, largest_modulus
+from beamdae.results.periodic_motion import (
+    PeriodicMotion,
+    floquet_multipliers,
+    largest_modulus,
+    run_warnings,
+)
 
 Array = np.ndarray
 
@@ -123,7 +129,8 @@ def periodic(
     Warns
     -----
     BeamdaeWarning
-        If no periodic motion was found, and for each warning of the run over the period.
+        If no periodic motion was found, for errors by strains and elements of beams above 1 %, and
+        for each warning of the run over the period.
 
     Examples
     --------
@@ -164,7 +171,11 @@ def periodic(
         )
     else:
         status = _describe_outcome(run, iterations, limits, is_free)
-        multipliers, error_estimate = _refine_multipliers(run)
+        multipliers, error_estimate, monodromy = _refine_multipliers(run)
+        beam_error = None
+        if status.success and monodromy is not None:
+            beam_error = BeamErrorEstimator().measure(run, monodromy, is_free)
+        beam_warning = None if beam_error is None else beam_error.warning
         motion = PeriodicMotion(
             run.solution,
             run.period_map.period,
@@ -173,7 +184,8 @@ def periodic(
             run.relative_deviation,
             iterations,
             status,
-            run.solution.warnings,
+            (*filter(None, [beam_warning]), *run_warnings(run.solution, beam_error)),
+            beam_error,
         )
     if not motion.status.success:
         warn_user(f"periodic: {motion.status.sentence}.")
@@ -269,13 +281,13 @@ def _find_drifting_state(run: PeriodRun) -> str:
     return parts[0].name if len(parts) == 1 and parts[0].is_state else ""
 
 
-def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
-    """Return the Floquet multipliers and an error estimate.
+def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
+    """Return the Floquet multipliers, an error estimate, and the monodromy matrix if known.
 
     The estimate is the change of the largest modulus if the steps are halved. Of the matrix with
     twice the first steps, only the restriction to the range of the next matrix is computed.
     """
-    multipliers, error = np.zeros(0, complex), np.inf
+    multipliers, error, monodromy = np.zeros(0, complex), np.inf, None
     first = run.steps_per_node
     for refinement in range(_MAX_REFINEMENTS + 1):
         try:
@@ -294,7 +306,7 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float]:
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE:
             break
-    return multipliers, float(error)
+    return multipliers, float(error), monodromy
 
 
 def _restricted_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:

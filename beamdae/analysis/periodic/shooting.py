@@ -66,7 +66,8 @@ _LATER_PERIODS = 2.0 ** np.arange(1.0, 64.0)
 _PERIOD_STEP = 1e-5
 _MAX_PERIOD_CHANGE = 0.05
 _MAX_SECANT_STEPS = 12
-# Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes.
+# Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes,
+# unless the deviation is larger.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
 _MAX_STRETCH = 0.2  # largest permitted change of an unknown period, relative to the period
@@ -133,9 +134,10 @@ class Tolerance(NamedTuple):
 
         If disturbances decay slowly, a motion is off by a multiple of its deviation after a period.
         Therefore, the next `correction` must be below a tenth of the tolerance, unless the last one
-        no longer halved the deviation: `contraction` is the ratio of the last two deviations.
+        no longer halved the deviation: `contraction` is the ratio of the last two deviations, or
+        infinite after one run.
         """
-        is_exhausted = contraction > _EXHAUSTED_CONTRACTION
+        is_exhausted = _EXHAUSTED_CONTRACTION < contraction < np.inf
         is_accurate = correction <= _CORRECTION_RATIO * self.target
         return deviation <= self.target and (is_accurate or is_exhausted)
 
@@ -575,13 +577,21 @@ class PeriodRun:
 
 
 def solve_shooting(
-    period_map: PeriodMap, q: Array, v: Array, tolerance: Tolerance, free_period: bool = False
+    period_map: PeriodMap,
+    q: Array,
+    v: Array,
+    tolerance: Tolerance,
+    free_period: bool = False,
+    linearization: Linearization | None = None,
+    max_difference: float = np.inf,
 ) -> tuple[PeriodRun, int]:
     """Return the best result of Newton's method, and the number of iterations.
 
     The method has converged if `relative_deviation` is at most `tolerance.accepted`. With
     `free_period`, the period is an unknown; the phase condition keeps corrections of the state
-    orthogonal to its time derivative.
+    orthogonal to its time derivative. `linearization` is that of a similar motion, or None. The
+    iteration ends if a deviation or a correction, relative to the amplitudes, exceeds
+    `max_difference`.
 
     Raises
     ------
@@ -594,23 +604,28 @@ def solve_shooting(
     try:
         result = PeriodRun.from_state(period_map, q, v)
     except IncompleteRunError as error:
-        period_map.require_valid_loads(error.solution, free_period)
+        if linearization is None:
+            period_map.require_valid_loads(error.solution, free_period)
         raise
-    period_map.require_valid_loads(result.solution, free_period)
-    linearization: _Linearization | None = None
+    # A similar motion has the same loads.
+    if linearization is None:
+        period_map.require_valid_loads(result.solution, free_period)
     best, last_halving, contraction = result, 0, np.inf
     for iteration in range(1, _MAX_ITERATIONS + 1):
         if linearization is None:
             if result.relative_deviation <= tolerance.target:
                 return result, iteration - 1
-            linearization = _Linearization.from_run(result, free_period)
+            linearization = Linearization.from_run(result, free_period)
         change, stretch = linearization.newton_step(result)
         correction = max(result.relative_size(change), abs(stretch))
         if tolerance.is_met(result.relative_deviation, correction, contraction):
             return result, iteration - 1
         if _KEPT_MATRIX_CONTRACTION < contraction < np.inf:
-            linearization = _Linearization.from_run(result, free_period)
+            linearization = Linearization.from_run(result, free_period)
             change, stretch = linearization.newton_step(result)
+            correction = max(result.relative_size(change), abs(stretch))
+        if max(correction, result.relative_deviation) > max_difference:
+            return best, iteration - 1
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
         contraction = result.relative_deviation / last.relative_deviation
         if result.relative_deviation < 0.5 * best.relative_deviation:
@@ -623,7 +638,7 @@ def solve_shooting(
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearization:
+class Linearization:
     """Newton's matrix at a run, also used for later runs close to it.
 
     Attributes
@@ -642,9 +657,15 @@ class _Linearization:
     persistent: Array
 
     @classmethod
-    def from_run(cls, run: PeriodRun, free_period: bool) -> _Linearization:
+    def from_run(cls, run: PeriodRun, free_period: bool) -> Linearization:
+        """Return the linearization at a run."""
+        directions = run.rates if free_period else ()
+        return cls.from_monodromy(run, run.resolved_monodromy(*directions), free_period)
+
+    @classmethod
+    def from_monodromy(cls, run: PeriodRun, monodromy: Array, free_period: bool) -> Linearization:
+        """Return the linearization at a run whose monodromy matrix is known."""
         start, end = run.rates
-        monodromy = run.resolved_monodromy(*((start, end) if free_period else ()))
         matrix = monodromy - np.eye(len(run.deviation))
         if free_period:
             phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), 0.0)
@@ -653,13 +674,23 @@ class _Linearization:
 
     def newton_step(self, run: PeriodRun) -> tuple[Array, float]:
         """Return the changes of (q, v), (2 n,), and of the period, relative to the period."""
-        deviation = self.run.projection @ run.period_map.deviation(run.solution)
-        right = np.append(deviation, np.zeros(len(self.matrix) - len(deviation)))
+        return self.limit(run, *self.solve(run.period_map.deviation(run.solution)))
+
+    def solve(self, deviation: Array) -> tuple[Array, float]:
+        """Return the changes that remove a deviation (2 n,) of (q, v)."""
+        reduced = self.run.projection @ deviation
+        right = np.append(reduced, np.zeros(len(self.matrix) - len(reduced)))
         solution = -np.linalg.lstsq(self.matrix, right, rcond=_NEUTRAL_RATIO)[0]
-        change = self.run.basis @ solution[: len(deviation)]
-        stretch = float(np.sum(solution[len(deviation) :]))
-        largest = run.relative_size(change)
-        factor = max(1.0, largest / _MAX_CHANGE, abs(stretch) / _MAX_STRETCH)
+        change = self.run.basis @ solution[: len(reduced)]
+        return change, float(np.sum(solution[len(reduced) :]))
+
+    @staticmethod
+    def limit(run: PeriodRun, change: Array, stretch: float) -> tuple[Array, float]:
+        """Return the changes, shortened if they are too large for the run."""
+        # Disturbances that decay within the period are corrected by their whole deviation.
+        deviations = np.abs(run.period_map.deviation(run.solution))
+        largest = np.maximum(_MAX_CHANGE * run.scales, deviations)
+        factor = max(1.0, float(np.max(np.abs(change) / largest)), abs(stretch) / _MAX_STRETCH)
         return change / factor, stretch / factor
 
 

@@ -21,8 +21,8 @@ from beamdae.analysis.statics.load_scaling import Loading, build_loading
 from beamdae.analysis.statics.neutral_motions import hold_neutral_motions
 from beamdae.analysis.statics.path_controls import PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import EquilibriumPath
-from beamdae.beams.beam import Beam
-from beamdae.beams.prolongation import halve_elements, prolongation_matrix
+from beamdae.beams.beam import beams_of
+from beamdae.beams.prolongation import halve_elements, prolong_coordinates
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.errors import BeamdaeError
@@ -90,23 +90,12 @@ class _FineMesh:
         equations = equations_of_motion(refined, AS_DRAWN)
         loads = [list(stage) for stage in coarse.stages]
         fine = build_loading(refined, equations, loads, float(coarse.systems[0].loaded.time[0]))
-        old = {name: k for k, name in enumerate(coarse.full_equations.q_names)}
-        new = {name: k for k, name in enumerate(equations.q_names)}
-        prolongation = sp.lil_array((len(new), len(old)))
-        start = np.zeros(len(new))
-        for name, beam in beams.items():
-            other = refined.parts[name]
-            assert isinstance(other, Beam)
-            rows = [new[f"{name}.{c.name}"] for c in other.coordinates]
-            columns = [old[f"{name}.{c.name}"] for c in beam.coordinates]
-            block = prolongation_matrix(beam, other)
-            prolongation[np.ix_(rows, columns)] = block.toarray()
-            start[rows] = other.initial_position - block @ beam.initial_position
-        prefixes = tuple(f"{name}." for name in beams)
-        for name in new:
-            if not name.startswith(prefixes):
-                prolongation[new[name], old[name]] = 1.0
-        return cls(coarse, fine, start, sp.csc_array(prolongation))
+        fine_beams = {beam.name: beam for beam in beams_of(refined)}
+        pairs = {name: (beam, fine_beams[name]) for name, beam in beams.items()}
+        prolongation, start = prolong_coordinates(
+            coarse.full_equations.q_names, equations.q_names, pairs
+        )
+        return cls(coarse, fine, start, prolongation)
 
     def negative_count(self, point: EquilibriumPoint, secant: PathDirection) -> int:
         """Return the number of negative eigenvalues on the fine mesh; -1 if it is unknown.

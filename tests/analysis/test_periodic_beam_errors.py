@@ -1,0 +1,95 @@
+"""Errors of periodic motions by strains and elements of beams, amplified by resonances."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
+from beamdae.results.outcome import Status
+from beamdae.results.periodic_motion import BeamError
+
+LENGTH = 0.35  # m
+RUNS = bd.Radau(1e-6)
+
+
+def blade(frequency, acceleration, elements=3, damping=2e-5, **settings):
+    """Return a tapered blade of titanium on a shaker, with its first resonance at 43.7 Hz."""
+    titanium = bd.Material(E=114e9, nu=0.34, rho=4430.0)
+    mech = bd.Mechanism()
+    slide = mech.add(bd.RigidBody("slide", mass=2.0, inertia=0.01))
+    ground, up = mech.ground.at(0.0, 0.0), (0.0, 1.0)
+    travel = bd.sine(acceleration / (2.0 * np.pi * frequency) ** 2, frequency)
+    mech.add(bd.Prismatic("guide", ground, slide.at(0.0, 0.0), direction=up))
+    mech.add(bd.TranslationalDriver("shaker", ground, slide.at(0.0, 0.0), travel, direction=up))
+
+    def section(s):
+        height = 6e-3 - 3e-3 * s / LENGTH
+        return bd.Section.rectangle(titanium, width=0.03, height=height, damping=damping)
+
+    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+    beam = mech.add(bd.Beam("blade", line, section, elements=elements, **settings))
+    mech.add(bd.Weld("clamp", slide.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.deflection(LENGTH))
+    mech.observe("root", beam.stress(0.0, "top"))
+    return mech
+
+
+def motion_of(frequency, *arguments, **settings):
+    return bd.periodic(blade(frequency, *arguments, **settings), 1.0 / frequency, RUNS)
+
+
+def half_range_of(motion):
+    return motion.amplitudes().loc["tip.transverse [m]", "half range"]
+
+
+@pytest.mark.parametrize(
+    ("frequency", "acceleration", "size"),
+    [
+        (43.8, 15.0, 0.149),
+        pytest.param(43.3, 25.0, 0.033, marks=pytest.mark.slow(reason="a second and more")),
+        pytest.param(43.7, 25.0, 0.176, marks=pytest.mark.slow(reason="a second and more")),
+        pytest.param(43.75, 8.0, 0.041, marks=pytest.mark.slow(reason="a second and more")),
+    ],
+)
+def test_regression_errors_of_strains_include_the_resonance(frequency, acceleration, size):
+    """Errors of 3 to 18 % had no warning, or one of at most 1 to 5 %."""
+    with pytest.warns(bd.BeamdaeWarning, match="errors by the strains are"):
+        motion = motion_of(frequency, acceleration)
+    exact = motion_of(frequency, acceleration, strain="exact")
+    error = half_range_of(motion) / half_range_of(exact) - 1.0
+    assert abs(error) == pytest.approx(size, rel=0.1)
+    assert motion.beam_error.columns["tip.transverse [m]"] == pytest.approx(error, rel=0.05)
+    assert motion.warnings[0] == motion.beam_error.warning
+    assert "at most about" not in " ".join(motion.warnings)
+    assert exact.beam_error is None
+
+
+def test_strains_have_no_warning_away_from_the_resonance():
+    motion = motion_of(30.0, 25.0)
+    assert motion.beam_error.size < 1e-3
+    assert motion.warnings == ()
+
+
+def error_of(size, beams=("arm",)):
+    return BeamError(beams, True, False, {"tip.y [m]": size})
+
+
+def test_regression_responses_name_the_largest_error_of_beams():
+    """The first error above 1 % was named, 1.3 % of 18 %."""
+    errors = [None, error_of(0.013), error_of(-0.18), error_of(0.05), error_of(0.002)]
+    solution = SimpleNamespace(warnings=(), validity=())
+    points = tuple(
+        ResponsePoint(float(k), 1.0, solution, np.ones(1), beam_error=error)
+        for k, error in enumerate(errors)
+    )
+    response = FrequencyResponse("f", points, Status("ok", "reached the end"))
+    assert response.warnings == (
+        "f = 2: arm: errors by the strains are -18 % of tip.y; use strain='exact'. Such motions: "
+        "3 of 5.",
+    )
+    unknown = ResponsePoint(9.0, 1.0, solution, np.ones(1), beam_error=BeamError(("arm",), 1, 1))
+    response = FrequencyResponse("f", (*points, unknown), Status("ok", "reached the end"))
+    assert len(response.warnings) == 2
+    assert response.warnings[1].startswith("f = 9: arm: with strain='exact' and twice as many")
