@@ -100,7 +100,9 @@ def results(disk):
         "Modes": bd.modes(disk),
         "Campbell": bd.campbell(disk, [1.0, 2.0], 1),
         "KnockDown": bd.KnockDown(two, two, ("limit point", ""), 3.0),
-        "Boundary": bd.Boundary("limit point", "rise", two, two, points, two[:, None], ok, ("f",)),
+        "Boundary": bd.Boundary(
+            "limit point", "rise", two, two, points, np.zeros(2, int), two[:, None], ok, ("f",)
+        ),
         "ProfileLikelihood": bd.ProfileLikelihood("E", two, two, 3.84, (0.5, 2.5), {}),
         "FrequencyResponse": bd.FrequencyResponse(
             "frequency", tuple(bd.ResponsePoint(x, 0.1, run, np.ones(1)) for x in (1.0, 2.0)), ok
