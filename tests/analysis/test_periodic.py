@@ -311,3 +311,29 @@ def test_regression_states_that_grow_in_each_period_are_named():
     message = "mostly in the state 'work'; omit it if it grows in each period"
     with pytest.warns(bd.BeamdaeWarning, match=message):
         bd.periodic(mech, 2.5, bd.Radau(1e-5))
+
+
+def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
+    """Each correction was limited to 3 amplitudes of an axial vibration that decays at once."""
+    frequency = 4.2
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.006, damping=2e-4)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+    wheel = mech.add(bd.RigidBody.disk("wheel", (0.4, 0.0), radius=0.05, mass=0.4))
+    rack = mech.add(bd.RigidBody("rack", mass=0.3, inertia=1e-3, center=(0.4, -0.05)))
+    mech.add(bd.Revolute("axle", arm.end, wheel.at(0.4, 0.0)))
+    mech.add(bd.Prismatic("guide", arm.end, rack.at(0.4, -0.05)))
+    mech.add(bd.RackAndPinion("teeth", wheel.at(0.4, 0.0), rack.at(0.4, -0.05), radius=0.05))
+    ends = (mech.ground.at(0.9, -0.05), rack.at(0.4, -0.05))
+    mech.add(bd.SpringDamper("spring", *ends, 400.0, 2.0, free_length=0.5))
+    mech.add(bd.Moment("motor", wheel.at(0.4, 0.0), bd.sine(2e-3, frequency)))
+    mech.observe("wheel", wheel.at(0.4, 0.0))
+    motion = bd.periodic(mech, period=1.0 / frequency)
+    assert motion.status.success
+    assert motion.iterations < 10
+    # The rack and half the wheel vibrate on the spring; the arm is 1000 times as stiff.
+    w, mass = 2.0 * np.pi * frequency, 0.3 + 0.2
+    amplitude = 2e-3 / 0.05 / abs(400.0 - mass * w**2 + 2.0j * w) / 0.05
+    measured = 0.5 * np.ptp(motion.solution["wheel.angle"])
+    np.testing.assert_allclose(measured, amplitude, rtol=0.02)
