@@ -196,8 +196,9 @@ def _drive(
     try:
         is_result = False
         if pilot_on is not None and equations.scales is None:
-            if equations.controllers and rtol is not None:
-                tight_plan, attempt_limits, steps = plan_attempt(plan, limits)
+            attempt_plan = None if equations.events else plan_attempt(plan, limits)
+            if rtol is not None and attempt_plan is not None:
+                tight_plan, attempt_limits, steps = attempt_plan
                 attempt = prepare_run(tight_plan, attempt_limits, method_on)
                 if isinstance(attempt.method, AssessedMethod):
                     run = attempt
@@ -388,13 +389,13 @@ class _RunInProgress:
     def satisfies(self, rtol: float, plan: RunPlan) -> bool:
         """Return True if the steps taken satisfy the tolerances of a run with `rtol` on `plan`.
 
-        Events may have changed the method; runs with events are not assessed.
+        Forces are not assessed if their steps have not all been stored.
         """
-        if self._detector is not None or self.thinning.report:
+        detector = detect_force_peaks(plan, rtol)
+        if detector is not None and self.thinning.report:
             return False
         if not cast(AssessedMethod, self.method).satisfies(rtol, plan):
             return False
-        detector = detect_force_peaks(plan, rtol)
         intervals = (segment.interval(self._equations.m) for segment in self._segments)
         return detector is None or all(
             detector.find_first(interval, interval.t[0]) is None for interval in intervals

@@ -135,14 +135,20 @@ class SampledStepLimit:
         return "the samples do not determine the steps" if self.is_exceeded else None
 
 
-def plan_attempt(plan: RunPlan, limits: RunLimits) -> tuple[RunPlan, RunLimits, SampledStepLimit]:
+def plan_attempt(
+    plan: RunPlan, limits: RunLimits
+) -> tuple[RunPlan, RunLimits, SampledStepLimit] | None:
     """Return plan and limits of a run without a pilot run, whose steps end at frequent samples.
 
-    Its local tolerance is that of amplitudes of a hundredth of the size of each part. While there
-    is about one step per sample nevertheless, it takes no longer than a pilot run. If its errors
+    Its local tolerance is that of amplitudes of 0.3 % of the size of each part. While there is
+    about one step per sample nevertheless, it takes no longer than a pilot run. If its errors
     satisfy the tolerances of its amplitudes, which `measure_amplitudes` returns, it is the run.
+
+    Return None without controllers, and if a pilot run ends before all samples.
     """
     rate = sum(1.0 / term.controller.every for term in plan.equations.controllers)
+    if not 0.0 < rate * plan.duration <= _MAX_PILOT_STEPS:
+        return None
     steps = SampledStepLimit(plan.intervals[0][0], rate)
     tight_plan = replace(plan, tolerance_factor=_TIGHT_FACTOR)
     return tight_plan, replace(limits, stall_detector=steps), steps

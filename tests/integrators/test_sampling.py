@@ -329,3 +329,12 @@ def test_failures_due_to_tight_tolerances_do_not_end_runs(monkeypatch):
     run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(), 0.3, output_step=0.01)
     assert run.status.success, run.status.sentence
     assert len(calls) > 2 * 300
+
+
+def test_long_runs_with_frequent_samples_need_no_pilot_run(monkeypatch):
+    monkeypatch.setattr(step_thinning, "MAX_STORED_BYTES", 3e3)
+    monkeypatch.setattr(step_history, "_MAX_BLOCK_ROWS", 40)
+    calls = []
+    run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(), 0.5, output_step=0.01)
+    assert run.trajectory.intervals[0].record is not None
+    assert len(calls) < 1.1 * 500
