@@ -45,9 +45,9 @@ from beamdae.parts.forces.friction import Friction
 from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRun, ErrorBudget
 from beamdae.results.columns import (
+    drift_limits,
     mark_required_columns,
     mark_resting_columns,
-    mark_unresolved_columns,
     measure_amplitudes,
     remove_unit,
     require_certified_columns,
@@ -428,12 +428,15 @@ def _compare(coarse: _Run, fine: _Run, accuracy: float) -> _Difference:
 
 
 def _scale(differences: Array, coarse: _Run, fine: _Run) -> Array:
-    """Return differences of two runs relative to the amplitudes; 0 for columns at rest."""
+    """Return differences of two runs relative to the amplitudes; 0 for columns at rest.
+
+    Columns that move by no more than the drift of the constraints are at rest.
+    """
     headers, length = list(fine.solution.columns), fine.solution.equations.length
-    largest, half_range = np.max(np.abs(differences), axis=0), 0.5 * np.ptp(fine.rows, axis=0)
-    is_at_rest = fine.is_at_rest | mark_unresolved_columns(
-        headers, half_range, largest, length, coarse.rtol, coarse.solution.find_drift
-    )
+    drifts = (drift_limits(headers, length, *run.solution.find_drift()) for run in (coarse, fine))
+    largest = 0.5 * np.max(np.abs(differences), axis=0), 0.5 * np.ptp(fine.rows, axis=0)
+    is_drift = [x <= limit for x, limit in zip(largest, drifts, strict=True)]
+    is_at_rest = fine.is_at_rest | np.all(is_drift, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(is_at_rest, 0.0, np.abs(differences) / fine.amplitude)
 

@@ -31,8 +31,8 @@ def steady_deflection(x, y):
     return small_vibration(x, y, "equilibrium", (0.0, -9.81))
 
 
-def crank(x, y):
-    """Crank that drives a slider."""
+def crank(x, y, torque=None):
+    """Crank that drives a slider, at 20 rad/s or by a torque [N m]."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     arm = mech.add(bd.RigidBody.rod("crank", (x, y), (x + 0.1, y), mass=1.0))
     rod = mech.add(bd.RigidBody.rod("rod", (x + 0.1, y), (x + 0.5, y), mass=1.0))
@@ -42,7 +42,10 @@ def crank(x, y):
     mech.add(bd.Revolute("crank pin", arm.at(x + 0.1, y), rod.at(x + 0.1, y)))
     mech.add(bd.Revolute("wrist pin", rod.at(x + 0.5, y), slider.point))
     mech.add(bd.PointOnLine("guide", pivot, slider.point, direction=(1.0, 0.0)))
-    mech.add(bd.Driver("motor", pivot, arm.at(x, y), lambda t: 20.0 * t))
+    if torque is None:
+        mech.add(bd.Driver("motor", pivot, arm.at(x, y), lambda t: 20.0 * t))
+    else:
+        mech.add(bd.Moment("motor", arm.at(x, y), torque))
     mech.observe("slider", slider.point)
     mech.observe("pivot", arm.at(x, y))
     return mech
@@ -96,6 +99,21 @@ def test_regression_fixed_points_have_no_errors(place):
     pivot = ["pivot.x [m]", "pivot.y [m]", "pivot.x_dot [m/s]", "pivot.y_dot [m/s]"]
     assert (errors[pivot] == 0.0).all()
     assert errors["slider.x_dot [m/s]"] > 0.0
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), FAR])
+def test_regression_certificates_do_not_name_the_rates_of_fixed_points(place):
+    """Rates of 1e-6 m/s of a pivot exceeded the accuracy."""
+    certificate = bd.certify(crank(*place, torque=2.0), accuracy=0.01, t_end=0.3)
+    assert certificate.status.sentence == "all required columns are within 0.01 of half their range"
+
+
+def test_regression_certificates_assess_small_motions_that_no_joint_prescribes():
+    """Motions of the size of rtol have errors, also if these are as large as the motion."""
+    certificate = bd.certify(small_vibration(0.0, 0.5), accuracy=0.01, t_end=0.1)
+    errors = certificate.budget["total"]
+    assert errors["tip.y [m]"] > 1e-6
+    assert errors["tip.x_dot [m/s]"] > 1e-6
 
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
