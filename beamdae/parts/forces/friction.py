@@ -37,8 +37,8 @@ from beamdae.symbolic.statements import (
     rebuilt_for_mesh,
 )
 
-# [N]; far below the reactions of micrometer-sized mechanisms. Step counts are those of 1e-3 N.
-_DEFAULT_SMOOTHING = 1e-12
+# [N]; far below the weight of a cubic micrometer, 1e-14 N. Step counts are those of 1e-3 N.
+_DEFAULT_SMOOTHING = 1e-18
 
 
 def _rim_travel(a: Any, b: Any, numbers: Any) -> SX:
