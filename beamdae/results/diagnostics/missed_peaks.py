@@ -37,7 +37,6 @@ _MAX_MISSED_SHARE = 0.01  # of the range of a column
 # Smaller misses, relative to values that do not depend on an origin, have no warning.
 _MIN_SHARE_OF_VALUE = 1e-3
 _UNITS_WITH_ORIGIN = ("m", "rad")
-_UNITS_OF_MOTIONS = ("m", "rad", "m/s", "rad/s")
 _MIN_ROWS = 3  # runs with fewer rows are not curves
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
@@ -407,9 +406,6 @@ def find_missed_peaks(
     is_at_rest |= mark_constant_columns(names, values, half_range, length, rtol)
     units = [Header.of(name).unit for name in names]
     is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
-    # Errors of motions are of this size.
-    is_motion = np.array([unit in _UNITS_OF_MOTIONS for unit in units])
-    is_at_rest |= is_motion & (half_range <= rtol * largest_of_kind(names, half_range, length))
     misses = np.stack([rows[0] - low, high - rows[1]])
     misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
