@@ -133,7 +133,8 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per observed column: half of its range or, if the column is constant but for errors,
-        its largest magnitude [unit of the column]; the estimated largest error relative to this
+        its largest magnitude (of positions and angles: the largest displacement from the drawing)
+        [unit of the column]; the estimated largest error relative to this
         [-]; and the signed error [-], the run minus the second run at the time of their largest
         difference, in the same unit. Errors of columns at rest are 0. Errors are NaN for columns
         that are not finite, and for a run with a single row. If no second run allows an estimate,
