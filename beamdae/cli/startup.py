@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
-from typing import Any
 
 from beamdae.unused_imports import defer_unused_imports
 
@@ -20,34 +18,6 @@ def begin_startup() -> None:
     global _is_starting
     _is_starting = True
     gc.disable()
-    _compile_dataclass_methods_later()
-
-
-def _compile_dataclass_methods_later() -> None:
-    """Let data classes compile methods such as `__repr__` and `__eq__` when first called.
-
-    Compiling them takes half of the time in which the 200 data classes of a command are created.
-    Python 3.13 and later compile all methods of a class together.
-    """
-    compile_now = getattr(dataclasses, "_create_fn", None)
-    if compile_now is None:
-        return
-
-    def compile_later(name: str, *source: Any, **options: Any) -> Any:
-        if name == "__init__":  # its signature is inspected, and most are called
-            return compile_now(name, *source, **options)
-        method: Any = None
-
-        def call(*arguments: Any) -> Any:
-            nonlocal method
-            if method is None:
-                method = compile_now(name, *source, **options)
-            return method(*arguments)
-
-        call.__name__ = name
-        return call
-
-    dataclasses._create_fn = compile_later  # type: ignore[attr-defined]
 
 
 def import_equations() -> None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -167,15 +168,14 @@ def _friction_peak_warnings(mechanism: Mechanism) -> Iterator[str]:
 def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
     """Return True if the force of all copies is identically zero on these branches of its laws.
 
-    A force that happens to be zero at an arbitrary state is examined symbolically.
+    A force that happens to be zero at a random state is examined symbolically.
     """
     kernel = statement.kernel
     x = kernel.local
     # Compiled once for all models with this kernel, whose data include all numbers.
     (group,) = group_by_kernel([statement])
     evaluate = group.kernel.force_kernel.function
-    # Not random numbers, because the import of `numpy.random` takes as long as this function.
-    state = np.cos(np.arange(3 * x.size + x.n_multipliers) ** 2.0)
+    state = _random_state(3 * x.size + x.n_multipliers)
     copies = group.data if group.data.shape[1] == 1 else np.unique(group.data, axis=1)
     for numbers in copies.T if copies.size else [np.zeros(0)]:
         for branch in branches if kernel.has_branches else branches[:1]:
@@ -188,6 +188,11 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
             if not force.is_zero():
                 return False
     return True
+
+
+@lru_cache(maxsize=16)
+def _random_state(size: int) -> Array:
+    return np.random.default_rng(_SEED).standard_normal(size)
 
 
 def _is_within_rigid_body(part: Part, coordinates: CoordinateMap) -> bool:

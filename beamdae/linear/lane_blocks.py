@@ -32,15 +32,7 @@ _MAX_INTERIOR = 16
 _MAX_NEIGHBORS = 24
 # Fewer blocks of equal size leave most lanes unused.
 _MIN_BLOCKS = 4
-# Constants of SplitMix64 (Steele, Lea & Flood, OOPSLA 2014, 453).
-_INCREMENT = np.uint64(0x9E3779B97F4A7C15)
-_MIX_STEPS = (
-    *(
-        (np.uint64(30), np.uint64(0xBF58476D1CE4E5B9)),
-        (np.uint64(27), np.uint64(0x94D049BB133111EB)),
-    ),
-    (np.uint64(31), np.uint64(1)),
-)
+_SEED = 0
 
 
 class BlockElimination(NamedTuple):
@@ -116,7 +108,7 @@ def _choose_blocks(pattern: sp.csc_array, is_candidate: Array) -> list[_Blocks]:
     """Choose blocks among the candidates until none are left, in the order of elimination."""
     size = pattern.shape[0]
     couplings = sp.csr_array(pattern + pattern.T + sp.eye_array(size))
-    random = _hash_indices(size)
+    random = np.random.default_rng(_SEED).integers(0, 2**63, size, np.uint64)
     is_candidate = is_candidate.copy()
     chosen: list[_Blocks] = []
     while True:
@@ -143,14 +135,6 @@ def _choose_blocks(pattern: sp.csc_array, is_candidate: Array) -> list[_Blocks]:
             )
         )
         couplings = sp.csr_array(sp.coo_array((np.ones(len(rows)), (rows, columns)), (size, size)))
-
-
-def _hash_indices(size: int) -> Array:
-    """Return `size` random numbers of 64 bits, without importing `numpy.random`."""
-    x = np.arange(1, size + 1, dtype=np.uint64) * _INCREMENT
-    for shift, factor in _MIX_STEPS:
-        x = (x ^ (x >> shift)) * factor
-    return x
 
 
 def _choose_independent(
