@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import (
+    DECAY,
     UNSTABLE,
     VIBRATION,
     EigenSolution,
@@ -48,6 +49,10 @@ _MAX_SQUARE_ROUNDING = 0.05
 # Smallest share of the kinetic energy of a beam, without that of its rigid motion, of a motion that
 # deforms the beam. Clamped beams have 3 %, rounding errors of free strips with L/h = 1e6 0.003 %.
 _MIN_DEFORMATION_SHARE = 1e-3
+# Decays whose rates differ by at most this fraction are those of fast modes with material damping,
+# which leave out vibrations if they are at least this share of the requested modes.
+_EQUAL_RATE_TOLERANCE = 1e-3
+_MAX_DECAY_SHARE = 0.5
 # Number of frequencies shown in the repr.
 _REPR_FREQUENCIES = 5
 
@@ -245,7 +250,10 @@ def modes(
         - an `Equilibrium`: at rest at the end of its path, under the loads at this point.
     n
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
-        computed with dense matrices.
+        computed with dense matrices. Material damping gives each fast mode a decay at the rate
+        1 / damping, and a warning names this rate if such decays take the place of vibrations.
+        Large models may then lack one of several equal modes near this rate, and about 100 of these
+        decays can take minutes.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
@@ -307,6 +315,7 @@ def compute_modes(
     kinds = classify_modes(lin.linearized_equations, solution)
     mechanism = model if isinstance(model, Mechanism) else None
     lin = replace(lin, warnings=(*lin.warnings, *_rounding_warnings(lin, solution, mechanism)))
+    lin = replace(lin, warnings=(*lin.warnings, *_decay_warnings(solution, kinds, count)))
     warnings = list(lin.warnings)
     if lin.equations.n <= lin.equations.m:
         warnings.append("there are no modes because joints and drivers fix every coordinate.")
@@ -355,6 +364,25 @@ def _rounding_warnings(
         f"frequencies below {limit:.2g} Hz can be inaccurate, and free motions can be slow "
         "vibrations, because rounding errors of the stiffest parts reach the stiffness of the "
         "softest ones; replace very stiff beams by rigid bodies, or very thin ones by thicker ones."
+    ]
+
+
+def _decay_warnings(
+    solution: EigenSolution, kinds: tuple[str, ...], count: int | None
+) -> list[str]:
+    """Return a warning if decays at nearly equal rates take the place of vibrations, or none."""
+    values = solution.values
+    if count is None or len(values) < count or kinds[-1] != DECAY:
+        return []
+    rate = float(np.abs(values[-1]))
+    is_equal = (np.abs(values + rate) <= _EQUAL_RATE_TOLERANCE * rate) & (values.imag == 0.0)
+    number = int(np.sum(is_equal))
+    if number < max(_MAX_DECAY_SHARE * count, 2.0):
+        return []
+    return [
+        f"{number} of {count} modes decay at nearly the same rate of {rate:.4g} 1/s, as fast modes "
+        "with material damping do at 1 / damping; vibrations with a larger |eigenvalue| are not "
+        "among the modes. Set damping=False, or use a larger n."
     ]
 
 
