@@ -206,6 +206,20 @@ def test_regression_limits_of_smooth_maxima_are_those_of_the_maxima(exponent, is
 
 
 @pytest.mark.slow(reason="half a second and more")
+def test_largest_of_limited_smooth_maxima_is_the_largest_maximum():
+    maxima = [bd.SmoothMaximum(f"mass.{name}") for name in ("x", "x_dot")]
+    limit = bd.at_most(bd.LargestOf(maxima), 0.1)
+    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    bounds = {"stiffness": (20.0, 500.0)}
+    design = bd.optimize(loaded_spring, size, "stiffness", limit, bounds)
+    # The largest speed is 1 / sqrt(stiffness).
+    assert design.parameters["stiffness"] == pytest.approx(100.0, rel=4e-3)
+    (constraint,) = design.constraints
+    assert constraint.largest == pytest.approx(0.1, rel=1e-5)
+    assert constraint.comparison == "at its limit"
+
+
+@pytest.mark.slow(reason="half a second and more")
 def test_maxima_that_do_not_reach_the_limit_of_their_smooth_maximum_have_one_search():
     travel = bd.SmoothMaximum("mass.x")
     size = bd.ParameterFunction(lambda stiffness: (stiffness / 200.0 - 1.0) ** 2, "stiffness")

@@ -383,6 +383,9 @@ def _list_constraints(
         relative = _relative_margin(limit, margin, first)
         numbers = (value, limit.bound, margin, multiplier, relative)
         largest, exponent = _find_largest(limit.quantity, smooth, design)
+        if ratio > 1.0 and isinstance(limit.quantity, LargestOf):
+            # The largest smooth maximum is below the largest maximum, which is the value.
+            largest = value
         closer = _suggest_exponent(value / largest, exponent) if largest > 0.0 else float("nan")
         constraints.append(Constraint(limit.label, *numbers, unit, largest, closer))
     return tuple(constraints)
