@@ -72,6 +72,21 @@ def test_strains_have_no_warning_away_from_the_resonance():
     assert motion.warnings == ()
 
 
+@pytest.mark.slow(reason="five seconds: a free motion without damping")
+def test_free_motions_have_no_amplified_errors_of_elements():
+    """Their multipliers of 1 are no resonance."""
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.02, height=0.001, damping=1e-4)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    line = bd.Line((0.0, 0.0), (0.4, -0.5))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2, strain="exact"))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), beam.start))
+    mech.observe("tip", beam.end)
+    motion = bd.periodic(mech, integrator=bd.Radau(1e-7), period_guess=1.35, settle=2)
+    assert motion.status.success
+    assert motion.beam_error is None
+
+
 def error_of(size, beams=("arm",)):
     return BeamError(beams, True, False, {"tip.y [m]": size})
 

@@ -125,7 +125,7 @@ class BeamErrorEstimator:
         BeamError or None
             None if no beam can be replaced, or there are no columns.
         """
-        reference = _build_reference(run, _estimate_mesh_errors(run, monodromy))
+        reference = _build_reference(run, _estimate_mesh_errors(run, monodromy, free_period))
         if reference is None or not run.solution.columns:
             return None
         error = BeamError(reference.beams, reference.has_exact_strains, reference.has_fine_mesh)
@@ -187,14 +187,16 @@ def _moving_columns(solution: Solution) -> list[str]:
     return [name for name, vanishes in zip(columns, vanishing, strict=True) if not vanishes]
 
 
-def _estimate_mesh_errors(run: PeriodRun, monodromy: Array) -> dict[str, float]:
+def _estimate_mesh_errors(run: PeriodRun, monodromy: Array, free_period: bool) -> dict[str, float]:
     """Return the estimated effect of the elements of each beam on a motion, by name.
 
     An error e of the frequency turns a multiplier m by e omega T. It changes the response by this
-    angle over |1 - m|.
+    angle over |1 - m|. Free motions are not amplified: the multiplier 1 moves along the motion.
     """
-    multipliers = np.linalg.eigvals(monodromy)
-    distance = max(float(np.min(np.abs(1.0 - multipliers), initial=1.0)), _TINY)
+    distance = 1.0
+    if not free_period:
+        multipliers = np.linalg.eigvals(monodromy)
+        distance = max(float(np.min(np.abs(1.0 - multipliers), initial=1.0)), _TINY)
     amplitudes, rates = np.split(run.scales, 2)
     rate = float(np.max(rates / amplitudes))
     factor = rate * run.period_map.period / distance
