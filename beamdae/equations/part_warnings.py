@@ -356,7 +356,8 @@ def start_inside_warnings(
             yield (
                 f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
                 f"surface, far deeper than at rest, and the contact releases {x.energy:.3g} J; "
-                f"{x.gap.remedy}, or start with start='equilibrium' if it is a preload."
+                f"{x.gap.remedy}, or build the model with bd.Mechanism(start='equilibrium') if it "
+                "is a preload."
             )
     for event in mechanism.events:
         for impact in select_impacts(event.do):

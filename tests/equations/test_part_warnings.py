@@ -60,7 +60,7 @@ def test_a_reversed_floor_is_reported_with_part_depth_and_remedy():
     (sentence,) = findings(on_floor(1.0, (-1.0, 0.0)))
     assert sentence.startswith("floor: ball at (0, 1) starts 1 m inside the surface")
     assert "turn the direction of the line to (1, 0)" in sentence
-    assert sentence.endswith(", or start with start='equilibrium' if it is a preload.")
+    assert sentence.endswith("bd.Mechanism(start='equilibrium') if it is a preload.")
     with pytest.warns(bd.BeamdaeWarning, match="floor: ball at .* starts 1 m inside the surface"):
         bd.simulate(on_floor(1.0, (-1.0, 0.0)), t_end=0.01)
 
