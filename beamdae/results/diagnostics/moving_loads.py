@@ -1,4 +1,4 @@
-"""Warnings about section forces, computed from strains, in elements that a moving load passes."""
+"""Warnings about section forces and reactions in elements that a moving load passes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.parts.signals import Sensor
 from beamdae.results.diagnostics.beam_ranges import sample_positions
+from beamdae.results.diagnostics.sliding_errors import sliding_error_warnings
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
 
@@ -33,13 +34,15 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     """Yield a warning per observed section whose element a moving load passes during the run.
 
     Strains within an element are smooth, and do not follow the jump of the shear force below the
-    load. Stresses and strains are exempt if the element is short.
+    load. Stresses and strains are exempt if the element is short. The warnings about reactions of
+    sliding points come first.
     """
     mechanism = equations.mechanism
     parts = () if mechanism is None else mechanism.parts.values()
     loads: list[Any] = [x for x in parts if x.moves_along_beam]
     if mechanism is None or not loads:
         return
+    yield from sliding_error_warnings(equations, trajectory)
     paths: dict[str, tuple[float, float]] = {}
     for name, observed in mechanism.observables.items():
         quantity, columns = measured_quantity(observed)
