@@ -2,8 +2,8 @@
 
 Within an element, no polynomial of the deflection follows the kink below a concentrated force. The
 beam is too stiff there, by a compliance that depends on the element only. Arches and clamped beams
-are stiff themselves, so that 4 elements may cause 3 % of the compliance. The vibration of the point
-on the beam then has too short a period, and the phase error of its reaction grows with time.
+are stiff themselves; with 4 elements, they lack up to 5 % of their compliance. The vibration of the
+point on the beam then has too short a period, and the phase error of its reaction grows with time.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ def sliding_error_warnings(equations: EquationsOfMotion, trajectory: Trajectory)
     """Yield a warning per sliding point if the mesh error of its reaction is above 4 %.
 
     In 38 runs with points of 0.05 to 20 kg on arches and straight beams of 4 and 8 elements,
-    supported or clamped, all 26 errors above 0.7 % are within a factor of 2 of the estimate. With 2
+    supported or clamped, all 26 errors above 0.7 % are within a factor of 2 of the estimate; its
+    memory and its filter were chosen with 34 of these runs. Points start at rest. With 2
     elements, the estimate can be 7 times too small. It is too small on beams that turn, and does
     not exist for elements with 2 nodes.
 
