@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from beamdae.equations.equations_of_motion import State
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 
 Array = np.ndarray
@@ -28,13 +29,15 @@ def estimate_fastest_modes(
     """Estimate the fastest natural mode of each elastic body of the constrained mechanism.
 
     The method is power iteration with M^-1 K under the constraints, where K = dF/dq and M = dF/da.
-    First-order states are constant. A body is a set of coordinates that M and K couple. The iterate
-    is normalized separately for each body, so that the fastest body does not mask slower ones.
-    Bodies without stiffness or inertia are omitted.
+    First-order states are constant. A body is a set of parts that M and K couple. The coordinates
+    of one part are coupled even if their entries of M and K are zero, which depends on the
+    orientation of a straight beam. The iterate is normalized separately for each body, so that the
+    fastest body does not mask slower ones. Bodies without stiffness or inertia are omitted.
     """
     stiffness, damping, mass = solver.linearize_forces(time, state)
     solve = solver.mass_solver(time, state)
-    count, body = connected_components(abs(stiffness) + abs(mass) > 0.0, directed=False)
+    coupling = (abs(stiffness) + abs(mass) > 0.0) + _couple_parts(solver.equations)
+    count, body = connected_components(coupling, directed=False)
     x = np.cos(np.arange(solver.equations.n) ** 2.0)
     for _ in range(_POWER_ITERATIONS):
         x = solve(stiffness @ x)
@@ -49,3 +52,12 @@ def estimate_fastest_modes(
     frequency = np.sqrt(np.abs(elastic[is_elastic]) / inertia[is_elastic])
     ratio = dissipated[is_elastic] / (2.0 * frequency * inertia[is_elastic])
     return tuple(Mode(float(w), float(z)) for w, z in zip(frequency, ratio, strict=True))
+
+
+def _couple_parts(equations: EquationsOfMotion) -> sp.csr_array:
+    """Return a matrix, (n, n), that couples the first coordinate of each part to the others."""
+    first = np.zeros(equations.n, np.int64)
+    for part in equations.parts:
+        first[part.rows] = part.rows.start
+    indices = np.arange(equations.n)
+    return sp.csr_array((np.ones(equations.n, bool), (first, indices)), shape=(equations.n,) * 2)

@@ -258,6 +258,7 @@ class _SourceWriter:
             "longest_step": settings.longest_step,
             "start_rate": settings.start_rate,
             "stagnation_limit": settings.stagnation_limit,
+            "rounding_ratio": settings.rounding_ratio,
         }
         arrays = {
             "test_weights": settings.test_weights,

@@ -26,7 +26,9 @@ class RadauSettings:
     test_weights, iteration_weights
         Reciprocal tolerances of (q, v) in the error test and in Newton's iteration, (2 n,).
     rounding_weights
-        Reciprocal rounding errors of q, (n,).
+        Reciprocal rounding errors of q near the origin, (n,).
+    rounding_ratio
+        Rounding errors of q relative to those near the origin, for Newton's iteration.
     stagnation_limit, longest_step, start_rate
         Largest weighted correction if Newton's iteration stagnates, longest step [s], and lower
         bound on 2 / h^2 of the first step h [1/s^2].
@@ -35,6 +37,7 @@ class RadauSettings:
     test_weights: Array
     iteration_weights: Array
     rounding_weights: Array
+    rounding_ratio: float
     stagnation_limit: float
     longest_step: float
     start_rate: float
@@ -61,6 +64,7 @@ def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> Radau
         test_weights=np.concatenate([work.test_weights[:n], work.tested_velocity_weights]),
         iteration_weights=np.concatenate([work.iteration_weights[:n], work.velocity_weights]),
         rounding_weights=work.velocity_rounding_weights.copy(),
+        rounding_ratio=work.rounding_ratio,
         stagnation_limit=work.stagnation_limit,
         longest_step=work.step_size.longest,
         start_rate=scales.rate**2 / local,

@@ -24,8 +24,11 @@ _UNTESTED_ATOL = 1e10
 # lowered to the square root of a tight tolerance, except in the index-3 form, where rounding errors
 # are larger.
 _MAX_MULTIPLIER_ERROR = 1e-3
-# Accumulated rounding error of a position, relative to the size of the mechanism.
+# Accumulated rounding error of a position, relative to the size of the mechanism, ...
 POSITION_ROUNDING = 1e-14
+# ... and to its largest coordinate, as in `consistent_start`. With half of this value, Radau passes
+# its error test up to 1 km from the origin; with a fifth, it fails at 300 m.
+_COORDINATE_ROUNDING = 2e-15
 
 # Modes are stiff, and their vibrations are not resolved, if they are this many times faster than
 # the motion. The ratio is larger for BDF, because unresolved modes limit its order to 2.
@@ -72,6 +75,8 @@ class MotionScales:
     size
         Characteristic length [m] for each coordinate, or 1 for an angle, (n,); rounding errors of
         positions are relative to it.
+    distance
+        Largest position [m] or angle [rad], relative to `size`.
     rate
         Characteristic rate of the motion [1/s]; the scale of velocities is `position` * `rate`.
     force
@@ -85,6 +90,12 @@ class MotionScales:
     rate: float
     force: float
     periods: float = 1.0
+    distance: float = 0.0
+
+    @property
+    def rounding_ratio(self) -> float:
+        """Rounding errors of positions relative to those near the origin, at least 1."""
+        return max(1.0, _COORDINATE_ROUNDING / POSITION_ROUNDING * self.distance)
 
     def tolerances(self, local: float) -> Array:
         """Return absolute position tolerances [m or rad], (n,), for the relative tolerance `local`.
@@ -145,7 +156,11 @@ def motion_scales(plan: RunPlan) -> MotionScales:
     rate = motion_rate(plan)
     inertial = plan.starter.force(plan.time, state.q, state.v, position * rate**2)
     force = max(float(np.max(np.abs(inertial))), float(np.max(np.abs(state.lam), initial=0.0)))
-    return MotionScales(position, equations.position_scales, rate, force, count_periods(plan))
+    size = equations.position_scales
+    # Pressures and other first-order states do not round positions.
+    coordinates = equations.without_states(np.abs(state.q) + position)
+    distance = float(np.max(coordinates / size, initial=0.0))
+    return MotionScales(position, size, rate, force, count_periods(plan), distance)
 
 
 @dataclass(frozen=True)

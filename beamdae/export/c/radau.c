@@ -315,10 +315,11 @@ static int solve_stages(Instance *s, double h, int renew, double base) {
     Method *m = s->method;
     predict_stages(s, h, base);
     set_stages(s, h);
+    const double h_rounding = h / model->rounding_ratio;
     for (Index i = 0; i < model->n; i++) {
         m->weights[i] = model->iteration_weights[i];
-        m->weights[model->n + i] =
-            fmin(model->iteration_weights[model->n + i], h * model->rounding_weights[i]);
+        m->weights[model->n + i] = fmin(model->iteration_weights[model->n + i],
+                                        h_rounding * model->rounding_weights[i]);
     }
     if (renew) {
         const int code = renew_matrices(s, s->now.t, h);

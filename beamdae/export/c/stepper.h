@@ -59,7 +59,7 @@ typedef struct {
        weights of positions and velocities. */
     Index n_corrected, n_defined;
     const Index *corrected, *defined;
-    double longest_step, start_rate, stagnation_limit;
+    double longest_step, start_rate, stagnation_limit, rounding_ratio;
     const double *test_weights, *iteration_weights, *rounding_weights;
     Tableau tableau;
     /* Gaps of contacts, negative inside surfaces. */

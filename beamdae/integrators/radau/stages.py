@@ -63,7 +63,8 @@ def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     predict_stages(run, h)
     set_stages(run, h)
     velocities = run.iteration_weights[run.form.n :]
-    minimum(velocities, run.velocity_weights, h, run.velocity_rounding_weights)
+    h_rounding = h / run.rounding_ratio
+    minimum(velocities, run.velocity_weights, h_rounding, run.velocity_rounding_weights)
     if renew:
         code = factorize_matrices(run, h)
         if code != DONE:

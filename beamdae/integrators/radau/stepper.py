@@ -144,9 +144,15 @@ class StepTolerance:
 
     @cached_property
     def weights(self) -> Array:
-        """Reciprocal tolerances of (q, v), (2 n,)."""
+        """Reciprocal tolerances of (q, v), (2 n,).
+
+        Far from the origin, rounding errors of positions may exceed the tolerances of deformations.
+        The tolerances of velocities do not grow with them: those of parts that are fixed to the
+        ground would allow longer steps than near the origin.
+        """
         positions = self.scales.tolerances(self.local)
-        return 1.0 / np.concatenate([positions, self.scales.rate * positions])
+        velocities = self.scales.rate * positions
+        return 1.0 / np.concatenate([np.maximum(positions, self.rounding), velocities])
 
     @property
     def test_weights(self) -> Array:
@@ -168,12 +174,17 @@ class StepTolerance:
         not reveal their errors.
         """
         positions, velocities = np.split(self.weights / self.iteration_fraction, 2)
-        return np.minimum(positions, self.rounding_weights), velocities
+        return np.minimum(positions, 1.0 / self.rounding), velocities
 
     @property
     def rounding_weights(self) -> Array:
-        """Reciprocal rounding errors of q, (n,)."""
+        """Reciprocal rounding errors of q near the origin, (n,)."""
         return 1.0 / (POSITION_ROUNDING * self.scales.size)
+
+    @property
+    def rounding(self) -> Array:
+        """Rounding errors of q [m or rad], (n,)."""
+        return self.scales.rounding_ratio / self.rounding_weights
 
 
 class RadauStepper:
@@ -460,5 +471,6 @@ def make_workspace(
         velocity_rounding_weights=tolerance.rounding_weights,
         # A state after a sample may precede each step.
         rows=np.zeros((2 * _STAGES * _STEPS_PER_CHECK, 1 + 3 * n + m)),
+        rounding_ratio=tolerance.scales.rounding_ratio,
         stagnation_limit=_MAX_STAGNATION_FRACTION / tolerance.iteration_fraction,
     )

@@ -99,7 +99,9 @@ class RadauWorkspace:
         Weights of (q, v) for Newton's iteration in the current step.
     velocity_weights, velocity_rounding_weights
         Weights of v in long steps; weights of (step * v) in short steps, from the rounding errors
-        of q.
+        of q near the origin.
+    rounding_ratio
+        Rounding errors of q relative to those near the origin, for Newton's iteration.
     stagnation_limit
         Largest permitted weighted correction if the iteration stagnates.
     rows, filled, most
@@ -158,6 +160,7 @@ class RadauWorkspace:
     velocity_weights: Array
     velocity_rounding_weights: Array
     rows: Array
+    rounding_ratio: float
     stagnation_limit: float
     filled: int = 0
     most: int = 0
