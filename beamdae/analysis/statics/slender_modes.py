@@ -26,6 +26,7 @@ from beamdae.analysis.statics.null_vectors import (
     stiffness_rounding,
 )
 from beamdae.equations.formulations.tangents import Tangent
+from beamdae.linear.saddle_point import factorize_saddle_point
 
 Array = np.ndarray
 
@@ -220,6 +221,11 @@ def refine_modes(
         values, shares, errors = values[is_mode], shares[:, is_mode], errors[is_mode]
         shares = shares / la.norm(shares, axis=0)
         shapes = basis @ shares
+        oscillations = np.flatnonzero(values.imag > 0.0)
+        if len(oscillations):
+            ratios = np.abs(values[oscillations].real) / np.abs(values[oscillations])
+            onset = oscillations[np.argmin(ratios)]
+            values[onset] = _refine_onset(system, x, mu, tangent, values[onset], shapes[:, onset])
         # Errors of the stiffness move undamped eigenvalues off the imaginary axis.
         power = np.abs(np.einsum("ij,ij->j", shares.conj(), damping @ shares))
         is_undamped = power <= ratio * quadratic_form_rounding(tangent.damping, shapes)
@@ -230,6 +236,37 @@ def refine_modes(
         np.append(values[is_upper], modes.values[~is_refined]),
         np.hstack([shapes[:, is_upper], modes.shapes[:, ~is_refined]]),
     )
+
+
+def _refine_onset(
+    system: LoadedEquations, x: Array, mu: float, tangent: Tangent, value: complex, shape: Array
+) -> complex:
+    """Return the eigenvalue near `value` of the mode `shape`, (n,), from its left shape as well.
+
+    The mode is an oscillation that is about to grow. Without a potential, errors of the shapes
+    enter the eigenvalues of Galerkin's method in first order, and those of this two-sided Rayleigh
+    quotient in second order. The result is `value` if the correction is not small.
+    """
+    solve = factorize_saddle_point(
+        sp.csc_array(
+            (tangent.stiffness + value * tangent.damping + value**2 * tangent.mass).conj().T
+        ),
+        sp.csc_array((tangent.position_jacobian + value * tangent.velocity_jacobian).conj().T),
+        sp.csc_array(tangent.reactions.T),
+    )
+    if solve is None:
+        return value
+    zeros = np.zeros(tangent.reactions.shape[1])
+    left = solve(np.concatenate([tangent.mass @ shape, zeros]))[: len(shape)]
+    left = left / np.sqrt(np.abs(np.vdot(left, tangent.mass @ left)))
+    motions = np.stack([left.real, left.imag, shape.real, shape.imag], axis=1)
+    stiffness = reduce_stiffness(system, x, mu, motions).matrix
+    damping, _ = _reduce_damping(system, x, mu, tangent.damping, motions, np.abs(value) ** 2)
+    inertia = motions.T @ (tangent.mass @ motions)
+    unit = np.array([1.0, 1j])
+    k, c, m = (np.conj(unit) @ each[:2, 2:] @ unit for each in (stiffness, damping, inertia))
+    step = -(k + value * c + value**2 * m) / (c + 2.0 * value * m)
+    return value + step if np.abs(step) <= _MAX_CORRECTION * np.abs(value) else value
 
 
 def _states_of_modes(
