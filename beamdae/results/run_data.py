@@ -32,6 +32,11 @@ from beamdae.results.diagnostics.beam_ranges import (
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
+from beamdae.results.diagnostics.hard_impacts import (
+    HardImpact,
+    find_hard_impacts,
+    hard_impact_warnings,
+)
 from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.long_steps import long_step_warnings
@@ -188,6 +193,16 @@ class RunData:
             magnitudes,
         )
 
+    def missed_peak_warnings(self) -> tuple[str, ...]:
+        """Return the warning about `missed_peaks` in a tuple, which is empty without them."""
+        is_resolved = not self.hard_impacts
+        return tuple(missed_peak_warnings(self.missed_peaks, len(self.t), is_resolved))
+
+    @cached_property
+    def hard_impacts(self) -> tuple[HardImpact, ...]:
+        """Contacts whose force rises faster than the elements of a touched beam resolve."""
+        return find_hard_impacts(self.equations, self.trajectory)
+
     def find_drift(self) -> tuple[float, float]:
         """Return the largest drift [m, m/s] at the steps and the output times."""
         at_rows = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
@@ -272,7 +287,8 @@ class RunData:
                 self.equations, self.validity, lambda: sample_positions(self.trajectory)
             ),
             *(x.sentence for x in self.suspected_errors),
-            *missed_peak_warnings(self.missed_peaks, len(self.t)),
+            *hard_impact_warnings(self.hard_impacts),
+            *self.missed_peak_warnings(),
             *unknown_peak_warnings(self.equations, self.trajectory),
             *self._row_warnings(),
             *impact_warnings(self.equations, self.trajectory, self.event_records),

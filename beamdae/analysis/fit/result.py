@@ -24,7 +24,6 @@ from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_one_column, select_observed_columns
-from beamdae.results.diagnostics.missed_peaks import missed_peak_warnings
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
@@ -245,7 +244,7 @@ class Fit:
         """
         kinds: dict[str, dict[str, str]] = {}
         for experiment, run in self.solutions.items():
-            omitted = set(missed_peak_warnings(run.missed_peaks, len(run.t)))
+            omitted = set(run.missed_peak_warnings())
             for sentence in (x for x in run.warnings if x not in omitted):
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
         sentences = []

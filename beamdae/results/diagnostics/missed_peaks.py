@@ -442,8 +442,12 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         )
 
 
-def missed_peak_warnings(peaks: Mapping[str, MissedPeak], n_rows: int) -> Iterator[str]:
+def missed_peak_warnings(
+    peaks: Mapping[str, MissedPeak], n_rows: int, is_resolved: bool = True
+) -> Iterator[str]:
     """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
+
+    If `is_resolved` is False, elements do not resolve an impact, so that the peaks are no remedy.
 
     Peaks of columns that are small beside others of their kind come last. Peaks that differ from
     the rows by less than a thousandth of their value are omitted, and so are all if the `n_rows`
@@ -464,6 +468,7 @@ def missed_peak_warnings(peaks: Mapping[str, MissedPeak], n_rows: int) -> Iterat
         peak.comparison if k < kinds else remove_unit(peak.column) for k, peak in enumerate(others)
     ]
     also = f", also in {list_first(names, max(_MAX_NAMES, kinds))}" if others else ""
-    yield (
-        f"{worst.description}{also}; read these values from step_extremes, or reduce output_step=."
-    )
+    remedy = "read these values from step_extremes, or reduce output_step="
+    if not is_resolved:
+        remedy = "these peaks contain vibrations of single elements, so resolve the impact first"
+    yield f"{worst.description}{also}; {remedy}."

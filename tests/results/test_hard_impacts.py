@@ -1,0 +1,111 @@
+"""Warnings about contact forces that rise faster than the elements of the touched beam resolve."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+STEEL = bd.Material.of("steel")
+
+
+def rod(elements, stiffness, damping=0.0, formulation="floating frame", exponent=1.0):
+    """Return a rod that falls on its end at 3.13 m/s, which emits an axial wave of 39.9 kN."""
+    section = bd.Section.circle(STEEL, diameter=0.02, damping=damping)
+    mech = bd.Mechanism()
+    axis = bd.Line((0.0, 0.0), (0.0, 1.0))
+    settings = {"elements": elements, "velocity": (0.0, -3.13), "formulation": formulation}
+    beam = mech.add(bd.Beam("rod", axis, section, **settings))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    tip = mech.add(bd.Contact("tip", beam.start, floor, stiffness, exponent=exponent))
+    mech.observe("tip", tip.force)
+    return mech
+
+
+def struck_beam(elements, stiffness):
+    """Return a hinged beam on which a mass falls at 2 m/s."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=elements))
+    for name, s in (("left", 0.0), ("right", 0.5)):
+        mech.add(bd.Revolute(name, mech.ground.at(s, 0.0), beam.at(s)))
+    ball = mech.add(bd.PointMass("ball", 0.5, at=(0.25, 0.0), velocity=(0.0, -2.0)))
+    top = bd.LineSurface(beam.at(0.25))
+    hit = mech.add(bd.Contact("hit", ball.point, top, stiffness, exponent=1.0))
+    mech.observe("hit", hit.force)
+    return mech
+
+
+def fallen_beam(elements, stiffness, friction=0.0):
+    """Return a beam that falls on both ends at 2 m/s."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.01)
+    mech = bd.Mechanism()
+    axis, velocity = bd.Line((0.0, 0.0), (0.5, 0.0)), (0.0, -2.0)
+    beam = mech.add(bd.Beam("beam", axis, section, elements=elements, velocity=velocity))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    for name, s in (("left", 0.0), ("right", 0.5)):
+        law = {"exponent": 1.0, "friction": friction}
+        contact = mech.add(bd.Contact(name, beam.at(s), floor, stiffness, **law))
+        mech.observe(name, contact.force)
+    return mech
+
+
+def run(mech, t_end=4e-4, output_step=None):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(mech, t_end=t_end, output_step=output_step)
+    return solution, [x for x in solution.warnings if "force rises within" in x]
+
+
+@pytest.mark.parametrize(
+    ("build", "names"),
+    [
+        (lambda: rod(4, 1e9), ("tip",)),
+        (lambda: rod(4, 1e9, formulation="exact"), ("tip",)),
+        (lambda: rod(4, 5e10, damping=1e-6), ("tip",)),
+        (lambda: rod(4, 1e11, exponent=1.5), ("tip",)),
+        (lambda: struck_beam(4, 1e8), ("hit",)),
+        (lambda: fallen_beam(4, 1e7), ("left (also right)", "right (also left)")),
+    ],
+)
+def test_regression_forces_that_elements_do_not_resolve_have_a_warning(build, names):
+    """Peaks of 42 to 239 kN, where waves in the rod limit the force to 40 kN, were silent."""
+    _, (text,) = run(build())
+    assert text.split(": this force rises within")[0] in names
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: rod(4, 1e8),
+        lambda: rod(8, 3e8, damping=1e-7),
+        lambda: rod(8, 1e9, damping=1e-6),
+        lambda: struck_beam(4, 1e6),
+        lambda: struck_beam(16, 1e8),
+        lambda: fallen_beam(8, 1e7, friction=0.5),
+    ],
+)
+def test_forces_that_elements_resolve_have_no_warning(build):
+    assert not run(build())[1]
+
+
+def test_stated_error_and_elements_of_a_rod():
+    """Peaks of 4, 20 and 640 elements: 168, 69 and 58 kN; waves need 40 elements."""
+    solution, (text,) = run(rod(20, 5e10, damping=1e-6))
+    assert "may be wrong by roughly 20 %; use about" in text
+    elements = int(text.split("use about ")[1].split()[0])
+    assert 20 < elements < 80
+    refined, texts = run(rod(2 * elements, 5e10, damping=1e-6), t_end=2e-5)
+    assert not texts
+    peaks = [x.step_extremes["tip.N"].max for x in (solution, refined)]
+    np.testing.assert_allclose(peaks[0] / peaks[1], 1.2, atol=0.05)
+
+
+def test_regression_peaks_of_single_elements_are_not_recommended():
+    """Missed peaks advised to read 239 kN from step_extremes."""
+    solution, texts = run(rod(4, 5e10), output_step=1e-5)
+    assert texts
+    (missed,) = (x for x in solution.warnings if "the output rows miss" in x)
+    assert "step_extremes" not in missed
+    assert "resolve the impact first" in missed
