@@ -12,7 +12,6 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.parts.signals import Sensor
 from beamdae.results.diagnostics.beam_ranges import sample_positions
-from beamdae.results.diagnostics.sliding_errors import sliding_error_warnings
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
 
@@ -42,6 +41,9 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     loads: list[Any] = [x for x in parts if x.moves_along_beam]
     if mechanism is None or not loads:
         return
+    # Imports large modules of SciPy, which other models do not need.
+    from beamdae.results.diagnostics.sliding_errors import sliding_error_warnings
+
     yield from sliding_error_warnings(equations, trajectory)
     paths: dict[str, tuple[float, float]] = {}
     for name, observed in mechanism.observables.items():
