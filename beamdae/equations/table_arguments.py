@@ -193,7 +193,8 @@ def list_arguments_outside(
     """Return a warning about each argument that is outside its table.
 
     `time` is (t, branch); `q` and `v`, zero by default, have shape (rows, n). Tables with
-    outside="hold" are considered if `includes_held` is True.
+    outside="hold" are considered if `includes_held` is True, except at sides where they are zero or
+    constant.
     """
     phrases = []
     rest = np.zeros_like(q)
@@ -202,6 +203,9 @@ def list_arguments_outside(
         if term.is_limited or includes_held:
             values = term.evaluate(np.full(len(q), time[0]), float(time[1]), rows)
             outside = term.distance_outside(values) > 0.0
+            if not term.is_limited:
+                is_low = values < term.limits[0]
+                outside &= ~np.where(is_low, *map(term.continues_as_constant, (0, -1)))
             phrases += [
                 f"{term.describe(float(value))}, where its value is held; extend the table."
                 for value in values[outside][:1]

@@ -591,6 +591,19 @@ def test_regression_linear_models_outside_a_table_carry_a_warning(outside):
         assert any(warning in x for x in analysis(mech, about={"ball.x": 1.5}).warnings)
 
 
+@pytest.mark.parametrize("values", [(0.0, 10.0, 0.0), (2.0, 5.0, 5.0)], ids=["zero", "constant"])
+def test_regression_linear_models_continue_tables_that_end_in_zero_or_a_constant(values):
+    """They asked for a longer table, although runs and equilibria do not."""
+    curve = bd.table([0.0, 0.5, 1.0], list(values), "linear", name="pad")
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ball.point))
+    mech.add(bd.ForceLaw("push", ball.point, lambda ball, t: (-curve(ball.position[0]), 0.0)))
+    assert not any("pad" in x for x in bd.linearize(mech, about={"ball.x": 1.5}).warnings)
+    below = bd.linearize(mech, about={"ball.x": -0.5}).warnings
+    assert any("pad" in x for x in below) is (values[0] != 0.0)
+
+
 @pytest.mark.parametrize("method", [bd.Radau(1e-6), bd.Ida(1e-6)], ids=lambda x: x.method)
 def test_regression_steps_do_not_pass_over_peaks_of_grids(method):
     """A ridge of 2 mm, whose height depends on the second argument, in the way of a free mass."""
