@@ -174,3 +174,35 @@ def test_regression_contacts_that_stick_carry_no_warning(load, is_reported):
     mech.observe("block", block.point)
     run = simulate_quietly(mech, t_end=5.0)
     assert any("friction_speed" in x for x in run.warnings) == is_reported
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize(
+    ("speed", "spring", "is_reported"),
+    # Against friction_speed=1e-5, the force of the spring is off by 24 % and 3.4 % of friction N.
+    [(0.01, 200.0, True), (0.1, 200.0, False), (0.005, None, False)],
+    ids=["slow", "fast", "prescribed"],
+)
+def test_regression_creep_at_reversals_is_reported(speed, spring, is_reported):
+    """The force of a spring that friction should hold relaxed without a warning."""
+    mech = bd.Mechanism(gravity=(0.0, -10.0))
+    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, -1e-5)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("floor", block.point, floor, 1e6, exponent=1.0, friction=0.3))
+    origin, pulled = mech.ground.at(0.0, -1e-5), block
+    if spring is not None:
+        origin = mech.ground.at(-1.0, -1e-5)
+        pulled = mech.add(bd.PointMass("base", 0.1, at=(-1.0, -1e-5)))
+        mech.add(bd.PointOnLine("rail", origin, pulled.point))
+        ends = pulled.point, block.point
+        mech.add(bd.SpringDamper("spring", *ends, stiffness=spring, damping=2.0))
+
+    def position(t):
+        return 0.05 * ca.sin(speed / 0.05 * t)
+
+    mech.add(bd.TranslationalDriver("drive", origin, pulled.point, position, (1.0, 0.0)))
+    mech.observe("block", block.point)
+    run = bd.simulate(mech, t_end=0.55 / speed)
+    reported = [x for x in run.warnings if x.startswith("floor: at each reversal")]
+    assert len(reported) == is_reported
+    assert all("use friction_speed=" in x for x in reported)

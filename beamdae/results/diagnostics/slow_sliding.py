@@ -30,6 +30,10 @@ _MIN_CREEP_SHARE = 0.5  # ... during this fraction of the time.
 # Friction force / (friction N); more is the friction of a part that slides. At 0.999, the sliding
 # speed is 3.8 times the regularization velocity.
 _MAX_CREEP_RATIO = 0.999
+# Distance crept at a reversal / distance slid between reversals. In a block that a harmonic drive
+# pulls by a spring, 1.3 % change the force of the spring by 13 % of friction N, 0.6 % by 4 %.
+_MAX_REVERSAL_CREEP = 0.01
+_RECOMMENDED_REVERSAL_CREEP = 0.0025
 
 
 def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -37,7 +41,9 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
 
     The friction force is then well below friction N. Parts that stick, and creep over less than
     1 % of the length of the mechanism (in bearings 0.01 rad), are exempt; if drivers and joints
-    prescribe the sliding, 0.01 %.
+    prescribe the sliding, 0.01 %. Parts that slide to and fro, faster than this velocity, have a
+    warning if they creep over more than 1 % of the distance between reversals while friction should
+    hold them.
 
     Parameters
     ----------
@@ -47,7 +53,9 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         The steps of the run.
     """
     for term in compile_sliding(equations):
-        yield from _Sliding(equations, term).warnings(trajectory)
+        warning = _Sliding(equations, term).warning(trajectory)
+        if warning is not None:
+            yield warning
 
 
 @dataclass(frozen=True)
@@ -73,24 +81,35 @@ class _Sliding:
     def law(self) -> RegularizedFriction:
         return self.term.law
 
-    def warnings(self, trajectory: Trajectory) -> Iterator[str]:
-        """Yield the warning, if there is one."""
-        durations, ratios = [np.zeros(0)], [np.zeros(0)]
+    def warning(self, trajectory: Trajectory) -> str | None:
+        """Return the warning, None if there is none."""
+        durations, slips, places = [np.zeros(0)], [np.zeros(0)], []
         for interval in trajectory.intervals:
             configuration = interval.configuration
             if configuration is not None and self.name in configuration.inactive:
                 continue
             state, times = interval.state, interval.times[:: interval.nodes_per_step]
-            ratio = self._ratios(times, state)
-            is_loaded = np.isfinite(ratio)
+            slip = np.asarray(self.term.evaluate(times, state))
             steps = np.diff(interval.t)
             weights = 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
-            durations.append(weights[is_loaded])
-            ratios.append(ratio[is_loaded])
-            if is_loaded.any():
-                k = np.flatnonzero(is_loaded)[-1]
-                place = times[k], State(*(x[k] for x in state))
-        duration, ratio = np.concatenate(durations), np.concatenate(ratios)
+            durations.append(weights)
+            slips.append(slip)
+            if np.isfinite(slip).any():
+                k = int(np.nanargmin(np.abs(slip)))
+                places.append((abs(slip[k]), times[k], State(*(x[k] for x in state))))
+        if not places:
+            return None
+        slowest = min(places, key=lambda x: x[0])[1:]
+        duration, slip = np.concatenate(durations), np.concatenate(slips)
+        is_loaded = np.isfinite(slip)
+        slow = self._warning_of_slow_sliding(slip[is_loaded], duration[is_loaded], slowest)
+        return slow or self._warning_of_reversals(slip, duration, slowest)
+
+    def _warning_of_slow_sliding(
+        self, slip: Array, duration: Array, slowest: tuple[Array, State]
+    ) -> str | None:
+        """Return the warning of sliding that is slow most of the time, None if there is none."""
+        ratio = np.tanh(slip / self.law.speed)
         total = float(np.sum(duration))
         is_slow = np.abs(ratio) < _MAX_CREEP_RATIO
         load = _constant_ratio(ratio[is_slow], duration[is_slow])
@@ -98,36 +117,65 @@ class _Sliding:
             is_slow = np.abs(ratio) < _RATIO_AT_FRICTION_SPEED
         slow = float(np.sum(duration[is_slow]))
         if not slow or slow <= _MAX_SLOW_SHARE * total:
-            return
+            return None
         duration, ratio = duration[is_slow], ratio[is_slow]
         speed = self.law.speed * np.arctanh(ratio)
         # Vibrations of a part that sticks cancel.
         distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
         share_of_length = distance / (self.law.radius or self.equations.length)
-        is_prescribed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(*place)
+        is_prescribed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(*slowest)
         if not (share_of_length > _MIN_DISTANCE or is_prescribed):
-            return
+            return None
         limit = f"{self.law.coefficient_name if self.law.static is None else 'static'} N"
         name = self.law.speed_name
         if not is_prescribed and load is not None:
             amount = f"{distance:.3g} m"
             if self.law.radius is not None:
                 amount = f"{distance / self.law.radius:.3g} rad"
-            yield (
+            return (
                 f"{self.name}: the load is {100.0 * load:.3g} % of {limit}, so that friction "
                 f"should hold it, but it creeps over {amount}, because {name} is "
                 f"{self.law.speed:g} m/s; "
                 f"use a smaller {name}=."
             )
-            return
         mean = float(duration @ np.abs(ratio)) / slow
         if mean > _RATIO_AT_FRICTION_SPEED:
-            return
+            return None
         what = "contact" if self.law.is_contact else "run"
-        yield (
+        return (
             f"{self.name}: the sliding speed is below {name} ({self.law.speed:g} m/s) during "
             f"{100.0 * slow / total:.0f} % of the {what}, which reduces the friction to "
             f"{100.0 * mean:.0f} % of {limit}; use a smaller {name}=."
+        )
+
+    def _warning_of_reversals(
+        self, slip: Array, duration: Array, slowest: tuple[Array, State]
+    ) -> str | None:
+        """Return the warning of creep between sliding to and fro, None if there is none."""
+        # Phases of sliding (1, -1), of creep (0) and without a normal force (2)
+        phase = np.where(np.abs(slip) < self.law.speed, 0.0, np.sign(slip))
+        phase[np.isnan(slip)] = 2.0
+        starts = np.flatnonzero(np.diff(phase, prepend=np.nan))
+        distance = np.add.reduceat(np.nan_to_num(np.abs(slip)) * duration, starts)
+        phase = phase[starts]
+        is_sliding = np.abs(phase) == 1.0
+        n_reversals = int(np.count_nonzero(np.diff(phase[is_sliding])))
+        if not n_reversals:
+            return None
+        is_reversal = (phase[1:-1] == 0.0) & (phase[:-2] * phase[2:] == -1.0)
+        creep = float(np.sum(distance[1:-1][is_reversal])) / n_reversals
+        stroke = float(np.sum(distance[is_sliding])) / (n_reversals + 1)
+        is_vibration = stroke < _MIN_DISTANCE * (self.law.radius or self.equations.length)
+        share = creep / stroke
+        if is_vibration or share <= _MAX_REVERSAL_CREEP or self._is_prescribed(*slowest):
+            return None
+        name = self.law.speed_name
+        speed = self.law.speed * _RECOMMENDED_REVERSAL_CREEP / share
+        return (
+            f"{self.name}: at each reversal, where friction should hold it, it creeps over "
+            f"{100.0 * share:.2g} % of the distance between reversals, because {name} is "
+            f"{self.law.speed:g} m/s, which relaxes forces that friction holds; use "
+            f"{name}={speed:.2g} or less."
         )
 
     def _ratios(self, times: Array, state: State) -> Array:
