@@ -5,13 +5,14 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import (
@@ -20,8 +21,10 @@ from beamdae.equations.part_warnings import (
     start_inside_warnings,
     supplied_energy_warnings,
 )
+from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
+from beamdae.results.columns import Header
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
@@ -42,8 +45,10 @@ from beamdae.results.diagnostics.impacts import impact_warnings
 from beamdae.results.diagnostics.long_steps import long_step_warnings
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
+    UNITS_OF_MOTIONS,
     ExtremesByColumn,
     MissedPeak,
+    StepExtremes,
     find_missed_peaks,
     measure_step_extremes,
     missed_peak_warnings,
@@ -51,7 +56,7 @@ from beamdae.results.diagnostics.missed_peaks import (
 )
 from beamdae.results.diagnostics.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
-from beamdae.results.diagnostics.rest import is_at_rest
+from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
@@ -181,12 +186,16 @@ class RunData:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
         if self._is_at_rest:
             return {}
+        extremes: Mapping[str, StepExtremes] = self.step_extremes
+        if is_motionless(self.equations, self.trajectory):
+            items = extremes.items()
+            extremes = {k: x for k, x in items if Header.of(k).unit not in UNITS_OF_MOTIONS}
         rtol = self.integrator.get("rtol") or 0.0
         observables = self.equations.observables
         magnitudes = {header for o in observables if o.is_magnitude for header in o.headers}
         return find_missed_peaks(
             self.columns,
-            self.step_extremes,
+            extremes,
             self.equations.length,
             rtol,
             self.find_drift,
@@ -301,10 +310,17 @@ class RunData:
             *growing_loop_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
             *self.resume_warnings,
-            *filter(None, (self.start.warning,)),
+            *filter(None, (self.start.warning, self._describe_unstable_start())),
             *self._part_warnings(),
             *self.equations.build_warnings,
         )
+
+    def _describe_unstable_start(self) -> str:
+        """Return a sentence if the run starts in an unstable equilibrium; otherwise ""."""
+        if self.start.request != EQUILIBRIUM:
+            return ""
+        statics = deferred.module("analysis.statics.start_stability")
+        return str(statics.describe_unstable_start(self.equations, self.trajectory.start))
 
     @cached_property
     def _is_at_rest(self) -> bool:

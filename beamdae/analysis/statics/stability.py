@@ -49,7 +49,7 @@ Array = np.ndarray
 
 # Largest number of coordinates of a symmetric stiffness for dense matrices; beyond, matrices are
 # sparse.
-_MAX_DENSE_COORDINATES = 150
+MAX_DENSE_STIFFNESS = 150
 # Number of modes among which growing ones are counted under loads without a potential.
 _MODE_COUNT = 12
 # Modes with a larger damping ratio are not about to grow. Strong damping slows many modes down to
@@ -173,7 +173,7 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
     allow. If the forces have no potential, growing modes are counted instead.
     """
     n, scale = system.equations.n, system.equations.position_scales
-    if n > _MAX_DENSE_COORDINATES:
+    if n > MAX_DENSE_STIFFNESS:
         modes = system.bordered.nearest_modes(x, mu, _NEAREST_COUNT, _LANCZOS_TOLERANCE)
         if modes is not None:
             zero = zero_tolerance(modes.size, SPARSE_ZERO_TOLERANCE)
@@ -193,7 +193,7 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
             return _assess_motion(system, x, mu)
         if system.bordered.has_negligible_asymmetry(x, mu):
             stiffness = 0.5 * (stiffness + stiffness.T)
-        if n <= _MAX_DENSE_COORDINATES:
+        if n <= MAX_DENSE_STIFFNESS:
             dense = _dense_stability(stiffness.toarray(), gradients.toarray(), scale, size)
             if dense is None:
                 return _assess_motion(system, x, mu)

@@ -32,6 +32,7 @@ Array = np.ndarray
 # Units of positions, velocities and works, which abrupt forces change gradually.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
 _UNITS_OF_ACCELERATIONS = ("m/s^2", "rad/s^2")
+UNITS_OF_MOTIONS = ("m", "rad", "m/s", "rad/s", *_UNITS_OF_ACCELERATIONS)
 _ROUNDING_OF_STRAINS = 1e-12
 _MAX_MISSED_SHARE = 0.01  # of the range of a column
 # Smaller misses, relative to values that do not depend on an origin, have no warning.

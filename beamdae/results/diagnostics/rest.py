@@ -29,15 +29,11 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
     largest_force
         Largest entry of the forces and the reactions in the run.
     """
+    if not is_motionless(equations, trajectory):
+        return False
     first = trajectory.intervals[0]
     start = first.rows.q[:1]
-    is_angle = np.array([x.unit == "rad" for x in equations.coordinates], bool)
-    rounding = _ROUNDING * np.maximum(np.where(is_angle, 1.0, equations.length), np.abs(start[0]))
-    # The last row first, which shows most motions.
-    rows = (x.rows.q for x in trajectory.intervals)
-    changes = (np.abs(q - start) for x in rows for q in (x[-1:], x))
-    if any(not (x <= rounding).all() for x in changes):
-        return False
+    rounding = _measure_rounding(equations, start[0])
     zero = np.zeros_like(start)
     times, lam = np.array([[first.t[0], first.branch]]), np.zeros((1, equations.m))
     states = ((start + sign * rounding, zero, zero, lam) for sign in (-1.0, 1.0))
@@ -45,3 +41,19 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
     # Without accelerations and multipliers, the residual consists of forces.
     residuals = (evaluate(times, *state)[0, _RESIDUAL] for state in states)
     return bool(largest_force <= max(residuals))
+
+
+def is_motionless(equations: EquationsOfMotion, trajectory: Trajectory) -> bool:
+    """Return True if coordinates change by rounding errors only, whatever the forces are."""
+    start = trajectory.intervals[0].rows.q[:1]
+    rounding = _measure_rounding(equations, start[0])
+    # The last row first, which shows most motions.
+    rows = (x.rows.q for x in trajectory.intervals)
+    changes = (np.abs(q - start) for x in rows for q in (x[-1:], x))
+    return all(bool((x <= rounding).all()) for x in changes)
+
+
+def _measure_rounding(equations: EquationsOfMotion, q: np.ndarray) -> np.ndarray:
+    is_angle = np.array([x.unit == "rad" for x in equations.coordinates], bool)
+    size = np.maximum(np.where(is_angle, 1.0, equations.length), np.abs(q))
+    return np.asarray(_ROUNDING * size)

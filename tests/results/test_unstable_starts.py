@@ -1,0 +1,80 @@
+"""Warnings of runs that start in an unstable equilibrium, and runs in which nothing moves."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+
+def toggle(length, **options):
+    """Return a crown between two springs in a line, of 1 m each, with this natural length [m].
+
+    The stiffness sideways is 2 k (1 - length), where k is the stiffness of a spring.
+    """
+    mech = bd.Mechanism(**options)
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.0)))
+    for side in (-1.0, 1.0):
+        foot = mech.ground.at(0.0, side)
+        mech.add(
+            bd.Spring(f"spring {side:g}", foot, crown.point, stiffness=1e3, free_length=length)
+        )
+    mech.observe("crown", crown.point)
+    return mech
+
+
+def list_start_warnings(mech, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = bd.simulate(mech, bd.Radau(1e-6), 0.01, **options)
+    return [x for x in run.warnings if "unstable" in x]
+
+
+def test_regression_a_start_in_an_unstable_equilibrium_carries_a_warning():
+    """Compressed springs in a line push the crown sideways; the run stayed without a warning."""
+    message = "start: the equilibrium is unstable in 1 direction; "
+    for found in (
+        list_start_warnings(toggle(1.1), start="equilibrium"),
+        list_start_warnings(toggle(1.1, start="equilibrium")),
+    ):
+        assert len(found) == 1
+        assert found[0].startswith(message)
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(toggle(1.1), bd.Radau(1e-6), 0.01, start="equilibrium")
+
+
+@pytest.mark.parametrize("length", [0.9, 1.0])
+def test_stable_and_neutral_equilibria_start_without_a_warning(length):
+    """Springs at their natural length have no stiffness sideways."""
+    assert not list_start_warnings(toggle(length), start="equilibrium")
+    assert not list_start_warnings(toggle(1.1))
+
+
+@pytest.mark.parametrize(("stiffness", "is_stable"), [(4.8, False), (5.0, True)])
+def test_an_upright_pendulum_is_stable_above_the_critical_stiffness_of_its_pivot(
+    stiffness, is_stable
+):
+    """The critical stiffness is m g s = 4.905 N m/rad."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81), start="equilibrium")
+    rod = mech.add(bd.RigidBody("rod", mass=1.0, inertia=0.1, center=(0.0, 0.5)))
+    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.TorsionSpring("hold", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0), stiffness))
+    mech.observe("rod", rod.at(0.0, 0.5))
+    assert bool(list_start_warnings(mech)) is not is_stable
+
+
+@pytest.mark.filterwarnings("error::beamdae.errors.BeamdaeWarning")
+def test_regression_rounding_errors_of_a_loaded_structure_at_rest_are_no_missed_peaks():
+    """Velocities of 1e-13 m/s had larger values between the rows."""
+    steel = bd.Material(E=2e11, nu=0.3, rho=7800.0)
+    section = bd.Section.rectangle(steel, width=0.01, height=4e-4, damping=1e-5)
+    mech = bd.Mechanism(start="equilibrium")
+    arch = bd.Curve(lambda x: 1.5e-3 * (1.0 - np.cos(2.0 * np.pi * x / 0.12)), x=(0.0, 0.12))
+    beam = mech.add(bd.Beam("arch", arch, section, elements=8, formulation="exact"))
+    for name, end in (("left", beam.start), ("right", beam.end)):
+        mech.add(bd.Weld(name, mech.ground.at(*end.point), end))
+    mech.add(bd.Force("press", beam.at(0.5 * beam.length), (0.0, -6.0)))
+    for share in (0.25, 0.5):
+        mech.observe(f"at {share:g}", beam.at(share * beam.length))
+    bd.simulate(mech, t_end=5e-3, output_step=5e-4)
