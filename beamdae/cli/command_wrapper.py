@@ -14,12 +14,12 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from beamdae.cli import signals, streams
-from beamdae.cli.option_names import use_options
 from beamdae.cli.option_values import convert_plain_values
 from beamdae.cli.output import CommandOutput, hold_warnings, print_error, use_output
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.memory import is_out_of_memory
+from beamdae.report.option_names import use_options
 
 # Exit code of a usage or model error; a failed run ends with 1.
 USAGE_ERROR = 2

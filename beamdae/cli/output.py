@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.console import Console
 
-from beamdae.cli.option_names import name_options
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -29,6 +28,7 @@ from beamdae.errors import (
     kind_of_message,
 )
 from beamdae.interrupts import Interrupted
+from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
 if TYPE_CHECKING:

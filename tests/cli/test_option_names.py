@@ -8,7 +8,8 @@ import typer
 from typer.testing import CliRunner
 
 from beamdae.cli.app import app, create_app
-from beamdae.cli.option_names import name_options, use_options
+from beamdae.report.option_names import name_options, use_options
+from beamdae.report.page.page_file import write_page
 
 MODEL = """
 import beamdae as bd
@@ -62,6 +63,14 @@ def test_arguments_become_options(command, sentence, expected):
     with use_options(typer.main.get_command(create_app()).commands[command].params):
         assert name_options(sentence) == expected
     assert name_options(sentence) == sentence
+
+
+def test_regression_notes_of_pages_name_options(tmp_path):
+    """They named arguments of Python."""
+    path = tmp_path / "page.html"
+    with use_options(typer.main.get_command(create_app()).commands["run"].params):
+        write_page(path, {"notes": ["rows are coarse; use output_step=1e-3 or reduce t_end=."]})
+    assert "or reduce --t-end." in path.read_text(encoding="utf-8")
 
 
 def test_regression_errors_of_commands_name_their_options(tmp_path, monkeypatch):

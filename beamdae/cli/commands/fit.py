@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
     Bounds,
     FixedStep,
@@ -36,6 +35,7 @@ from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
 from beamdae.cli.ranges import parse_ends
 from beamdae.errors import BeamdaeError
+from beamdae.report.option_names import name_options
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:

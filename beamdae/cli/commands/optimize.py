@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdae.cli.option_names import name_options
 from beamdae.cli.options import (
     Bounds,
     FixedStep,
@@ -24,6 +23,7 @@ from beamdae.cli.options import (
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.output_paths import require_writable
 from beamdae.errors import BeamdaeError
+from beamdae.report.option_names import name_options
 
 # NumPy and CasADi are imported inside functions, so that --help responds quickly.
 if TYPE_CHECKING:

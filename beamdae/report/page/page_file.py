@@ -17,6 +17,7 @@ from typing import Any
 from urllib.parse import quote
 
 from beamdae.errors import BeamdaeError
+from beamdae.report.option_names import name_options
 from beamdae.report.page.page_data import encode_curves, encode_frames
 from beamdae.report.text import make_printable
 from beamdae.results.storage.files import versions, write_text
@@ -250,6 +251,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     """
     title = html.escape(make_printable(page.get("title", "")))
     content = _complete_page(page)
+    content["notes"] = [name_options(sentence) for sentence in content["notes"]]
     blocks = content["curve_files"]
     folder = _curve_folder(path)
     content["curve_files"] = [f"{quote(folder.name)}/{block.name}" for block in blocks]
