@@ -194,7 +194,12 @@ class Mechanism(HasOrigin):
         return part
 
     def _require_free(self, name: str) -> None:
-        if name in self.parts or name in self.inputs or name == self.ground.name:
+        if name == self.ground.name:
+            raise BeamdaeError(
+                f"Mechanism: the name {name!r} is reserved for the fixed ground, mech.ground; use "
+                "another name."
+            )
+        if name in self.parts or name in self.inputs:
             raise BeamdaeError(
                 f"Mechanism: the name {name!r} is in use; give each part a different name."
             )

@@ -173,7 +173,8 @@ class Sensor(Value):
         if self.of.joint is not None:
             raise BeamdaeError(
                 f"{self.name}: a sensor cannot measure the reaction of a joint; measure a "
-                "deformation or a motion."
+                "deformation or a motion, or observe the reaction. After a run, "
+                "solution.energies['energy.work_of_drivers [J]'] contains the work of drivers."
             )
 
     @property

@@ -272,3 +272,18 @@ def test_regression_two_branch_points_of_a_column_are_no_hilltop():
     # With a brace of 16 pi^2 EI / L^3, the column buckles in one or two half waves.
     assert point.value == pytest.approx(16.0 * np.pi**2 * 4.725, rel=2e-3)
     assert point.factor == pytest.approx(0.4 * np.pi**2 * 4.725, rel=2e-3)
+
+
+def test_boundary_with_other_parameters():
+    settings = {"to": {"crown.y": -0.6}, "step": 1.0}
+    arguments = "limit point", ("rise", "load"), (0.6, 0.55)
+    changes = {"support": 100.0, "supported": True}
+    curve = bd.boundary(truss, *arguments, parameters=changes, **settings)
+
+    @bd.model(t_end=1.0)
+    def supported(rise=0.6):
+        return truss(rise=rise, **changes)
+
+    assert_allclose(curve.factors, bd.boundary(supported, *arguments, **settings).factors)
+    with pytest.raises(bd.BeamdaeError, match="contains 'rise', the parameter to follow; omit it"):
+        bd.boundary(truss, *arguments, parameters={"rise": 0.2}, **settings)

@@ -1,5 +1,7 @@
 """Optimization: closed forms, gradients against differences, failures, limits and interrupts."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.optimize import OptimizeResult
@@ -325,6 +327,21 @@ def test_no_design_satisfies_the_constraints():
     assert result.status.kind == "limited"
     assert result.parameters["width"] == pytest.approx(0.01)
     assert result.constraints[0].margin < 0.0
+
+
+@pytest.mark.parametrize(("least", "contradicts"), [(1.0, True), (0.0, False)])
+def test_regression_searches_that_stop_at_contradictions_say_so(least, contradicts):
+    """They only advised more evaluations."""
+    first, second = (bd.ParameterFunction(lambda width, k=k: k + width) for k in (0.0, least))
+    limits = [bd.at_least(first, 2.0), bd.at_most(second, 2.5)]
+    if contradicts:
+        limits.append(bd.at_most(first, 1.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = bd.optimize(
+            cantilever, bd.Mass(), "width", limits, {"width": (0.01, 10.0)}, max_evaluations=6
+        )
+    assert ("may contradict each other" in result.status.sentence) == contradicts
 
 
 @pytest.mark.slow(reason="half a second and more")

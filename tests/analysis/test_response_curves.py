@@ -207,6 +207,28 @@ def test_progress_is_called_with_the_points():
     assert len(points) > 1
 
 
+def test_response_with_other_parameters():
+    @bd.model(t_end=1.0)
+    def pushed(frequency=40.0, force=1.0):
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech.add(bd.SpringDamper("spring", mech.ground.at(-1.0, 0.0), mass.point, 1e3, 50.0))
+        mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+        mech.add(bd.Force("push", mass.point, (bd.sine(force, frequency), 0.0)))
+        mech.observe("mass", mass.point)
+        return mech
+
+    def follow(**parameters):
+        return bd.frequency_response(
+            pushed, "frequency", (40.0, 41.0), step=1.0, max_step=1.0, parameters=parameters
+        )
+
+    sizes = [follow(force=force).curve("mass.x")[1][0] for force in (1.0, 2.0)]
+    assert sizes[1] == pytest.approx(2.0 * sizes[0], rel=1e-3)
+    with pytest.raises(bd.BeamdaeError, match="contains 'frequency', the parameter to follow"):
+        follow(frequency=40.0)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_regression_a_curve_that_returns_to_the_start_has_failed(sign):
     def point(s):

@@ -228,3 +228,13 @@ def test_copies_of_mechanisms_keep_tables_of_sensors():
     with pytest.warns(bd.BeamdaeWarning, match="leaves the range"):
         run = bd.simulate(build_table_spring(), bd.Radau(), t_end=1.0)
     np.testing.assert_array_equal(copied["angle"], run["angle"])
+
+
+def test_regression_sensors_of_reactions_name_the_work_of_drivers():
+    """The error did not say where the work of a motor is found."""
+    mech, wheel = build_wheel()
+    motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0), 0.0))
+    with pytest.raises(
+        bd.BeamdaeError, match=r"reaction of a joint.*energy\.work_of_drivers \[J\]"
+    ):
+        mech.sensor("power", motor.drive, "power")

@@ -226,6 +226,27 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
         assert inside.min() < piston[frame, 0, axis] < inside.max()
 
 
+def test_regression_torsion_dampers_are_drawn_as_dampers():
+    """They were drawn and listed as springs."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 1.0))
+    ends = mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)
+    mech.add(bd.TorsionDamper("bearing", *ends, 1.0))
+    mech.add(bd.TorsionSpring("coil", *ends, 1.0, damping=1.0))
+    q = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2.0)])
+    scene = build_scene(mech, CoordinatePoses(mech, q), np.zeros(2))
+    lines = [(glyph, line) for glyph, line in scene.lines() if glyph.kind in ("spring", "damper")]
+    assert [(x.part, x.kind) for x, _ in lines] == [
+        ("bearing", "damper"),
+        ("bearing", "damper"),
+        ("coil", "spring"),
+    ]
+    # The drum is fixed to the ground, the vane turns with the disk.
+    (_, drum), (_, vane), _ = lines
+    assert_allclose(drum[0], drum[1], atol=1e-15)
+    assert_allclose(vane[1], vane[0] @ [[0.0, 1.0], [-1.0, 0.0]], atol=1e-15)
+
+
 @pytest.mark.slow(reason="a quarter of a second")
 def test_guides_cover_the_travel_of_the_slider():
     solution = simulate(slider_crank(), t_end=1.0)

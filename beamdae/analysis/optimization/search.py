@@ -32,6 +32,8 @@ _MAX_RESIDUAL = 0.1
 _MIN_RELATIVE_VALUE = 1e-8
 # The search ends after this number of failed analyses in a row.
 _MAX_FAILURES = 15
+# Smallest decrease of the violation in the second half of a search that more evaluations continue.
+_MIN_DECREASE = 0.1
 # SciPy's message if no step along the search direction of SLSQP reduces the objective, and ours.
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
 _NO_DECREASE = "no step along the search direction reduces the objective"
@@ -359,10 +361,25 @@ class Search:
         self._last_margins = margins
         return float(trial.values[0] / self._scales[0]), margins
 
+    @property
+    def _remedy(self) -> str:
+        """Advice for a search that reaches the maximum number of evaluations."""
+        violations = [x.violation for x in self._trials.values() if not x.failure]
+        before = min(violations[: len(violations) // 2], default=np.inf)
+        if min(violations, default=np.inf) <= max(
+            FEASIBILITY_TOLERANCE, (1.0 - _MIN_DECREASE) * before
+        ):
+            return "increase max_evaluations="
+        return (
+            f"the violation fell by less than {100.0 * _MIN_DECREASE:.0f} % in the second half, so "
+            "the constraints may contradict each other or the bounds; relax a limit or increase "
+            "max_evaluations="
+        )
+
     def _evaluate(self, numbers: Array) -> Trial:
         if len(self._trials) >= self._max_evaluations:
             count = f"{self._max_evaluations} evaluation{'s' * (self._max_evaluations > 1)}"
-            sentence = f"stopped after {count}; increase max_evaluations="
+            sentence = f"stopped after {count}; {self._remedy}"
             raise _SearchEndError(Status("limited", sentence))
         try:
             design = self._problem.design(numbers)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -21,6 +22,7 @@ from beamdae.analysis.periodic.shooting import (
     build_periodic_equations,
     solve_shooting,
 )
+from beamdae.analysis.sensitivities.sensitivity_result import configure_model
 from beamdae.errors import (
     BeamdaeError,
     format_exception,
@@ -93,6 +95,7 @@ def frequency_response(
     max_points: int = 400,
     t_start: float = 0.0,
     *,
+    parameters: Mapping[str, Any] | None = None,
     progress: Callable[[ResponsePoint], None] | None = None,
     partial: PartialResult = "raise",
 ) -> FrequencyResponse:
@@ -127,6 +130,8 @@ def frequency_response(
         Maximum number of points on the curve, at least 2.
     t_start
         Time [s] at which periods begin.
+    parameters
+        Values of other parameters of the model that differ from the defaults.
     progress
         Function that is called with each point of the curve, a `ResponsePoint`.
     partial
@@ -164,6 +169,7 @@ def frequency_response(
             f"{_NAME}: between must be two different values, got {short_repr(between)}."
         )
     require_choice(_NAME, "parameter", parameter, tuple(model.parameters))
+    model = configure_model(_NAME, model, parameters, parameter)
     model.complete({parameter: ends[0]})
     method = Radau(DEFAULT_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)

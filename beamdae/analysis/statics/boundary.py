@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from beamdae.analysis.sensitivities.sensitivity_result import configure_model
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.critical_curves import CriticalCurve, CurvePoint, Family
 from beamdae.analysis.statics.critical_points import BRANCH, FLUTTER, LIMIT
@@ -177,6 +178,7 @@ def boundary(
     number: int = 1,
     step: float = _STEP,
     max_points: int = 200,
+    parameters: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Boundary:
     """Follow a critical point of an equilibrium path while a parameter of the model changes.
@@ -205,6 +207,8 @@ def boundary(
         motion from the drawing to the first point, or a fifth of the relative change of the load.
     max_points
         Largest number of points.
+    parameters
+        Values of other parameters of the model that differ from the defaults.
     settings
         Arguments of `equilibrium` for the path of the first value: `loads` in one stage, `to`,
         `control`, `switch`, `t`, `start`. Choose `to` such that the path passes the critical point.
@@ -250,6 +254,7 @@ def boundary(
     require_model_function(_NAME, model)
     require_choice(_NAME, "kind", kind, (LIMIT, BRANCH, FLUTTER))
     name = _parse_parameter(model, by)
+    model = configure_model(_NAME, model, parameters, name)
     limits = _parse_limits(values)
     number = require_count(_NAME, "number", number, 1)
     step = require_positive(_NAME, "step", step)

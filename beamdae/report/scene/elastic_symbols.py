@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.parts.forces.bushing import Bushing
 from beamdae.parts.forces.contact import Contact
-from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionSpring
+from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
 from beamdae.report.scene.joint_symbols import draw_supports, find_travel
 from beamdae.report.scene.scene_builder import SceneBuilder
@@ -30,6 +30,10 @@ _MAX_RIGID_STROKE = 1.35
 _COINCIDENT_DISTANCE = 0.1
 _SPIRAL_WINDINGS = 2.25
 _SPIRAL_POINTS = 90
+# Rotary dampers: an open drum with a vane.
+_DRUM_RADIUS = 0.85
+_DRUM_HALF_OPENING = math.pi / 6.0
+_VANE_HALF_LENGTH = 0.6
 _BUSHING_RADIUS = 0.85
 _BUSHING_PIN_RADIUS = 0.3
 _CONTACT_RADIUS = 0.2
@@ -99,12 +103,23 @@ def _spiral(size: float) -> Array:
 
 
 def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
-    """Draw a spiral and, if the points are farther apart than a symbol, a line between them."""
+    """Draw a spiral, or a drum with a vane for a damper, and a line between distant points.
+
+    The line is drawn if the points are farther apart than a symbol.
+    """
     draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
-    # The spring depends only on the angles of the bodies; it is drawn at the first point.
-    inner = np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]])
-    builder.add_between("spring", a, builder.add_pose(inner), _spiral(builder.size))
+    # The moment depends only on the angles of the bodies; the part is drawn at the first point.
+    inner = builder.add_pose(np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]]))
+    has_damper = isinstance(part, TorsionDamper) or part.damping > 0.0
+    if has_damper and part.stiffness == 0.0:
+        angle = np.linspace(_DRUM_HALF_OPENING, 2.0 * math.pi - _DRUM_HALF_OPENING, _SPIRAL_POINTS)
+        drum = _DRUM_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
+        vane = _VANE_HALF_LENGTH * np.array([(0.0, -1.0), (0.0, 1.0)])
+        builder.add_rigid("damper", a, builder.size * drum)
+        builder.add_rigid("damper", inner, builder.size * vane)
+    else:
+        builder.add_between("spring", a, inner, _spiral(builder.size))
     if np.max(np.hypot(*builder.relative_position(a, b).T)) > builder.size:
         builder.add_link("link", a, b)
     builder.add_name(a)
