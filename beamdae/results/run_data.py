@@ -360,7 +360,8 @@ class RunData:
         has_errors = self._has_fixed_steps and self.equations.m < self.equations.n
         if has_errors and not self._is_at_rest:
             n_steps = sum(len(x.t) - 1 for x in self.trajectory.intervals)
-            duration, length = float(np.ptp(self.t[[0, -1]])), self.equations.length
+            duration = self.trajectory.end - self.trajectory.start
+            length = self.equations.length
             yield from long_step_warnings(
                 self.step_extremes,
                 n_steps,
