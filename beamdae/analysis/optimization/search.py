@@ -37,6 +37,7 @@ _MIN_DECREASE = 0.1
 # SciPy's message if no step along the search direction of SLSQP reduces the objective, and ours.
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
 _NO_DECREASE = "no step along the search direction reduces the objective"
+_CONTRADICTION = "the constraints may contradict each other or the bounds"
 _ADAPTIVE_STEPS = (
     "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "
     "GeneralizedAlpha(step=1e-3)"
@@ -255,6 +256,8 @@ class Search:
         if not is_feasible:
             kind = "limited" if status.success else status.kind
             end = "" if status.success else f"; {status.sentence}"
+            if status.success or _NO_DECREASE in end:
+                end += f"; {_CONTRADICTION}"
             problem = self._problem
             worst = int(np.argmin(self._margins(best.values)))
             status = Status(
@@ -372,8 +375,7 @@ class Search:
             return "increase max_evaluations="
         return (
             f"the violation fell by less than {100.0 * _MIN_DECREASE:.0f} % in the second half, so "
-            "the constraints may contradict each other or the bounds; relax a limit or increase "
-            "max_evaluations="
+            f"{_CONTRADICTION}; relax a limit or increase max_evaluations="
         )
 
     def _evaluate(self, numbers: Array) -> Trial:
