@@ -255,6 +255,14 @@ class Observable:
         indices = np.unique(self.operator.indices)
         return indices, self.operator[:, indices]
 
+    def evaluate(self, p: Array, times: Array, q: Array, v: Array, lam: Array) -> Array:
+        """Return the columns, (rows, columns), for states in rows; not those with accelerations.
+
+        The rows of `times` are (t, branch); `p` are the numbers to which `data` refers.
+        """
+        local = (np.asarray(self.operator @ x.T).T for x in (q, v))
+        return np.asarray(self.function(times, *local, p[self.data], lam[:, self.rows]))
+
 
 def format_headers(name: str, columns: Sequence[Variable]) -> list[str]:
     """Return the CSV headers of the columns of an observable."""
@@ -306,9 +314,7 @@ class EventTerm:
 
         The rows of `times` are (t, branch); `p` are the numbers of the equations.
         """
-        o = self.observable
-        local = (np.asarray(o.operator @ x.T).T for x in (q, v))
-        return o.function(times, *local, p[o.data], lam[:, o.rows])[:, self.column] - self.crosses
+        return self.observable.evaluate(p, times, q, v, lam)[:, self.column] - self.crosses
 
 
 class InputTerm(NamedTuple):

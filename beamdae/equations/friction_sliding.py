@@ -34,9 +34,9 @@ class SlidingTerm:
 
     def evaluate(self, times: Array, state: State) -> Array:
         """Return sliding velocities [m/s] at rows of (t, branch), NaN without a normal force."""
-        o, law = self.observable, self.law
-        q, v = (np.asarray(o.operator @ x.T).T for x in (state.q, state.v))
-        force, slip = o.function(times, q, v, self.numbers[o.data], state.lam[:, o.rows]).T
+        law = self.law
+        columns = self.observable.evaluate(self.numbers, times, state.q, state.v, state.lam)
+        force, slip = columns.T
         if not law.is_contact:
             coefficient = np.abs(law.friction_coefficient(slip)) * (law.radius or 1.0)
             with np.errstate(invalid="ignore", divide="ignore"):

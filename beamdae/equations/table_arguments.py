@@ -74,10 +74,9 @@ class TableArgumentTerm:
 
     def evaluate(self, t: Array, branch: float, state: State) -> Array:
         """Return the argument, (rows,), at times `t` (rows,) on one branch."""
-        o = self.observable
         times = np.column_stack([t, np.full(len(t), branch)])
-        q, v = (np.asarray(o.operator @ x.T).T for x in (state.q, state.v))
-        return o.function(times, q, v, self.numbers[o.data], np.zeros((len(t), 0)))[:, 0]
+        no_multipliers = np.zeros((len(t), 0))
+        return self.observable.evaluate(self.numbers, times, state.q, state.v, no_multipliers)[:, 0]
 
     def distance_outside(self, values: Array) -> Array:
         """Return distances from the table beyond rounding errors; negative values are inside."""

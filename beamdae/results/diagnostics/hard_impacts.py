@@ -165,7 +165,7 @@ def _measure_rates(
     assert equations.mechanism is not None
     numbers = NumberStore()
     o = build_observable(part, load, map_coordinates(equations.mechanism), numbers, {})
-    data = numbers.all(equations.mechanism.inputs)[o.data]
+    p = numbers.all(equations.mechanism.inputs)
     cosine, sine = math.cos(inclination), math.sin(inclination)
     to_section = np.array([[cosine, -sine], [sine, cosine]])
     size, rate = 0.0, np.zeros(2)
@@ -173,9 +173,8 @@ def _measure_rates(
         configuration = interval.configuration
         if configuration is not None and part in configuration.inactive:
             continue
-        local = (np.asarray(o.operator @ x.T).T for x in (interval.state.q, interval.state.v))
-        times = interval.times[:: interval.nodes_per_step]
-        values = o.function(times, *local, data, np.zeros((len(times), 0)))
+        times, state = interval.times[:: interval.nodes_per_step], interval.state
+        values = o.evaluate(p, times, state.q, state.v, np.zeros((len(times), 0)))
         forces, steps = values[:, :2] @ to_section, np.diff(interval.t)
         size = max(size, float(np.max(np.hypot(*forces.T))))
         is_step = steps > _MIN_STEP * trajectory.end

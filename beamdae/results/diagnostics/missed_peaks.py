@@ -448,11 +448,10 @@ def missed_peak_warnings(
 ) -> Iterator[str]:
     """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
 
-    If `is_resolved` is False, elements do not resolve an impact, so that the peaks are no remedy.
-
     Peaks of columns that are small beside others of their kind come last. Peaks that differ from
     the rows by less than a thousandth of their value are omitted, and so are all if the `n_rows`
-    of the run are only its start and its end.
+    of the run are only its start and its end. If `is_resolved` is False, elements do not resolve an
+    impact, so that the peaks are no remedy.
     """
     visible = [peak for peak in peaks.values() if peak.is_visible]
     if not visible or n_rows < _MIN_ROWS:

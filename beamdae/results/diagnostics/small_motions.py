@@ -149,12 +149,8 @@ def _interpolation_estimate(
     for interval in trajectory.intervals:
         if interval.record is not None:
             return math.inf
-        rows = _evaluate(
-            equations,
-            column.observable,
-            interval.times[:: interval.nodes_per_step],
-            interval.state,
-        )
+        at, state = interval.times[:: interval.nodes_per_step], interval.state
+        rows = column.observable.evaluate(equations.p, at, state.q, state.v, state.lam)
         times.append(interval.t)
         values.append(rows[:, column.number])
     # Positions are continuous at events and samples.
@@ -210,7 +206,7 @@ def _find_small_columns(
     if not columns or not rigid_rows.size:
         return []
     times, states = sample()
-    values = _evaluate(equations, observable, times, states)
+    values = observable.evaluate(equations.p, times, states.q, states.v, states.lam)
     half_ranges = 0.5 * np.ptp(values, axis=0)
     largest_scale = float(np.max(scales[rigid_rows]))
     columns = [k for k in columns if _MIN_RATIO * half_ranges[k] < largest_scale]
@@ -240,14 +236,6 @@ def _find_small_columns(
     ]
 
 
-def _evaluate(
-    equations: EquationsOfMotion, observable: Observable, times: Array, states: State
-) -> Array:
-    q, v = (np.asarray(observable.operator @ x.T).T for x in (states.q, states.v))
-    numbers, lam = equations.p[observable.data], states.lam[:, observable.rows]
-    return np.asarray(observable.function(times, q, v, numbers, lam))
-
-
 def _changes(
     equations: EquationsOfMotion,
     observable: Observable,
@@ -267,7 +255,8 @@ def _changes(
     states = State(*(np.tile(x, (2 * count, 1)) for x in state))
     states.q[np.arange(count), rows] += steps
     states.q[np.arange(count, 2 * count), rows] -= steps
-    values = _evaluate(equations, observable, np.tile(time, (2 * count, 1)), states)
+    times = np.tile(time, (2 * count, 1))
+    values = observable.evaluate(equations.p, times, states.q, states.v, states.lam)
     changes = np.zeros((values.shape[1], equations.n))
     changes[:, rows] = (values[:count] - values[count:]).T / (2.0 * steps) * scales[rows]
     return changes
