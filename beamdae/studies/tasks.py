@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from functools import _lru_cache_wrapper, cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
-import cloudpickle
 import numpy as np
 
 from beamdae.errors import format_exception, require_positive, set_fields, short_repr
+from beamdae.function_pickler import pickle_with_functions
 from beamdae.read_only import read_only_data
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.studies.case import Case
@@ -114,7 +114,7 @@ class Task:
         values = (*case.parameters.values(), *vars(case.integrator).values())
         builtin_integrator = type(case.integrator).__module__.startswith("beamdae.")
         if not builtin_integrator or self.outputs or not all(map(_is_plain, values)):
-            return serialize_value(self)
+            return pickle_with_functions(self)
         return serialize_with_model(self, case.model, models)
 
 
@@ -214,11 +214,6 @@ def describe_exception(problem: BaseException, function: str = "the model") -> s
     return format_exception(problem)
 
 
-def serialize_value(value: Any) -> bytes:
-    """Serialize a value, including code that cannot be imported."""
-    return cloudpickle.dumps(value)
-
-
 def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> bytes:
     """Serialize a task; the model is serialized only once and cached in `models`.
 
@@ -227,11 +222,11 @@ def serialize_with_model(task: Task, model: Any, models: SerializedModels) -> by
     """
     if id(model) not in models:
         model.origin  # noqa: B018 reads the units from the docstring once for all copies
-        models[id(model)] = model, serialize_value(model)
+        models[id(model)] = model, pickle_with_functions(model)
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream)
     table: dict[type, Callable[[Any], Any]] = {**copyreg.dispatch_table}
-    table[type(model)] = lambda x: (cloudpickle.loads, (models[id(x)][1],))
+    table[type(model)] = lambda x: (pickle.loads, (models[id(x)][1],))
     pickler.dispatch_table = table
     pickler.dump(task)
     return stream.getvalue()

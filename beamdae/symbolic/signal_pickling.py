@@ -27,9 +27,9 @@ def pickle_with_signals(value: Any) -> bytes:
     the symbols of the copied signals. Expressions with other symbols cannot be pickled.
     """
     # Imported here, because most runs are not pickled.
-    import cloudpickle
+    from beamdae.function_pickler import FunctionPickler
 
-    class Pickler(cloudpickle.Pickler):
+    class Pickler(FunctionPickler):
         def reducer_override(self, value: Any) -> Any:
             if isinstance(value, SX):
                 signals = find_signals(value)

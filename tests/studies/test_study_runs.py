@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import beamdae as bd
 from beamdae.cli.app import app
+from beamdae.function_pickler import pickle_with_functions
 from beamdae.report.page.page_file import write_page
 from beamdae.studies import study_page
 from beamdae.studies.execution import study_run
@@ -24,7 +25,6 @@ from beamdae.studies.execution.executors import LocalPool, SerialPool
 from beamdae.studies.execution.study_run import StudyPlan, StudyResults
 from beamdae.studies.store.trajectory_csv import format_trajectory, parse_trajectory
 from beamdae.studies.study_pictures import list_plots
-from beamdae.studies.tasks import serialize_value
 
 ALPHA = bd.GeneralizedAlpha(step=5e-3)
 
@@ -81,8 +81,8 @@ def test_trajectory_file_preserves_all_bits(table):
 def test_model_of_tasks_with_plain_parameters_is_serialized_once(monkeypatch):
     serialized = []
     monkeypatch.setattr(
-        "beamdae.studies.tasks.serialize_value",
-        lambda x: serialized.append(x) or serialize_value(x),
+        "beamdae.studies.tasks.pickle_with_functions",
+        lambda x: serialized.append(x) or pickle_with_functions(x),
     )
     study = sweep(*bd.grid(mass=[1.0, np.float64(2.0), 3]))
     models = {}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
+import pickle
 import time as clock
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
-
-import cloudpickle
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import TIME
@@ -55,7 +54,7 @@ def run_task(serialized: bytes) -> Outcome:
         with record_file_reads() as reads, compile_row_functions():
             home = folder
             try:
-                task = cloudpickle.loads(serialized)
+                task = pickle.loads(serialized)
                 home = task.case.model.home
                 outcome = _measure_case(task) if task.is_measured else _run_case(task, reads)
             except KeyboardInterrupt:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copyreg
 import dis
 import hashlib
+import pickle
 import struct
 import sys
 from collections.abc import Iterable, Iterator
@@ -31,9 +32,9 @@ from types import (
 )
 from typing import Any
 
-import cloudpickle
 import numpy as np
 
+from beamdae.function_pickler import pickle_with_functions
 from beamdae.read_only import ReadOnlyDict
 from beamdae.studies.store.file_hashes import PACKAGE_FOLDER, is_installed
 
@@ -120,7 +121,7 @@ def digest_transferable(value: Any) -> str:
     original = digest(value)
     if not isinstance(value, (bool, int, float, str, bytes, type(None), np.ndarray)):
         try:
-            copy = cloudpickle.loads(cloudpickle.dumps(value))
+            copy = pickle.loads(pickle_with_functions(value))
         except Exception as problem:  # __reduce__ can raise any error.
             raise FingerprintError(value) from problem
         if digest(copy) != original:
