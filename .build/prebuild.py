@@ -4,7 +4,7 @@
 
 Short runs and equilibria of many mechanisms are computed, and everything that these load is
 compiled for the levels of x86-64 processors from AVX2 on. The mechanisms are those of the models
-and studies in `models/`, and the sample parts of the catalog with each kind of beam; derivatives
+and studies in `models/`, and the sample parts of the tests with each kind of beam; derivatives
 are computed for one model. Each level is then checked in a separate process, so only the levels
 that this machine can execute are compiled: kernels agree bitwise with CasADi's virtual machine,
 runs of the models agree with those of interpreted code, nothing is compiled in these runs, and all
@@ -32,7 +32,9 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from sample_parts import SAMPLES, SampleMechanism  # noqa: E402
 
 import beamdae as bd  # noqa: E402
 from beamdae import catalog  # noqa: E402
@@ -44,7 +46,6 @@ from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
 from beamdae.results.storage.number_text import format_rows  # noqa: E402
-from beamdae.testing import SampleMechanism  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
 _LEVELS = llvm.X86_LEVELS[1:]
@@ -163,9 +164,9 @@ def sample_runs() -> Iterator[Callable[[], Any]]:
     for formulation in FORMULATIONS:
         mechanism, _ = sample_mechanism({"formulation": formulation})
         yield from sample_runs_of(mechanism, all_integrators())
-    for formulation, public in product(FORMULATIONS, catalog.NAMES.values()):
+    for formulation, (name, arguments) in product(FORMULATIONS, SAMPLES.items()):
         mechanism, sample = sample_mechanism({"formulation": formulation})
-        part = getattr(bd, public.name)(**public.sample(sample)) if public.sample else None
+        part = getattr(bd, name)(**arguments(sample))
         if isinstance(part, Part):
             mechanism.add(part)
             yield from sample_runs_of(mechanism, default_integrators())

@@ -7,10 +7,8 @@ read by `beamdae.__init__` (lazy imports), `python beamdae/catalog.py` (the type
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 
 @dataclass(frozen=True)
@@ -23,17 +21,12 @@ class Public:
         The public name.
     module
         Dotted path of the module or package from which the name is imported.
-    sample
-        Function that returns keyword arguments of a valid call, given a
-        `beamdae.testing.SampleMechanism`. Tests of parts, error messages and robustness start from
-        this call. None if there is no sample.
     command
         Name of an integrator on the command line, as in `--integrator ida`; otherwise empty.
     """
 
     name: str
     module: str
-    sample: Callable[[Any], dict[str, Any]] | None = None
     command: str = ""
 
 
@@ -54,33 +47,6 @@ class Group:
     page: str
     heading: str
     names: tuple[Public, ...]
-
-
-def _joint_arguments(m: Any) -> dict[str, Any]:
-    """Return the arguments of a joint between coinciding points of the ground and the disk."""
-    return {"name": "joint", "a": m.ground.at(0.1, 0.2), "b": m.disk.at(0.1, 0.2)}
-
-
-def _spring_arguments(m: Any) -> dict[str, Any]:
-    """Return the arguments of a force element between distant points of the ground and the disk."""
-    return {"name": "spring", "a": m.ground.at(1.1, 0.2), "b": m.disk.at(0.1, 0.2)}
-
-
-def _path_arguments() -> dict[str, Any]:
-    """Return arguments of an equilibrium path."""
-    return {"loads": None, "control": "load", "step": 0.1, "t": 0.0}
-
-
-def _run_up(t: Any) -> Any:
-    return 0.3 * t**2
-
-
-def _push(point: Any, t: Any) -> Any:
-    return (1.0 - point.velocity[0], 0.0)
-
-
-def _potential(point: Any) -> Any:
-    return 0.5 * point.position[0] ** 2
 
 
 # Title and opening sentence of each page of the reference, in reading order.
@@ -130,24 +96,8 @@ GROUPS = (
         "parts",
         "Bodies",
         (
-            Public(
-                "RigidBody",
-                "beamdae.parts.bodies.rigid_body",
-                lambda m: {
-                    "name": "body",
-                    "mass": 1.0,
-                    "inertia": 0.1,
-                    "center": (3.0, 0.0),
-                    "velocity": (0.0, 0.0),
-                    "angular_velocity": 0.0,
-                    "shape": ((2.9, 0.0), (3.1, 0.0), (3.0, 0.1)),
-                },
-            ),
-            Public(
-                "PointMass",
-                "beamdae.parts.bodies.point_mass",
-                lambda m: {"name": "mass", "mass": 0.1, "at": (2.0, 0.0), "velocity": (0.0, 0.0)},
-            ),
+            Public("RigidBody", "beamdae.parts.bodies.rigid_body"),
+            Public("PointMass", "beamdae.parts.bodies.point_mass"),
         ),
     ),
     Group(
@@ -155,301 +105,61 @@ GROUPS = (
         "Joints",
         (
             Public("Joint", "beamdae.parts.joints.joint"),
-            Public(
-                "Revolute",
-                "beamdae.parts.joints.joint",
-                _joint_arguments,
-            ),
-            Public(
-                "Weld",
-                "beamdae.parts.joints.joint",
-                _joint_arguments,
-            ),
-            Public(
-                "Prismatic",
-                "beamdae.parts.joints.guides",
-                lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
-            ),
-            Public(
-                "PointOnLine",
-                "beamdae.parts.joints.guides",
-                lambda m: _joint_arguments(m) | {"direction": (1.0, -0.5)},
-            ),
-            Public(
-                "Distance",
-                "beamdae.parts.joints.distance",
-                lambda m: {
-                    "name": "link",
-                    "a": m.ground.at(1.1, 0.2),
-                    "b": m.disk.at(0.1, 0.2),
-                    "length": 1.0,
-                },
-            ),
-            Public(
-                "SlidingOnBeam",
-                "beamdae.beams.sliding",
-                lambda m: {
-                    "name": "slider",
-                    "a": m.disk.at(*m.beam.start.point),
-                    "beam": m.beam,
-                    "ends": "record",
-                },
-            ),
-            Public(
-                "Gear",
-                "beamdae.parts.joints.gears",
-                lambda m: _joint_arguments(m) | {"ratio": -0.5, "carrier": m.beam.start},
-            ),
-            Public(
-                "RackAndPinion",
-                "beamdae.parts.joints.gears",
-                lambda m: {
-                    "name": "rack",
-                    "a": m.disk.at(0.5, 0.4),
-                    "b": m.beam.start,
-                    "radius": 0.3,
-                    "direction": (1.0, 0.2),
-                },
-            ),
-            Public(
-                "RollingOnLine",
-                "beamdae.parts.joints.rolling",
-                lambda m: {
-                    "name": "wheel",
-                    "a": m.ground.at(0.5, -0.1),
-                    "b": m.disk.at(0.5, 0.4),
-                    "radius": 0.5,
-                    "direction": (1.0, 0.0),
-                },
-            ),
-            Public(
-                "RollingOnCircle",
-                "beamdae.parts.joints.rolling",
-                lambda m: {
-                    "name": "wheel",
-                    "a": m.ground.at(0.5, -1.1),
-                    "b": m.disk.at(0.5, 0.4),
-                    "radii": (1.0, 0.5),
-                },
-            ),
-            Public(
-                "Skate",
-                "beamdae.parts.joints.rolling",
-                lambda m: {"name": "blade", "on": m.disk.at(0.1, 0.2), "direction": (1.0, -0.3)},
-            ),
+            Public("Revolute", "beamdae.parts.joints.joint"),
+            Public("Weld", "beamdae.parts.joints.joint"),
+            Public("Prismatic", "beamdae.parts.joints.guides"),
+            Public("PointOnLine", "beamdae.parts.joints.guides"),
+            Public("Distance", "beamdae.parts.joints.distance"),
+            Public("SlidingOnBeam", "beamdae.beams.sliding"),
+            Public("Gear", "beamdae.parts.joints.gears"),
+            Public("RackAndPinion", "beamdae.parts.joints.gears"),
+            Public("RollingOnLine", "beamdae.parts.joints.rolling"),
+            Public("RollingOnCircle", "beamdae.parts.joints.rolling"),
+            Public("Skate", "beamdae.parts.joints.rolling"),
         ),
     ),
     Group(
         "parts",
         "Drivers",
         (
-            Public(
-                "Driver",
-                "beamdae.parts.joints.drivers",
-                lambda m: _joint_arguments(m) | {"law": _run_up},
-            ),
-            Public(
-                "TranslationalDriver",
-                "beamdae.parts.joints.drivers",
-                lambda m: _joint_arguments(m) | {"law": _run_up, "direction": (1.0, 0.0)},
-            ),
+            Public("Driver", "beamdae.parts.joints.drivers"),
+            Public("TranslationalDriver", "beamdae.parts.joints.drivers"),
         ),
     ),
     Group(
         "parts",
         "Loads and forces",
         (
-            Public(
-                "Force",
-                "beamdae.parts.forces.loads",
-                lambda m: {
-                    "name": "load",
-                    "on": m.disk.at(0.1, 0.2),
-                    "law": (1.0, 0.0),
-                    "axes": "body",
-                },
-            ),
-            Public(
-                "Moment",
-                "beamdae.parts.forces.loads",
-                lambda m: {"name": "load", "on": m.disk.at(0.1, 0.2), "law": 1.0},
-            ),
-            Public(
-                "DistributedForce",
-                "beamdae.beams.beam_loads",
-                lambda m: {"name": "load", "beam": m.beam, "law": (0.0, 1.0), "axes": "section"},
-            ),
-            Public(
-                "MovingForce",
-                "beamdae.beams.beam_loads",
-                lambda m: {
-                    "name": "load",
-                    "beam": m.beam,
-                    "force": (0.0, 1.0),
-                    "speed": 1.0,
-                    "start": 0.0,
-                },
-            ),
-            Public(
-                "Spring",
-                "beamdae.parts.forces.springs",
-                lambda m: (
-                    _spring_arguments(m) | {"stiffness": 2.0, "free_length": 0.9, "preload": 0.1}
-                ),
-            ),
-            Public(
-                "Damper",
-                "beamdae.parts.forces.springs",
-                lambda m: _spring_arguments(m) | {"damping": 0.1},
-            ),
-            Public(
-                "SpringDamper",
-                "beamdae.parts.forces.springs",
-                lambda m: (
-                    _spring_arguments(m)
-                    | {"stiffness": 2.0, "damping": 0.1, "free_length": 0.9, "preload": 0.1}
-                ),
-            ),
-            Public(
-                "TorsionSpring",
-                "beamdae.parts.forces.springs",
-                lambda m: (
-                    _spring_arguments(m)
-                    | {"stiffness": 2.0, "damping": 0.1, "free_angle": 0.1, "preload": 0.1}
-                ),
-            ),
-            Public(
-                "TorsionDamper",
-                "beamdae.parts.forces.springs",
-                lambda m: _spring_arguments(m) | {"damping": 0.1},
-            ),
-            Public(
-                "Bushing",
-                "beamdae.parts.forces.bushing",
-                lambda m: (
-                    _spring_arguments(m)
-                    | {
-                        "kx": 2.0,
-                        "ky": 1.0,
-                        "ktheta": 0.3,
-                        "cx": 0.1,
-                        "cy": 0.1,
-                        "ctheta": 0.1,
-                        "angle": 0.2,
-                    }
-                ),
-            ),
-            Public(
-                "Contact",
-                "beamdae.parts.forces.contact",
-                lambda m: {
-                    "name": "stop",
-                    "point": m.disk.at(0.1, 0.2),
-                    "surface": m.floor,
-                    "stiffness": 1e4,
-                    "exponent": 1.5,
-                    "restitution": 0.5,
-                    "impact_speed": 1.0,
-                    "friction": 0.1,
-                    "friction_speed": 0.1,
-                    "max_step": 0.01,
-                    "static": 0.2,
-                    "stribeck": 0.3,
-                },
-            ),
-            Public(
-                "LineSurface",
-                "beamdae.parts.forces.surfaces",
-                lambda m: {"on": m.ground.at(0.0, 0.0), "direction": (1.0, 0.0)},
-            ),
-            Public(
-                "CircleSurface",
-                "beamdae.parts.forces.surfaces",
-                lambda m: {"on": m.ground.at(0.0, 9.0), "radius": 1.0, "side": "outside"},
-            ),
-            Public(
-                "Friction",
-                "beamdae.parts.forces.friction",
-                lambda m: {
-                    "name": "friction",
-                    "joint": m.hinge,
-                    "coefficient": 0.2,
-                    "friction_speed": 0.1,
-                    "static": 0.3,
-                    "stribeck": 0.5,
-                    "radius": 0.02,
-                    "smoothing": 1e-3,
-                },
-            ),
-            Public(
-                "RayleighDamping",
-                "beamdae.beams.damping",
-                lambda m: {"name": "oil", "beam": m.beam, "mass": 0.1, "stiffness": 1e-5},
-            ),
-            Public(
-                "AirDrag",
-                "beamdae.beams.damping",
-                lambda m: {"name": "drag", "beam": m.beam, "coefficient": 0.1},
-            ),
-            Public(
-                "ForceLaw",
-                "beamdae.parts.forces.force_law",
-                lambda m: {
-                    "name": "load",
-                    "on": m.disk.at(0.1, 0.2),
-                    "law": _push,
-                    "energy": _potential,
-                    "dissipative": False,
-                },
-            ),
-            Public(
-                "positive_part",
-                "beamdae.parts.forces.smooth",
-                lambda m: {"x": 1.0},
-            ),
-            Public(
-                "smooth_sign",
-                "beamdae.parts.forces.smooth",
-                lambda m: {"x": 1.0, "scale": 1.0},
-            ),
+            Public("Force", "beamdae.parts.forces.loads"),
+            Public("Moment", "beamdae.parts.forces.loads"),
+            Public("DistributedForce", "beamdae.beams.beam_loads"),
+            Public("MovingForce", "beamdae.beams.beam_loads"),
+            Public("Spring", "beamdae.parts.forces.springs"),
+            Public("Damper", "beamdae.parts.forces.springs"),
+            Public("SpringDamper", "beamdae.parts.forces.springs"),
+            Public("TorsionSpring", "beamdae.parts.forces.springs"),
+            Public("TorsionDamper", "beamdae.parts.forces.springs"),
+            Public("Bushing", "beamdae.parts.forces.bushing"),
+            Public("Contact", "beamdae.parts.forces.contact"),
+            Public("LineSurface", "beamdae.parts.forces.surfaces"),
+            Public("CircleSurface", "beamdae.parts.forces.surfaces"),
+            Public("Friction", "beamdae.parts.forces.friction"),
+            Public("RayleighDamping", "beamdae.beams.damping"),
+            Public("AirDrag", "beamdae.beams.damping"),
+            Public("ForceLaw", "beamdae.parts.forces.force_law"),
+            Public("positive_part", "beamdae.parts.forces.smooth"),
+            Public("smooth_sign", "beamdae.parts.forces.smooth"),
         ),
     ),
     Group(
         "parts",
         "Time laws",
         (
-            Public(
-                "Law",
-                "beamdae.parts.laws",
-                lambda m: {
-                    "pieces": (lambda t: t, lambda t: 0.0),
-                    "breakpoints": (0.005,),
-                    "time_scale": 1.0,
-                    "ranges": (),
-                },
-            ),
-            Public(
-                "run_up",
-                "beamdae.parts.laws",
-                lambda m: {"speed": 1.0, "duration": 0.1},
-            ),
-            Public(
-                "sine",
-                "beamdae.parts.laws",
-                lambda m: {"amplitude": 1.0, "frequency": 50.0, "phase": 0.0},
-            ),
+            Public("Law", "beamdae.parts.laws"),
+            Public("run_up", "beamdae.parts.laws"),
+            Public("sine", "beamdae.parts.laws"),
             Public("piecewise", "beamdae.parts.laws"),
-            Public(
-                "table",
-                "beamdae.parts.tables",
-                lambda m: {
-                    "x": [0.0, 0.004, 0.01, 0.02],
-                    "y": [0.0, 1.0, 0.0, 1.0],
-                    "kind": "linear",
-                    "outside": "hold",
-                    "name": "pulse",
-                },
-            ),
+            Public("table", "beamdae.parts.tables"),
             Public("table_from_csv", "beamdae.parts.tables"),
         ),
     ),
@@ -457,29 +167,9 @@ GROUPS = (
         "parts",
         "Observables",
         (
-            Public(
-                "acceleration",
-                "beamdae.parts.observables",
-                lambda m: {"of": m.disk.at(0.1, 0.2), "axes": "section"},
-            ),
-            Public(
-                "relative_displacement",
-                "beamdae.parts.observables",
-                lambda m: {
-                    "of": m.disk.at(0.1, 0.2),
-                    "on": m.ground.at(0.0, 0.0),
-                    "axes": "section",
-                },
-            ),
-            Public(
-                "relative_motion",
-                "beamdae.parts.observables",
-                lambda m: {
-                    "of": m.disk.at(0.1, 0.2),
-                    "on": m.ground.at(0.0, 0.0),
-                    "axes": "section",
-                },
-            ),
+            Public("acceleration", "beamdae.parts.observables"),
+            Public("relative_displacement", "beamdae.parts.observables"),
+            Public("relative_motion", "beamdae.parts.observables"),
         ),
     ),
     Group(
@@ -511,100 +201,25 @@ GROUPS = (
         "beams",
         "",
         (
-            Public(
-                "Beam",
-                "beamdae.beams.beam",
-                lambda m: {
-                    "name": "strip",
-                    "curve": m.curve,
-                    "section": m.section,
-                    "elements": 1,
-                    "strain": "green",
-                    "formulation": "floating frame",
-                    "elements_shape": "curved",
-                    "continuity": "cartesian",
-                    "nodes": 4,
-                    "quadrature": "reduced",
-                    "frame": "chord",
-                    "velocity": (0.0, 0.0),
-                    "angular_velocity": 0.0,
-                    "kinematics": None,
-                    "free_curve": m.curve,
-                },
-            ),
+            Public("Beam", "beamdae.beams.beam"),
             Public("welded_beams", "beamdae.beams.structures"),
             Public("frame", "beamdae.beams.structures"),
             Public("Frame", "beamdae.beams.structures"),
-            Public(
-                "Line",
-                "beamdae.curves.plane_curves",
-                lambda m: {"start": (0.0, 1.0), "end": (1.0, 1.0)},
-            ),
-            Public(
-                "Arc",
-                "beamdae.curves.plane_curves",
-                lambda m: {"radius": 1.0, "length": 1.0, "start": (0.0, 1.0), "angle": 0.1},
-            ),
-            Public(
-                "Parabola",
-                "beamdae.curves.spline_curves",
-                lambda m: {"span": 1.0, "rise": 0.1, "start": (0.0, 1.0), "angle": 0.1},
-            ),
-            Public(
-                "Curve",
-                "beamdae.curves.spline_curves",
-                lambda m: {"function": lambda x: 0.1 * x**2, "x": (0.0, 1.0)},
-            ),
-            Public(
-                "IntrinsicCurve",
-                "beamdae.curves.intrinsic_curve",
-                lambda m: {
-                    "law": lambda s: 0.1 * s,
-                    "length": 1.0,
-                    "start": (0.0, 1.0),
-                    "angle": 0.1,
-                },
-            ),
-            Public(
-                "Segment",
-                "beamdae.curves.plane_curves",
-                lambda m: {"curve": m.curve, "start": 0.1, "end": 0.9},
-            ),
+            Public("Line", "beamdae.curves.plane_curves"),
+            Public("Arc", "beamdae.curves.plane_curves"),
+            Public("Parabola", "beamdae.curves.spline_curves"),
+            Public("Curve", "beamdae.curves.spline_curves"),
+            Public("IntrinsicCurve", "beamdae.curves.intrinsic_curve"),
+            Public("Segment", "beamdae.curves.plane_curves"),
         ),
     ),
     Group(
         "sections",
         "",
         (
-            Public(
-                "Section",
-                "beamdae.beams.sections",
-                lambda m: {
-                    "material": m.material,
-                    "area": 8e-5,
-                    "second_moment": 1e-10,
-                    "shear_coefficient": 0.8,
-                    "damping": 1e-5,
-                    "mass_per_length": 0.6,
-                    "rotary_inertia_per_length": 1e-6,
-                    "shear_peak": 1.5,
-                    "shapes": (),
-                },
-            ),
-            Public(
-                "taper",
-                "beamdae.beams.sections",
-                lambda m: {
-                    "shape": type(m.section).circle,
-                    "material": m.material,
-                    "diameter": (0.01, 0.02),
-                },
-            ),
-            Public(
-                "Material",
-                "beamdae.beams.materials",
-                lambda m: {"E": 2.1e11, "nu": 0.3, "rho": 7850.0, "yield_stress": 235e6},
-            ),
+            Public("Section", "beamdae.beams.sections"),
+            Public("taper", "beamdae.beams.sections"),
+            Public("Material", "beamdae.beams.materials"),
         ),
     ),
     Group(
@@ -717,31 +332,10 @@ GROUPS = (
             Public("gradient", "beamdae.analysis.gradients.gradients"),
             Public("Gradient", "beamdae.analysis.gradients.gradients"),
             Public("Objective", "beamdae.analysis.gradients.objectives"),
-            Public(
-                "EndValue",
-                "beamdae.analysis.gradients.objectives",
-                lambda m: {"column": "tip.y"},
-            ),
-            Public(
-                "TimeIntegral",
-                "beamdae.analysis.gradients.objectives",
-                lambda m: {"column": "tip.y", "power": 2},
-            ),
-            Public(
-                "SmoothMaximum",
-                "beamdae.analysis.gradients.objectives",
-                lambda m: {"column": "tip.y", "exponent": 20.0},
-            ),
-            Public(
-                "SquaredErrors",
-                "beamdae.analysis.gradients.objectives",
-                lambda m: {
-                    "column": "tip.y",
-                    "times": (0.1, 0.2),
-                    "values": (0.0, 0.5),
-                    "sigma": 0.1,
-                },
-            ),
+            Public("EndValue", "beamdae.analysis.gradients.objectives"),
+            Public("TimeIntegral", "beamdae.analysis.gradients.objectives"),
+            Public("SmoothMaximum", "beamdae.analysis.gradients.objectives"),
+            Public("SquaredErrors", "beamdae.analysis.gradients.objectives"),
         ),
     ),
     Group(
@@ -762,37 +356,11 @@ GROUPS = (
             Public("at_least", "beamdae.analysis.optimization.quantities"),
             Public("Quantity", "beamdae.analysis.optimization.quantities"),
             Public("Mass", "beamdae.analysis.optimization.quantities"),
-            Public(
-                "Frequency",
-                "beamdae.analysis.optimization.quantities",
-                lambda m: {"number": 1, "about": "equilibrium"},
-            ),
-            Public(
-                "EquilibriumValue",
-                "beamdae.analysis.optimization.quantities",
-                lambda m: {"column": "tip.y", "to": 1.0, **_path_arguments()},
-            ),
-            Public(
-                "EquilibriumErrors",
-                "beamdae.analysis.optimization.quantities",
-                lambda m: {
-                    "column": "tip.y",
-                    "to": (0.5, 1.0),
-                    "values": (0.0, 0.5),
-                    "sigma": 0.1,
-                    **_path_arguments(),
-                },
-            ),
-            Public(
-                "CriticalLoad",
-                "beamdae.analysis.optimization.quantities",
-                lambda m: {"to": 10.0, "number": 1, **_path_arguments()},
-            ),
-            Public(
-                "ParameterFunction",
-                "beamdae.analysis.optimization.quantities",
-                lambda m: {"function": lambda **parameters: 1.0, "name": "cost"},
-            ),
+            Public("Frequency", "beamdae.analysis.optimization.quantities"),
+            Public("EquilibriumValue", "beamdae.analysis.optimization.quantities"),
+            Public("EquilibriumErrors", "beamdae.analysis.optimization.quantities"),
+            Public("CriticalLoad", "beamdae.analysis.optimization.quantities"),
+            Public("ParameterFunction", "beamdae.analysis.optimization.quantities"),
             Public("LargestOf", "beamdae.analysis.optimization.quantities"),
         ),
     ),

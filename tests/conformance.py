@@ -1,6 +1,6 @@
 """Integrators, joints, loads and kinematics on which the laws of their kind are tested.
 
-Joints and loads of the catalog enter with their sample call; further variants are listed here.
+Joints and loads enter with their sample call; further variants are listed here.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from sample_parts import SAMPLES, SampleMechanism
 from support import ARC
 
 import beamdae as bd
@@ -18,7 +19,6 @@ from beamdae.beams.exact.kinematics import GeometricallyExact
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.beams.sections import VaryingSection
 from beamdae.equations.formulations.first_order import FIRST_ORDER
-from beamdae.testing import SampleMechanism
 
 INTEGRATORS = {
     "ida": bd.Ida(),
@@ -61,20 +61,20 @@ def integrators(rtol, step, also=None, slow=(), **settings):
 def catalog_parts(heading, name, without=()):
     """Return the sample parts under a heading, as functions of (mechanism, disk, beam)."""
 
-    def builder(public):
+    def builder(kind):
         def build(mechanism, disk, beam):
             sample = SampleMechanism()
             sample.mechanism, sample.disk, sample.beam = mechanism, disk, beam
-            return getattr(bd, public.name)(**(public.sample(sample) | {"name": name}))
+            return getattr(bd, kind)(**(SAMPLES[kind](sample) | {"name": name}))
 
         return build
 
     return {
-        public.name: builder(public)
+        public.name: builder(public.name)
         for group in catalog.GROUPS
         if group.heading == heading
         for public in group.names
-        if public.sample and public.name not in without
+        if public.name in SAMPLES and public.name not in without
     }
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from sample_parts import SAMPLES
 
 import beamdae as bd
 from beamdae import catalog
@@ -24,6 +25,10 @@ def test_every_public_name_is_listed_once_in_the_reference():
     names = [public.name for group in catalog.GROUPS for public in group.names]
     assert sorted(names) == sorted(set(names)) == sorted(bd.__all__)
     assert {group.page for group in catalog.GROUPS} == set(catalog.PAGES)
+
+
+def test_sample_calls_belong_to_public_names_in_the_order_of_the_catalog():
+    assert list(SAMPLES) == [name for name in catalog.NAMES if name in SAMPLES]
 
 
 def test_integrators_of_the_command_line_are_integrators():

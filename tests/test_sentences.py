@@ -9,11 +9,10 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
+from sample_parts import SAMPLES, SampleMechanism
 
 import beamdae as bd
-from beamdae import catalog
 from beamdae.errors import as_real, require_count, require_finite, require_point, short_repr
-from beamdae.testing import SampleMechanism
 
 # Formulas of numbers, arrays and symbols, which accept any value.
 WITHOUT_CHECKS = {"positive_part", "smooth_sign"}
@@ -61,9 +60,9 @@ FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
 RIGID_BODY = {"name": "b", "mass": 1.0, "inertia": 0.1}
 # Working calls: each argument in turn is replaced by every value of `awkward_values`.
 CALLS = {
-    name: (getattr(bd, name), public.sample(SampleMechanism()))
-    for name, public in catalog.NAMES.items()
-    if public.sample and name not in WITHOUT_CHECKS
+    name: (getattr(bd, name), arguments(SampleMechanism()))
+    for name, arguments in SAMPLES.items()
+    if name not in WITHOUT_CHECKS
 } | {
     "Attachment": (
         bd.Attachment,

@@ -6,18 +6,14 @@ import warnings
 from contextlib import suppress
 
 import pytest
+from sample_parts import SAMPLES, SampleMechanism
 
 import beamdae as bd
-from beamdae import catalog
-from beamdae.testing import SampleMechanism
 
 PARTS = {
-    public.name: public
-    for group in catalog.GROUPS
-    for public in group.names
-    if public.sample
-    and isinstance(getattr(bd, public.name), type)
-    and issubclass(getattr(bd, public.name), bd.Part)
+    name: arguments
+    for name, arguments in SAMPLES.items()
+    if isinstance(getattr(bd, name), type) and issubclass(getattr(bd, name), bd.Part)
 }
 DRIVERS = ("Driver", "TranslationalDriver")
 ACTIONS = {
@@ -33,7 +29,7 @@ EVENT_TIME, END = 0.005, 0.01  # s
 def sample(kind):
     """Return a mechanism with a sample part, and a ball that crosses x = 5 mm at 5 ms."""
     source = SampleMechanism()
-    part = getattr(bd, kind)(**PARTS[kind].sample(source))
+    part = getattr(bd, kind)(**PARTS[kind](source))
     mech = source.mechanism
     mech.add(part)
     clock = mech.add(bd.PointMass("clock", 1.0, at=(0.0, 9.0), velocity=(1.0, 0.0)))

@@ -1,6 +1,6 @@
 """Working calls of parts, curves, sections, laws, mechanisms and constrained systems.
 
-Most are samples from the catalog of public names; the others are variants of these samples.
+Most are the samples of the tests; the others are variants of these samples.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from sample_parts import SAMPLES
 
 import beamdae as bd
 from beamdae import catalog
@@ -285,11 +286,11 @@ def _bushing_energy(x: Any) -> Any:
 
 PART_CALLS: dict[str, WorkingCall] = {
     public.name: WorkingCall(
-        public.sample, _OTHER_USES.get(public.name) or _USES[group.heading or group.page]
+        SAMPLES[public.name], _OTHER_USES.get(public.name) or _USES[group.heading or group.page]
     )
     for group in catalog.GROUPS
     for public in group.names
-    if public.sample
+    if public.name in SAMPLES
 } | {
     "Friction in a guide": WorkingCall(
         lambda box: {

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
+from sample_parts import SampleMechanism
 
 import beamdae as bd
 from beamdae.studies.execution import study_run as study_execution
 from beamdae.studies.execution.executors import SerialPool
-from beamdae.testing import SampleMechanism
 
 T_END = 0.01  # s
 OUTPUT_STEP = 0.002  # s
