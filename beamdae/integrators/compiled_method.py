@@ -213,8 +213,9 @@ def _iterate_newton(run: Any, stage: ImplicitStage, t: float, c: float, may_rene
     return NOT_CONVERGED
 
 
-def _store_row(run: Any, t: float) -> None:
-    row, n, y, yp = run.rows[run.filled], run.form.n, run.y, run.yp
+def store_row(run: Any, n: int, t: float) -> None:
+    """Append the row (t, q, v, a, lam) of a first-order form with `n` coordinates."""
+    row, y, yp = run.rows[run.filled], run.y, run.yp
     m = row.size - 1 - 3 * n
     row[0] = t
     combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
@@ -239,7 +240,7 @@ def _take_steps(run: Any) -> int:
             return code
         run.step_count += 1
         last = run.step_count == run.total_steps
-        _store_row(run, run.end if last else run.start + run.step_count * h)
+        store_row(run, run.form.n, run.end if last else run.start + run.step_count * h)
     return DONE
 
 

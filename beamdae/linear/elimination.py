@@ -194,7 +194,7 @@ def eliminate(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> bool:
     """
     _scale_matrix(plan, factors, nonzeros)
     _eliminate_blocks(plan, factors)
-    return _eliminate(plan, factors)
+    return eliminate_columns(plan, factors, factors.entries)
 
 
 def solve(plan: EliminationPlan, factors: Factors, right: Array) -> None:
@@ -316,9 +316,13 @@ def _solve_scaled(plan: EliminationPlan, factors: Factors, right: Array) -> None
         )
 
 
-def _eliminate(plan: EliminationPlan, factors: Factors) -> bool:
-    """Factorize the equations of the unknowns outside blocks."""
-    starts, positions, sources, entries = plan.starts, plan.positions, plan.sources, factors.entries
+def eliminate_columns(plan: Any, factors: Any, entries: Array) -> bool:
+    """Factorize the columns of a plan, whose numbers are in `entries`; return False if impossible.
+
+    `plan` and `factors` are an `EliminationPlan` and `Factors`, whose unknowns outside blocks are
+    eliminated, or have their attributes. A pivot and its reciprocal must be finite.
+    """
+    starts, positions, sources = plan.starts, plan.positions, plan.sources
     upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
     lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
     upper, lower, x = factors.upper, factors.lower, factors.x

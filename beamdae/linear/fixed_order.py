@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from beamdae.linear.elimination import substitute_triangles
+from beamdae.linear.elimination import eliminate_columns, substitute_triangles
 from beamdae.linear.pivots import compute_fill
 
 Array = np.ndarray
@@ -100,39 +100,14 @@ def eliminate(factors: FixedOrderFactors, nonzeros: Array) -> int:
 
     Return the number of negative pivots, or -1 if a pivot or its reciprocal is not finite.
     """
-    plan, upper, lower, x = factors.plan, factors.upper, factors.lower, factors.x
-    starts, positions, sources = plan.starts, plan.positions, plan.sources
-    upper_starts, upper_rows = plan.upper_starts, plan.upper_rows
-    lower_starts, lower_rows = plan.lower_starts, plan.lower_rows
-    count, smallest = 0, np.inf
-    for j in range(len(x)):
-        x[j] = 0.0
-    for j in range(len(x)):
-        for e in range(starts[j], starts[j + 1]):
-            x[positions[e]] = nonzeros[sources[e]]
-        for p in range(upper_starts[j], upper_starts[j + 1]):
-            k = upper_rows[p]
-            factor = x[k]
-            x[k] = 0.0
-            upper[p] = factor
-            for q in range(lower_starts[k], lower_starts[k + 1]):
-                x[lower_rows[q]] -= lower[q] * factor
-        pivot = x[j]
-        if pivot == 0.0:
-            return -1
-        inverse = 1.0 / pivot
-        if not (np.isfinite(pivot) and np.isfinite(inverse)):
-            return -1
-        if pivot < 0.0:
+    if not eliminate_columns(factors.plan, factors, nonzeros):
+        return -1
+    count, largest = 0, 0.0
+    for inverse in factors.inverse:
+        if inverse < 0.0:
             count += 1
-        smallest = min(smallest, abs(pivot))
-        factors.inverse[j] = inverse
-        x[j] = 0.0
-        for q in range(lower_starts[j], lower_starts[j + 1]):
-            row = lower_rows[q]
-            lower[q] = x[row] * inverse
-            x[row] = 0.0
-    factors.smallest_pivot = smallest
+        largest = max(largest, abs(inverse))
+    factors.smallest_pivot = 1.0 / largest if largest > 0.0 else np.inf
     return count
 
 

@@ -393,9 +393,7 @@ class RunData:
         yield from idle_part_warnings(equations, start, self.model.get("t_end", end))
         if start == 0.0:
             # A resumed run may start in the middle of an impact.
-            active, state = equations, State(*(x[0] for x in first.rows))
-            if first.configuration is not None:
-                active = first.configuration.equations
+            active, state = first.active_equations(equations), State(*(x[0] for x in first.rows))
             time = np.array([first.t[0], first.branch])
             yield from start_inside_warnings(equations, active, time, state)
         if end > start:

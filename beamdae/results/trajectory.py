@@ -128,6 +128,15 @@ class Interval:
         """States at the times `t`."""
         return State(*(x[:: self.nodes_per_step] for x in self.rows))
 
+    @property
+    def inactive(self) -> frozenset[str]:
+        """Names of the inactive parts."""
+        return frozenset() if self.configuration is None else self.configuration.inactive
+
+    def active_equations(self, whole: EquationsOfMotion) -> EquationsOfMotion:
+        """Return the equations of the active parts, given those of all parts."""
+        return whole if self.configuration is None else self.configuration.equations
+
     @cached_property
     def grid(self) -> Interval:
         """Interval with the nodes of all steps, but without states if only some are stored."""
@@ -473,7 +482,7 @@ class Trajectory:
     def by_configuration(self, times: Array) -> Iterator[tuple[Configuration | None, Array]]:
         """Yield configurations with different active parts, and masks (k,) of their times (k,)."""
         configurations = [interval.configuration for interval in self.intervals]
-        inactive = [frozenset() if x is None else x.inactive for x in configurations]
+        inactive = [interval.inactive for interval in self.intervals]
         if len(set(inactive)) == 1:
             yield configurations[0], np.ones(len(times), bool)
             return

@@ -301,12 +301,7 @@ def transpose_alpha_steps(
         if last < steps:
             at = State(*(x[last] for x in states))
             _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)
-        c_f = h * h * member.beta
-        run.coefficients[:] = (
-            member.gamma / (h * member.beta),
-            (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
-            c_f,
-        )
+        run.coefficients[:] = member.coefficients(h)
         run.h, run.first, run.tested = h, int(first), 0
         if loop() != DONE:
             raise BeamdaeError(

@@ -456,12 +456,7 @@ def differentiate_alpha_steps(
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
             _change_step(run, member, derivatives, all_numbers, time, at, h)
-        c_f = h * h * member.beta
-        run.coefficients[:] = (
-            member.gamma / (h * member.beta),
-            (1.0 - member.alpha_m) / ((1.0 - member.alpha_f) * c_f),
-            c_f,
-        )
+        run.coefficients[:] = member.coefficients(h)
         if any(shifts):
             _set_time_rates(run, form, states, first, last, h)
         run.h, run.last, run.tested = h, last, 0

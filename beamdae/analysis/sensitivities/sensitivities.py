@@ -192,7 +192,7 @@ class Sensitivities(SensitivityResult):
         import pandas as pd
 
         trajectory = self.solution.trajectory
-        if any(x.configuration and x.configuration.inactive for x in trajectory.intervals):
+        if any(x.inactive for x in trajectory.intervals):
             raise BeamdaeError(
                 "sensitivities: energies of runs with inactive parts are not differentiated; "
                 "observe the quantities that you need."

@@ -40,6 +40,12 @@ class AlphaParameters(NamedTuple):
     beta: float
     shift: float
 
+    def coefficients(self, h: float) -> tuple[float, float, float]:
+        """Return the factors (c_v, c_a, c_f) of `StepEquations` for steps `h` [s]."""
+        c_f = h * h * self.beta
+        c_a = (1.0 - self.alpha_m) / ((1.0 - self.alpha_f) * c_f)
+        return self.gamma / (h * self.beta), c_a, c_f
+
     @property
     def defect(self) -> float:
         """Local error of q divided by h^3 q''': 1/6 - shift/2 - beta.

@@ -63,13 +63,11 @@ class ContactOnsetDetector:
 
     def find_first(self, interval: Interval, begin: float) -> ContactOnset | None:
         """Return the first contact after `begin` [s] that a step passed over, or None."""
-        inactive = (
-            frozenset() if interval.configuration is None else interval.configuration.inactive
-        )
         onsets = [
             onset
             for gap in self.gaps
-            if gap.part not in inactive and (onset := self._find_onset(gap, interval, begin))
+            if gap.part not in interval.inactive
+            and (onset := self._find_onset(gap, interval, begin))
         ]
         return min(onsets, default=None)
 

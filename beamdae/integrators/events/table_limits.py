@@ -65,14 +65,11 @@ class TableDetector:
 
     def find_first(self, interval: Interval, begin: float) -> TableStop | None:
         """Return the first stop in the steps after `begin` [s], or None."""
-        inactive = (
-            frozenset() if interval.configuration is None else interval.configuration.inactive
-        )
         first = int(np.searchsorted(interval.t, begin))
         t, state = interval.t[first:], State(*(x[first:] for x in interval.state))
         stops = []
         for term in self.terms if len(t) > 1 else ():
-            if term.part in inactive:
+            if term.part in interval.inactive:
                 continue
             values = term.evaluate(t, interval.branch, state)
             if term.is_limited:
@@ -80,7 +77,7 @@ class TableDetector:
             if self.finds_peaks and len(term.table.axes) == 1:
                 stops.append(_find_peak(term, interval, t, values))
         if self.finds_peaks and len(t) > 1:
-            grids = (grid for grid in self.grids if grid[0].part not in inactive)
+            grids = (grid for grid in self.grids if grid[0].part not in interval.inactive)
             stops += [_find_peak_of_grid(grid, interval, t, state) for grid in grids]
         return min((stop for stop in stops if stop is not None), default=None)
 

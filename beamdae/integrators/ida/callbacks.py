@@ -19,6 +19,7 @@ from beamdae.equations.formulations.first_order import (
     evaluate_jacobian,
     evaluate_residual,
 )
+from beamdae.integrators.compiled_method import store_row
 from beamdae.integrators.ida.kinematic_scaling import (
     KinematicRowScaling,
     scale_jacobian,
@@ -277,7 +278,7 @@ def take_ida_steps(run: IdaWorkspace) -> int:
         call_for_int(run.sundials.IDASetStopTime, (run.memory, stop))
         run.newton.age += 1
         _record_order_and_error(run)
-        _store_row(run)
+        store_row(run, run.newton.form.n, run.t[0])
     return DONE
 
 
@@ -301,14 +302,3 @@ def _record_order_and_error(run: IdaWorkspace) -> None:
     run.orders[run.order[0]] += 1
     call_for_int(run.sundials.IDAGetEstLocalErrors, (run.memory, run.errors_vector))
     run.limiting_counts[locate_largest(run.errors, run.weights)] += 1
-
-
-def _store_row(run: IdaWorkspace) -> None:
-    row, n, y, yp = run.rows[run.filled], run.newton.form.n, run.y, run.yp
-    m = row.size - 1 - 3 * n
-    row[0] = run.t[0]
-    combine(row[1 : 1 + 2 * n], (1.0,), (y[: 2 * n],))
-    combine(row[1 + 2 * n : 1 + 3 * n], (1.0,), (yp[n : 2 * n],))
-    multipliers = yp if run.has_impulses == 1 else y
-    combine(row[1 + 3 * n :], (1.0,), (multipliers[2 * n : 2 * n + m],))
-    run.filled += 1

@@ -142,8 +142,7 @@ def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
     """Return masks (frames,) that are True in frames in which a part is inactive, by part name."""
     intervals, absent = solution.trajectory.interval_index(times), dict[str, Array]()
     for k, interval in enumerate(solution.trajectory.intervals):
-        configuration = interval.configuration
-        for part in () if configuration is None else configuration.inactive:
+        for part in interval.inactive:
             absent.setdefault(part, np.zeros(len(times), bool))[intervals == k] = True
     return absent
 

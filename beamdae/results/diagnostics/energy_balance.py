@@ -130,7 +130,7 @@ class EnergyLedger:
         work, previous = np.zeros(3), None
         for interval in trajectory.intervals:
             configuration, state = interval.configuration, interval.rows
-            active = equations if configuration is None else configuration.equations
+            active = interval.active_equations(equations)
             if configuration is not None:
                 state = state._replace(lam=configuration.select_multipliers(state.lam))
             if interval.record is not None:

@@ -170,8 +170,7 @@ def _measure_rates(
     to_section = np.array([[cosine, -sine], [sine, cosine]])
     size, rate = 0.0, np.zeros(2)
     for interval in trajectory.intervals:
-        configuration = interval.configuration
-        if configuration is not None and part in configuration.inactive:
+        if part in interval.inactive:
             continue
         times, state = interval.times[:: interval.nodes_per_step], interval.state
         values = o.evaluate(p, times, state.q, state.v, np.zeros((len(times), 0)))

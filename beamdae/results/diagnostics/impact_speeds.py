@@ -69,8 +69,7 @@ def _fastest_impact(gap: SurfaceGapTerm, interval: Interval) -> float:
 
     Bodies that touch at the beginning of the interval and approach each other count, too.
     """
-    configuration = interval.configuration
-    if configuration is not None and gap.part in configuration.inactive:
+    if gap.part in interval.inactive:
         return 0.0
     t, state = interval.t, interval.state
     steps = np.diff(t)[np.diff(t) > 0.0]

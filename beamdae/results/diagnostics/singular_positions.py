@@ -13,7 +13,7 @@ from beamdae.equations.starts.rank import (
     build_constraint_jacobian,
     has_closed_loops,
 )
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -71,16 +71,11 @@ def find_singular_positions(
     are closed by the elasticity of a beam do not lose rank. If redundant constraints are removed, G
     contains only the independent constraints.
     """
-
-    def active_equations(interval: Interval) -> EquationsOfMotion:
-        configuration = interval.configuration
-        return equations if configuration is None else configuration.equations
-
     positions: list[SingularPosition] = []
-    for _, group in groupby(trajectory.intervals, lambda interval: id(active_equations(interval))):
+    for _, group in groupby(trajectory.intervals, lambda x: id(x.active_equations(equations))):
         intervals = tuple(group)
         stretch = Trajectory(intervals)
-        positions += _find_in_stretch(active_equations(intervals[0]), stretch)
+        positions += _find_in_stretch(intervals[0].active_equations(equations), stretch)
     return tuple(positions)
 
 

@@ -85,8 +85,7 @@ class _Sliding:
         """Return the warning, None if there is none."""
         durations, slips, places = [np.zeros(0)], [np.zeros(0)], []
         for interval in trajectory.intervals:
-            configuration = interval.configuration
-            if configuration is not None and self.name in configuration.inactive:
+            if self.name in interval.inactive:
                 continue
             state, times = interval.state, interval.times[:: interval.nodes_per_step]
             slip = np.asarray(self.term.evaluate(times, state))

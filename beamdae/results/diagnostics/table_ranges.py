@@ -35,8 +35,7 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             continue
         times, values = [], []
         for interval in trajectory.intervals:
-            configuration = interval.configuration
-            if configuration is None or term.part not in configuration.inactive:
+            if term.part not in interval.inactive:
                 times.append(interval.t)
                 values.append(term.evaluate(interval.t, interval.branch, interval.state))
         if not times:

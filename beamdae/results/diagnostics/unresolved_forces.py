@@ -74,9 +74,7 @@ def unresolved_force_warnings(
     impulses: dict[tuple[str, int, bool], list[_MissedImpulse]] = {}
     for interval in intervals:
         # Events change laws, and switch parts.
-        configuration = interval.configuration
-        active = equations if configuration is None else configuration.equations
-        for name, k, is_rate, term in _name_terms(active):
+        for name, k, is_rate, term in _name_terms(interval.active_equations(equations)):
             of_interval = _measure(term, interval, spacing, is_rate)
             impulses.setdefault((name, k, is_rate), []).append(of_interval)
     for (name, _, is_rate), of_force in impulses.items():

@@ -44,7 +44,7 @@ def velocity_jump_warnings(
         old, new = before.rows[1][-1], after.rows[1][0]
         if not np.any(np.abs(new - old) > _MIN_SHARE * largest):
             continue
-        active = equations if after.configuration is None else after.configuration.equations
+        active = after.active_equations(equations)
         time = np.array([t, after.branch])
         jacobian = ConsistencySolver(active).constraint_matrix(time, after.rows[0][0])
         rates = np.abs(np.stack([jacobian @ x for x in (new - old, old, new)]))

@@ -177,8 +177,7 @@ def group_rows(trajectory: Trajectory, times: Array) -> list[RowGroup]:
     index = trajectory.interval_index(times)
     groups: list[RowGroup] = []
     for k, interval in enumerate(trajectory.intervals):
-        configuration = interval.configuration
-        factors = {} if configuration is None else dict.fromkeys(configuration.inactive, 0.0)
+        factors = dict.fromkeys(interval.inactive, 0.0)
         rows = np.flatnonzero(index == k)
         if groups and groups[-1][1] == factors:
             rows = np.concatenate([groups.pop()[0], rows])
