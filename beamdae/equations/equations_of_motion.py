@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from beamdae import deferred
 from beamdae.equations.banded_stiffness import BandedStiffness, plan_banded_stiffness
 from beamdae.equations.singular_laws import PartLaw
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
@@ -633,9 +634,8 @@ _PICKLED_NUMBERS = ("q0", "v0", "p", "length", "breakpoints", "scales", "start",
 
 def _reassemble(source: bytes, numbers: dict[str, Any]) -> EquationsOfMotion:
     """Return pickled equations; CasADi expressions cannot be pickled."""
-    from beamdae.equations.assembly.assemble import equations_of_motion
-
-    equations = equations_of_motion(pickle.loads(source), AS_DRAWN)
+    assemble: Any = deferred.module("equations.assembly.assemble").equations_of_motion
+    equations: EquationsOfMotion = assemble(pickle.loads(source), AS_DRAWN)
     if len(numbers["p"]) != len(equations.p):
         raise BeamdaeError(
             "EquationsOfMotion: the pickled equations do not contain the same parts as their "

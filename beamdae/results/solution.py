@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import add_observable
@@ -354,9 +355,8 @@ class Solution(RunData, TimeSeries):
         BeamdaeError
             If the file cannot be written, or the run exceeds the size limits of a file.
         """
-        from beamdae.results.storage.saved_run import save_run
-
-        return save_run(self, path)
+        written: Path = deferred.module("results.storage.saved_run").save_run(self, path)
+        return written
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write the last state to a JSON file and return the path.
