@@ -42,10 +42,12 @@ from beamdae.beams.beam import EXACT_FORMULATION, FORMULATIONS  # noqa: E402
 from beamdae.beams.floating_frame.kinematics import STRAINS  # noqa: E402
 from beamdae.cli.model_files.model_file import ModelFile  # noqa: E402
 from beamdae.equations.formulations.first_order import FIRST_ORDER  # noqa: E402
+from beamdae.equations.starts.state_evaluator import plan_state_sums  # noqa: E402
 from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
 from beamdae.results.storage.number_text import format_rows  # noqa: E402
+from beamdae.symbolic.sum_evaluator import SumEvaluator  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
 _LEVELS = llvm.X86_LEVELS[1:]
@@ -93,7 +95,8 @@ def compile_objects(folder: Path) -> None:
     targets = [host._replace(cpu=cpu) for cpu in _LEVELS[: _LEVELS.index(host.cpu) + 1]]
     recorder = Recorder()
     lane_kernels.load_object = loops.load_object = recorder
-    for exercise in chain(model_runs(), sample_runs(), derivative_runs(), text_runs()):
+    exercises = (model_runs, sample_runs, derivative_runs, single_state_runs, text_runs)
+    for exercise in chain.from_iterable(make() for make in exercises):
         with suppress(bd.BeamdaeError):
             exercise()
     # The longest first, to keep all processes busy.
@@ -181,6 +184,14 @@ def derivative_runs() -> Iterator[Callable[[], Any]]:
     for integrator in (bd.GeneralizedAlpha(), bd.Radau()):
         yield partial(bd.sensitivities, model, [by], integrator, t_end)
         yield partial(bd.gradient, model, bd.EndValue("tip.x"), by, integrator, t_end)
+
+
+def single_state_runs() -> Iterator[Callable[[], Any]]:
+    """Yield the machine code in which studies evaluate sums at single states."""
+    equations = bd.equations_of_motion(driven_disk())
+    evaluator = SumEvaluator(plan_state_sums(equations.structure).motion, equations.p)
+    n, m = equations.n, equations.m
+    yield partial(evaluator.load_native, 3 * n + m, n + 3 * m, compiles=True)
 
 
 def text_runs() -> Iterator[Callable[[], Any]]:

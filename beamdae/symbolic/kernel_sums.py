@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
-from weakref import finalize
 
 import casadi as ca
 import numpy as np
@@ -38,6 +37,7 @@ from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.lane_tiles import BatchRows, Tiles, find_tiles
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
+from beamdae.symbolic.row_kernels import CodeOnDemand
 from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.vector_sines import expand_sines
 
@@ -56,9 +56,8 @@ WEIGHTED_END = 5
 PICK_TILE_END = 6
 ADD_TILE_END = 7
 
-
-# Largest inputs of sums that are kept for later models.
-_MAX_IDLE_NUMBERS = 100_000
+# Gathering and adding the numbers of a batch take as long as this number of operations.
+_OPERATIONS_PER_BATCH = 10_000
 
 
 @dataclass(frozen=True)
@@ -231,7 +230,9 @@ class Sum:
 class SharedInputs(Protocol):
     """A `Sum`, or another object with its `shared` inputs."""
 
-    shared: Array
+    @property
+    def shared(self) -> Array:
+        """See `Sum.shared`."""
 
 
 class Batch(NamedTuple):
@@ -269,12 +270,16 @@ class SumPlan:
     weighted_sources: Array
     weights: Array
     weight_factors: tuple[Array, Array] | None = None
-    # Arrays that do not depend on weights; plans that differ in weights only share them.
+    # Plans that differ in weights only share the arrays and the machine code that do not depend on
+    # weights.
     _layouts: dict[str, dict[str, Array]] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
-    # Interpreted sums that `borrow` returned and that are no longer in use.
-    _idle: list[Sum] = field(default_factory=list, init=False, compare=False, repr=False)
+    # For `SumEvaluator`.
+    code: CodeOnDemand[bool] = field(
+        default_factory=CodeOnDemand, init=False, compare=False, repr=False
+    )
+    idle_evaluators: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def with_weights(self, decode: Callable[[Array], Array]) -> SumPlan:
         """Return the plan for other weights of operators.
@@ -290,6 +295,7 @@ class SumPlan:
             weight_factors=None,
         )
         object.__setattr__(plan, "_layouts", self._layouts)
+        object.__setattr__(plan, "code", self.code)
         return plan
 
     @property
@@ -300,6 +306,14 @@ class SumPlan:
     def load_native(self, compiles: bool = True) -> bool:
         """Return `is_native`, using only machine code in the cache if `compiles` is False."""
         return all(batch.kernel.load_native(compiles) is not None for batch in self.batches)
+
+    @cached_property
+    def operations(self) -> int:
+        """Number of operations of CasADi's virtual machine that take as long as an evaluation."""
+        return sum(
+            batch.copies * batch.kernel.function.n_instructions() + _OPERATIONS_PER_BATCH
+            for batch in self.batches
+        )
 
     def sum(self, native: bool, p: Array) -> Sum:
         """Return the sum with new buffers and the data of a model.
@@ -335,23 +349,6 @@ class SumPlan:
             **entries,
         )
         self.set_data(total, p)
-        return total
-
-    def borrow(self, borrower: Any, p: Array) -> Sum:
-        """Return an interpreted sum with the data of a model, as `sum`, for one object.
-
-        The sum is reused after `borrower` has been deleted, because creating a sum takes as long as
-        several evaluations.
-        """
-        try:
-            # Not a test of the length, because a concurrent thread may take the last one.
-            total = self._idle.pop()
-        except IndexError:
-            total = self.sum(False, p)
-        else:
-            self.set_data(total, p)
-        if self.n_local <= _MAX_IDLE_NUMBERS:
-            finalize(borrower, self._idle.append, total).atexit = False
         return total
 
     def set_data(self, total: Sum, p: Array) -> None:

@@ -3,16 +3,17 @@
 Loading or compiling machine code takes longer than the rows of a single run take in NumPy or in
 CasADi's virtual machine. Only the cases of studies therefore use it, see `compile_row_functions`,
 and a function is compiled once it has taken about as long as the compiler takes. Results have the
-same bits in any case.
+same bits in any case. The same holds for sums that are evaluated at single states, see
+`sum_evaluator`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel, pad_copie
 from beamdae.symbolic.table_lookups import has_lookups
 
 Array = np.ndarray
+Code = TypeVar("Code")
 
 # Fewer rows take as long in the virtual machine.
 _MIN_ROWS = 32
@@ -37,7 +39,7 @@ _is_requested: ContextVar[bool] = ContextVar("machine code of row functions", de
 
 @contextmanager
 def compile_row_functions() -> Iterator[None]:
-    """Use machine code for row functions that are evaluated often, within this context."""
+    """Use machine code for row functions and sums that are evaluated often, within this context."""
     token = _is_requested.set(True)
     try:
         yield
@@ -45,14 +47,31 @@ def compile_row_functions() -> Iterator[None]:
         _is_requested.reset(token)
 
 
-@dataclass
-class _Entry:
-    """Machine code for one choice of shared arguments, and the operations without it so far."""
+class CodeOnDemand(Generic[Code]):
+    """Machine code that is loaded, and later compiled, after many operations without it."""
 
-    operations: float = 0.0
-    kernel: LaneKernel | None = None
-    is_searched: bool = False
-    is_final: bool = False
+    def __init__(self) -> None:
+        self._code: Code | None = None
+        self._operations = 0.0
+        self._is_searched = self._is_final = False
+
+    def find(self, operations: float, build: Callable[[bool], Code | None]) -> Code | None:
+        """Return machine code for as many operations; None to use none.
+
+        `build` returns the machine code if it is available; its argument is False to look only into
+        the cache.
+        """
+        if not _is_requested.get():
+            return None
+        if self._is_final:
+            return self._code
+        self._operations += operations
+        if self._operations > _OPERATIONS_BEFORE_COMPILING:
+            self._code, self._is_final = build(True), True
+        elif self._operations > _OPERATIONS_BEFORE_LOADING and not self._is_searched:
+            self._code, self._is_searched = build(False), True
+            self._is_final = bool(self._code)
+        return self._code
 
 
 class RowKernels:
@@ -60,25 +79,18 @@ class RowKernels:
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._entries: dict[tuple[int, ...], _Entry] = {}
+        self._codes: dict[tuple[int, ...], CodeOnDemand[LaneKernel]] = {}
 
     def __reduce__(self) -> tuple[type, tuple[ca.Function]]:
         return RowKernels, (self._function,)
 
     def find(self, shared: tuple[int, ...], rows: int) -> LaneKernel | None:
         """Return machine code for `rows` rows that share these arguments; None to use none."""
-        if not _is_requested.get() or rows < _MIN_ROWS:
+        if rows < _MIN_ROWS:
             return None
-        entry = self._entries.setdefault(shared, _Entry())
-        if entry.is_final:
-            return entry.kernel
-        entry.operations += rows * self._instructions
-        if entry.operations > _OPERATIONS_BEFORE_COMPILING:
-            entry.kernel, entry.is_final = self._build(shared, compiles=True), True
-        elif entry.operations > _OPERATIONS_BEFORE_LOADING and not entry.is_searched:
-            entry.kernel, entry.is_searched = self._build(shared, compiles=False), True
-            entry.is_final = entry.kernel is not None
-        return entry.kernel
+        code = self._codes.setdefault(shared, CodeOnDemand())
+        operations = rows * self._instructions
+        return code.find(operations, lambda compiles: self._build(shared, compiles))
 
     @cached_property
     def _instructions(self) -> int:

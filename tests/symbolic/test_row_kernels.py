@@ -63,7 +63,7 @@ def test_rows_have_the_bits_of_the_virtual_machine(compiled_at_once, rows):
     np.testing.assert_array_equal(evaluate(x, y), evaluate_by_row(FUNCTION, x, y))
     shared = evaluate(x, y[0])
     np.testing.assert_array_equal(shared, evaluate_by_row(FUNCTION, x, np.tile(y[0], (rows, 1))))
-    kernels = [entry.kernel for entry in evaluate._kernels._entries.values()]
+    kernels = [code._code for code in evaluate._kernels._codes.values()]
     assert len(kernels) == 2
     assert all((kernel is not None) is is_native_enabled() for kernel in kernels)
 
@@ -118,7 +118,7 @@ def test_compiled_functions_can_be_pickled(compiled_at_once):
     evaluate, x, y = RowFunction(FUNCTION), np.ones((100, 3)), np.ones(2)
     values = evaluate(x, y)
     copied = pickle.loads(pickle.dumps(evaluate))
-    assert copied._kernels._entries == {}
+    assert copied._kernels._codes == {}
     np.testing.assert_array_equal(copied(x, y), values)
 
 

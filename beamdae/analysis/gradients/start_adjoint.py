@@ -25,8 +25,9 @@ from beamdae.equations.starts.state_evaluator import (
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.linear.factorizations import Factorization, create_factorization
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sparse_operators import column_indices, transpose_pattern
+from beamdae.symbolic.sum_evaluator import SumEvaluator
 from beamdae.symbolic.transposed_sums import transposed_plan
 
 Array = np.ndarray
@@ -117,7 +118,7 @@ class StartAdjoint:
         return directional_plan_along(self.moving, plan, n_inputs, min_base)
 
     @cached_property
-    def _moved_sums(self) -> dict[int, Sum]:
+    def _moved_sums(self) -> dict[int, SumEvaluator]:
         """Derivatives of the transposed sums along `moving`, by id of the transposed sum."""
         if self.moving is None:
             return {}
@@ -134,26 +135,26 @@ class StartAdjoint:
             (self._levels, levels),
             (self._smooth_motion, smooth),
         )
-        return {id(total): plan.borrow(self, p) for total, plan in plans if plan is not None}
+        return {id(total): SumEvaluator.borrow(plan, p, self) for total, plan in plans if plan is not None}
 
     @cached_property
-    def _motion(self) -> Sum:
+    def _motion(self) -> SumEvaluator:
         return self._borrow(_plan_transposed_sums(self.equations.structure)[0])
 
     @cached_property
-    def _saddle(self) -> Sum:
+    def _saddle(self) -> SumEvaluator:
         return self._borrow(_plan_transposed_sums(self.equations.structure)[1])
 
     @cached_property
-    def _levels(self) -> Sum:
+    def _levels(self) -> SumEvaluator:
         return self._borrow(_plan_transposed_sums(self.equations.structure)[2])
 
     @cached_property
-    def _smooth_motion(self) -> Sum:
+    def _smooth_motion(self) -> SumEvaluator:
         return self._borrow(_plan_transposed_sums(self.equations.structure)[3])
 
-    def _borrow(self, plan: SumPlan) -> Sum:
-        return plan.borrow(self, self.equations.p)
+    def _borrow(self, plan: SumPlan) -> SumEvaluator:
+        return SumEvaluator.borrow(plan, self.equations.p, self)
 
     def initial_motion(
         self,
@@ -474,17 +475,15 @@ class StartAdjoint:
                 set_matrix_factors(total, *coefficients, c_l=1.0, c_h=1.0, c_r=1.0)
         return self._weigh(self._saddle, time, at, weights)
 
-    def _weigh(self, total: Sum, time: Array, at: State, weights: Array) -> State:
+    def _weigh(self, total: SumEvaluator, time: Array, at: State, weights: Array) -> State:
         n, size = self.equations.n, 3 * self.equations.n + self.equations.m
-        result = np.zeros(size + len(self.numbers))
         set_time(total, *time)
-        evaluate_sum(total, np.concatenate([*at, weights]), result)
+        result = total(np.concatenate([*at, weights]), size + len(self.numbers))
         self.numbers += result[size:]
         moved = self._moved_sums.get(id(total))
         if moved is not None:
             set_time(moved, *time)
-            change = np.zeros(len(weights))
-            evaluate_sum(moved, np.concatenate([*at, np.zeros(len(result))]), change)
+            change = moved(np.concatenate([*at, np.zeros(len(result))]), len(weights))
             self.along_operators += float(weights @ change)
         return State(*np.split(result[:size], [n, 2 * n, 3 * n]))
 

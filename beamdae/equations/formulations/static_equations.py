@@ -18,13 +18,8 @@ from beamdae.equations.formulations.sums import (
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.force_kernel import STIFFNESS
-from beamdae.symbolic.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -90,12 +85,14 @@ class StaticEquations:
         return plan_static_sums(self.equations.structure).pattern
 
     @cached_property
-    def _residual(self) -> Sum:
-        return plan_static_sums(self.equations.structure).residual.sum(False, self.equations.p)
+    def _residual(self) -> SumEvaluator:
+        sums = plan_static_sums(self.equations.structure)
+        return SumEvaluator.borrow(sums.residual, self.equations.p, self)
 
     @cached_property
-    def _tangent(self) -> Sum:
-        return plan_static_sums(self.equations.structure).tangent.sum(False, self.equations.p)
+    def _tangent(self) -> SumEvaluator:
+        sums = plan_static_sums(self.equations.structure)
+        return SumEvaluator.borrow(sums.tangent, self.equations.p, self)
 
     def residual(self, q: Array, lam: Array) -> Array:
         """Return F + G^T lam and g at positions q and multipliers lam, (n + m,)."""
@@ -112,9 +109,7 @@ class StaticEquations:
         entries = (self.tangent(q, lam), self.pattern.indices, self.pattern.indptr)
         return sp.csc_array(entries, shape=self.pattern.shape)
 
-    def _evaluate(self, total: Sum, q: Array, lam: Array, size: int) -> Array:
+    def _evaluate(self, total: SumEvaluator, q: Array, lam: Array, size: int) -> Array:
         set_time(total, *self.time)
-        result = np.zeros(size)
         with np.errstate(over="ignore", invalid="ignore"):
-            evaluate_sum(total, np.concatenate([q, np.zeros(len(q)), lam]), result)
-        return result
+            return total(np.concatenate([q, np.zeros(len(q)), lam]), size)

@@ -1,6 +1,7 @@
 """Constraints, forces and matrices of the equations of motion, evaluated at single states.
 
-CasADi's virtual machine evaluates these quantities, because a run needs them only a few times.
+CasADi's virtual machine evaluates these quantities, because a run needs them only a few times; see
+`SumEvaluator`.
 """
 
 from __future__ import annotations
@@ -24,15 +25,10 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.kernel_sums import (
-    Sum,
-    SumPlan,
-    evaluate_sum,
-    set_matrix_factors,
-    set_time,
-)
+from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.local_symbols import C_A
 from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.
@@ -177,28 +173,28 @@ class StateEvaluator:
         return plan_state_sums(self.equations.structure)
 
     @cached_property
-    def _motion(self) -> Sum:
-        return self.sums.motion.borrow(self, self.equations.p)
+    def _motion(self) -> SumEvaluator:
+        return SumEvaluator.borrow(self.sums.motion, self.equations.p, self)
 
     @cached_property
-    def _smooth_motion(self) -> Sum:
-        return self.sums.smooth_motion.borrow(self, self.equations.p)
+    def _smooth_motion(self) -> SumEvaluator:
+        return SumEvaluator.borrow(self.sums.smooth_motion, self.equations.p, self)
 
     @cached_property
-    def _levels(self) -> Sum:
-        return self.sums.levels.borrow(self, self.equations.p)
+    def _levels(self) -> SumEvaluator:
+        return SumEvaluator.borrow(self.sums.levels, self.equations.p, self)
 
     @cached_property
     def _recent_motion(self) -> Recent:
         return Recent()
 
     @cached_property
-    def _gradients(self) -> Sum:
-        return self.sums.gradients.borrow(self, self.equations.p)
+    def _gradients(self) -> SumEvaluator:
+        return SumEvaluator.borrow(self.sums.gradients, self.equations.p, self)
 
     @cached_property
-    def _saddle(self) -> Sum:
-        return self.sums.saddle.borrow(self, self.equations.p)
+    def _saddle(self) -> SumEvaluator:
+        return SumEvaluator.borrow(self.sums.saddle, self.equations.p, self)
 
     def rest_state(self, q: Array) -> State:
         """Return the state at rest at positions `q`, with zero accelerations and multipliers."""
@@ -314,7 +310,7 @@ class StateEvaluator:
 
     def _evaluate(
         self,
-        total: Sum,
+        total: SumEvaluator,
         time: Array,
         state: tuple[Array | None, ...],
         size: int,
@@ -324,6 +320,4 @@ class StateEvaluator:
         inputs = [np.zeros(n) if x is None else x for x in state]
         inputs.append(np.zeros(m) if lam is None else lam)
         set_time(total, *time)
-        result = np.zeros(size)
-        evaluate_sum(total, np.concatenate(inputs), result)
-        return result
+        return total(np.concatenate(inputs), size)

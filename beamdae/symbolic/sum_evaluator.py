@@ -1,0 +1,107 @@
+"""Evaluation of sums at single states, in machine code if a study evaluates them often.
+
+In a single run, CasADi's virtual machine evaluates these sums sooner than their machine code is
+loaded. The cases of a study share the plans of sums, see `row_kernels`. Results have the same bits
+in any case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+
+from beamdae.native.llvm import MachineCodeError
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.return_codes import DONE
+from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+
+Array = np.ndarray
+
+# Largest inputs of sums that are kept for later models.
+_MAX_IDLE_NUMBERS = 100_000
+
+
+@dataclass(slots=True)
+class Evaluation:
+    """Sum, its input and its result; argument of `run_evaluation`."""
+
+    total: Sum
+    x: Array
+    result: Array
+
+
+def run_evaluation(evaluation: Evaluation) -> int:
+    """Write the sum at `x` into `result`; return DONE."""
+    evaluate_sum(evaluation.total, evaluation.x, evaluation.result)
+    return DONE
+
+
+class SumEvaluator:
+    """Evaluates a sum at single states for one model; only one thread may use it at a time."""
+
+    def __init__(self, plan: SumPlan, p: Array) -> None:
+        self._plan, self._p = plan, p
+        self._total = plan.sum(False, p)
+        self._native: tuple[Evaluation, CompiledLoop] | None = None
+
+    @classmethod
+    def borrow(cls, plan: SumPlan, p: Array, borrower: Any) -> SumEvaluator:
+        """Return an evaluator with the numbers p of a model, for one object.
+
+        The evaluator is reused after `borrower` has been deleted, because creating one takes as
+        long as several evaluations.
+        """
+        try:
+            # Not a test of the length, because a concurrent thread may take the last one.
+            evaluator: SumEvaluator = plan.idle_evaluators.pop()
+        except IndexError:
+            evaluator = cls(plan, p)
+        else:
+            evaluator._p = p
+            plan.set_data(evaluator._total, p)
+        if plan.n_local <= _MAX_IDLE_NUMBERS:
+            finalize(borrower, plan.idle_evaluators.append, evaluator).atexit = False
+        return evaluator
+
+    @property
+    def shared(self) -> Array:
+        """Inputs common to all copies, see `Sum.shared`; set before an evaluation."""
+        return self._total.shared
+
+    def __call__(self, x: Array, size: int) -> Array:
+        """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
+        load = partial(self.load_native, len(x), size)
+        # Another evaluator of the plan may have loaded the machine code.
+        if self._native is None and self._plan.code.find(self._plan.operations, load):
+            load(compiles=False)
+        if self._native is None:
+            result = np.zeros(size)
+            evaluate_sum(self._total, x, result)
+            return result
+        evaluation, loop = self._native
+        evaluation.x[:] = x
+        loop.call_loaded()
+        return evaluation.result.copy()
+
+    def load_native(self, n_inputs: int, size: int, compiles: bool) -> bool:
+        """Use machine code from now on; return False if it is not available.
+
+        Only machine code in the cache is used if `compiles` is False.
+        """
+        if self._native is not None:
+            return True
+        if not self._plan.load_native(compiles):
+            return False
+        total = self._plan.sum(True, self._p)
+        total.shared[:] = self.shared
+        evaluation = Evaluation(total, np.zeros(n_inputs), np.zeros(size))
+        try:
+            loop = CompiledLoop(run_evaluation, evaluation, compiles=compiles)
+        except MachineCodeError:
+            return False
+        self._total, self._native = total, (evaluation, loop)
+        return True

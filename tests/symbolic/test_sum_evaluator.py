@@ -1,0 +1,97 @@
+"""Sums at single states: machine code has the same bits, and is used only if it pays off."""
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+from beamdae.equations.formulations.static_equations import StaticEquations
+from beamdae.equations.starts.state_evaluator import StateEvaluator
+from beamdae.native.llvm import MachineCodeError
+from beamdae.native.loops import CompiledLoop
+from beamdae.native.object_code import is_native_enabled
+from beamdae.symbolic import row_kernels, sum_evaluator
+from beamdae.symbolic.row_kernels import compile_row_functions
+
+TIME = np.array([0.1, 0.1])
+
+
+@pytest.fixture
+def loops(monkeypatch):
+    """Loops that have been prepared; sums are compiled at their first evaluation in a study."""
+    prepared = []
+
+    def prepare(*arguments, **options):
+        prepared.append(CompiledLoop(*arguments, **options))
+        return prepared[-1]
+
+    monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_COMPILING", 0.0)
+    monkeypatch.setattr(sum_evaluator, "CompiledLoop", prepare)
+    return prepared
+
+
+def build_equations(elements, stiffness=1e6):
+    """Return the equations of a hinged beam whose tip touches a floor.
+
+    Mechanisms with other numbers of elements do not share their plans.
+    """
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 0.02)
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.2)), section, elements=elements))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Contact("tip", beam.end, bd.LineSurface(mech.ground.at(0.0, 0.25)), stiffness))
+    return bd.equations_of_motion(mech)
+
+
+def evaluate(equations):
+    """Return results of all sums at one state, each of them evaluated twice."""
+    rng = np.random.default_rng(1)
+    q = equations.q0 + 1e-3 * rng.standard_normal(equations.n)
+    v, a = rng.standard_normal((2, equations.n))
+    lam = rng.standard_normal(equations.m)
+    states, static = StateEvaluator(equations), StaticEquations(equations, TIME)
+    results = []
+    for factor in (1.0, 2.0):
+        results += [
+            states.force(TIME, q, factor * v, a, lam),
+            states.constraint_levels(TIME, factor * q),
+            states.gradients(TIME, factor * q),
+            states.saddle_matrix(TIME, q, v, a, (0.3, factor, 1.0), lam),
+            states.evaluate_force_change(TIME, q, factor * v, 1e-3),
+            static.residual(q, factor * lam),
+            static.tangent(q, factor * lam),
+        ]
+    return results
+
+
+def test_results_have_the_bits_of_the_virtual_machine(loops):
+    equations = build_equations(2)
+    expected = evaluate(equations)
+    assert loops == []  # in a single run
+    with compile_row_functions():
+        results = evaluate(equations)
+    assert len(loops) == 7 * is_native_enabled()
+    for result, other in zip(results, expected, strict=True):
+        np.testing.assert_array_equal(result, other)
+
+
+def test_evaluators_are_reused_with_the_numbers_of_the_next_model(loops):
+    expected = evaluate(build_equations(3, 2e6))
+    with compile_row_functions():
+        assert not np.array_equal(evaluate(build_equations(3))[0], expected[0])
+        count = len(loops)
+        results = evaluate(build_equations(3, 2e6))
+    assert len(loops) == count
+    for result, other in zip(results, expected, strict=True):
+        np.testing.assert_array_equal(result, other)
+
+
+def test_without_the_loop_the_virtual_machine_evaluates(loops, monkeypatch):
+    def fail(*arguments, **options):
+        raise MachineCodeError("numba cannot be imported")
+
+    expected = evaluate(build_equations(4))
+    monkeypatch.setattr(sum_evaluator, "CompiledLoop", fail)
+    with compile_row_functions():
+        results = evaluate(build_equations(4))
+    for result, other in zip(results, expected, strict=True):
+        np.testing.assert_array_equal(result, other)
