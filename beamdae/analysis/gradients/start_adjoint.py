@@ -135,7 +135,11 @@ class StartAdjoint:
             (self._levels, levels),
             (self._smooth_motion, smooth),
         )
-        return {id(total): SumEvaluator.borrow(plan, p, self) for total, plan in plans if plan is not None}
+        return {
+            id(total): SumEvaluator.borrow(plan, p, self)
+            for total, plan in plans
+            if plan is not None
+        }
 
     @cached_property
     def _motion(self) -> SumEvaluator:
