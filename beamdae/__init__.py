@@ -9,6 +9,7 @@ from typing import Any
 import lazy_loader
 
 from beamdae.catalog import attributes_by_module
+from beamdae.garbage_collection import exempt_modules_of_script, paused_collection
 from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
@@ -22,7 +23,9 @@ def __getattr__(name: str) -> Any:
     if name in __all__:
         if name in _imported:
             return _load(name)
-        value = _import(name)
+        with paused_collection():
+            value = _import(name)
+            exempt_modules_of_script()
         _imported.add(name)
         return value
     # Python uses these two arguments to suggest the nearest public name.

@@ -27,6 +27,7 @@ from beamdae.errors import (
     format_exception,
     kind_of_message,
 )
+from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
@@ -243,7 +244,9 @@ class WrittenFiles:
         # Flush, so that the reader of a pipe gets the tables before the files are written.
         sys.stdout.flush()
         try:
-            self.paths += write()
+            # Importing Matplotlib and drawing create no garbage to speak of.
+            with paused_collection():
+                self.paths += write()
             return
         except BeamdaeError as problem:
             print_error(f"failed: {problem}")
