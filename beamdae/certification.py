@@ -484,8 +484,8 @@ class _Certification:
     @property
     def _last(self) -> _Run:
         """The finest run with the chosen formulation, or the finest of all if none has it."""
-        chosen = [run for run in self._runs if run.exact == self._exact] or self._runs
-        return max(chosen, key=lambda run: (run.halvings, -run.rtol))
+        runs = [run for run in self._runs if run.exact == self._exact] or self._runs
+        return max(runs, key=lambda run: (run.halvings, -run.rtol))
 
     @cached_property
     def _required(self) -> Array:
@@ -649,8 +649,8 @@ class _Certification:
             return np.full(len(last), upper if expected is None else max(expected, lower))
         is_moving = (before > 0.0) & (last > 0.0)
         ratios = np.divide(last, before, out=np.full(len(last), np.nan), where=is_moving)
-        chosen = ratios[is_moving & self._required]
-        typical = float(np.median(chosen)) if len(chosen) else upper
+        known_ratios = ratios[is_moving & self._required]
+        typical = float(np.median(known_ratios)) if len(known_ratios) else upper
         return np.clip(np.fmax(ratios, typical), lower, upper)
 
     def _limit_ratio_by_steps(

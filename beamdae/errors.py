@@ -179,9 +179,9 @@ def warn_user(message: str) -> None:
     colon are one kind, of which only the first is shown, for example in the runs of a loop. As for
     Python, this does not apply if filters show every warning or turn warnings into errors.
     """
-    held = _held_messages.get()
-    if held is not None:
-        held.append(message)
+    held_messages = _held_messages.get()
+    if held_messages is not None:
+        held_messages.append(message)
         return
     for messages in _message_lists.get():
         if message not in messages:
@@ -198,10 +198,10 @@ def warn_user(message: str) -> None:
     kind = kind_of_message(message), file, line
     filters: list[Any] = warnings.filters  # type: ignore[assignment]
     registry = frame.f_globals.setdefault("__warningregistry__", {})
-    shown = _shown_kinds.get(kind)
+    last = _shown_kinds.get(kind)
     # The list is another one inside `catch_warnings`, and changes if a filter is added. Notebooks
     # clear the registry before each cell.
-    if shown and shown[0] is filters and shown[1] == filters and shown[2] in registry:
+    if last and last[0] is filters and last[1] == filters and last[2] in registry:
         return
     module = frame.f_globals.get("__name__") or "<unknown>"
     warnings.warn_explicit(message, BeamdaeWarning, file, line, module, registry)

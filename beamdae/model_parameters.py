@@ -398,12 +398,12 @@ def conversion_factor(unit: str, target: str) -> Fraction | float | None:
 
     The unit g is the standard gravity if the other unit is that of an acceleration.
     """
-    source, wanted = parse_unit(unit), parse_unit(target)
-    if wanted is not None and unit in ("g", "mg") and wanted[1] == _ACCELERATION:
+    source, destination = parse_unit(unit), parse_unit(target)
+    if destination is not None and unit in ("g", "mg") and destination[1] == _ACCELERATION:
         source = parse_unit(f"{unit}n")
-    if source is None or wanted is None or source[1] != wanted[1]:
+    if source is None or destination is None or source[1] != destination[1]:
         return None
-    return source[0] / wanted[0]
+    return source[0] / destination[0]
 
 
 def suggest_unit(unit: str) -> str:
@@ -459,13 +459,13 @@ def _resembles_unit(text: str) -> bool:
 @lru_cache(maxsize=1)
 def _spellings() -> dict[str, list[str]]:
     """Return the usual symbols with and without a prefix by their lower-case spelling."""
-    found = dict(_UNKNOWN_UNITS)
+    spellings = dict(_UNKNOWN_UNITS)
     for symbol in _UNITS:
         prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
         for text in (prefix + symbol for prefix in prefixes):
             # Of units that differ in upper and lower case only, all are listed.
-            found.setdefault(text.casefold(), []).append(text)
-    return found
+            spellings.setdefault(text.casefold(), []).append(text)
+    return spellings
 
 
 def split_unit(header: str) -> tuple[str, str]:

@@ -49,12 +49,12 @@ def plan_elimination(pattern: sp.csc_array, n: int, first: int = 0, last: int = 
     key, known = columns * size + whole.indices, _keys(entries)
     at = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
     source = np.where(known[at] == key, at, -1)[plan.sources]
-    kept = source >= 0
-    ends = np.concatenate([[0], np.cumsum(kept)])
+    exists = source >= 0
+    ends = np.concatenate([[0], np.cumsum(exists)])
     return plan._replace(
         starts=ends[plan.starts].astype(np.uint32),
-        positions=plan.positions[kept],
-        sources=source[kept].astype(np.uint32),
+        positions=plan.positions[exists],
+        sources=source[exists].astype(np.uint32),
     )
 
 

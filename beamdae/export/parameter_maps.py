@@ -238,10 +238,10 @@ def _fit_number(
     terms = np.abs(matrix[0] * coefficients)
     expression = SX(0)
     # In the order of the Kronecker products, the last name varies fastest.
-    for k, chosen in enumerate(product((False, True), repeat=len(names))):
+    for k, is_in_term in enumerate(product((False, True), repeat=len(names))):
         if terms[k] > _ROUNDING * max(terms.max(), abs(values[0])) or terms.max() == 0.0:
             factor = SX(coefficients[k])
-            for name, is_factor in zip(names, chosen, strict=True):
+            for name, is_factor in zip(names, is_in_term, strict=True):
                 if is_factor:
                     factor = factor * symbols[name] ** powers[name]
             expression = expression + factor

@@ -26,7 +26,7 @@ _SAME_SAMPLE = 1e-6
 
 
 class RepeatedSample(NamedTuple):
-    """Sample that is taken again at the end of a run, to find laws with memory of their own.
+    """Sample that is taken again at the end of a run, to find laws with memory outside the state.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Sampler:
     """Samples of all controllers of a run.
 
     Samples 0, 1, 2, 4, 8, ... are taken twice, and again at the end of the run: pilot runs call the
-    law, too, and would change the result in silence if it had memory of its own.
+    law, too, and would change the result in silence if it had memory outside the state.
 
     Parameters
     ----------

@@ -118,16 +118,17 @@ class ThinnedRows:
         times = np.concatenate([outputs, rows[ends, 0]])
         indices = np.concatenate([np.full(len(outputs), _OUTPUT), steps[is_end] // rows_per_step])
         order = np.argsort(times, kind="stable")
-        kept = order[_is_kept(times[order], indices[order], stride)]
+        selection = order[_is_kept(times[order], indices[order], stride)]
         # Only the rows that are kept are copied: they take most of the memory of a long run.
-        is_output, kept_rows = kept < len(outputs), np.empty((len(kept), rows.shape[1]))
+        is_output = selection < len(outputs)
+        kept_rows = np.empty((len(selection), rows.shape[1]))
         output_rows = np.column_stack([outputs, *interval.at(outputs)])
-        kept_rows[is_output] = output_rows[kept[is_output]]
-        kept_rows[~is_output] = rows[ends[kept[~is_output] - len(outputs)]]
+        kept_rows[is_output] = output_rows[selection[is_output]]
+        kept_rows[~is_output] = rows[ends[selection[~is_output] - len(outputs)]]
         first = max((last - tail_rows) // rows_per_step * rows_per_step, self.first)
         return ThinnedRows(
             (*self.rows, kept_rows),
-            (*self.steps, indices[kept]),
+            (*self.steps, indices[selection]),
             (*self.nodes, rows[begin : last - self.first + 1, 0].copy()),
             (*self.values, values),
             rows[first - self.first :].copy(),
@@ -139,11 +140,11 @@ class ThinnedRows:
 
     def reduced(self, stride: int) -> ThinnedRows:
         """Return this object with every `stride`-th step."""
-        kept = [_is_kept(x[:, 0], s, stride) for x, s in zip(self.rows, self.steps, strict=True)]
+        masks = [_is_kept(x[:, 0], s, stride) for x, s in zip(self.rows, self.steps, strict=True)]
         return replace(
             self,
-            rows=tuple(x[k] for x, k in zip(self.rows, kept, strict=True)),
-            steps=tuple(x[k] for x, k in zip(self.steps, kept, strict=True)),
+            rows=tuple(x[k] for x, k in zip(self.rows, masks, strict=True)),
+            steps=tuple(x[k] for x, k in zip(self.steps, masks, strict=True)),
         )
 
     @property
@@ -161,14 +162,14 @@ class ThinnedRows:
         assert self.window is not None
         t = np.concatenate([rows[:, 0] for rows in self.rows])
         # Neighbors in different parts have not been compared.
-        kept = _is_kept(t, np.concatenate(self.steps), stride)
+        is_kept = _is_kept(t, np.concatenate(self.steps), stride)
         ends = np.cumsum([len(rows) for rows in self.rows])[:-1]
         parts = [
             rows if k.all() else rows[k]
-            for rows, k in zip(self.rows, np.split(kept, ends), strict=True)
+            for rows, k in zip(self.rows, np.split(is_kept, ends), strict=True)
         ]
         last = self.window[self.done - self.first : self.done - self.first + 1]
-        if not (kept[-1] and t[-1] == last[0, 0]):
+        if not (is_kept[-1] and t[-1] == last[0, 0]):
             parts.append(last)
         return parts, np.concatenate(self.nodes), np.concatenate(self.values)
 
@@ -178,17 +179,17 @@ def _is_kept(t: Array, steps: Array, stride: int) -> Array:
 
     `t` are ascending times (k,) [s], and `steps` the indices of the steps, -1 for output rows.
     """
-    kept = steps == _OUTPUT
-    outputs, candidates = t[kept], np.flatnonzero(~kept & (steps % stride == 0))
+    is_kept = steps == _OUTPUT
+    outputs, candidates = t[is_kept], np.flatnonzero(~is_kept & (steps % stride == 0))
     if not len(candidates):
-        return kept
+        return is_kept
     at = t[candidates]
     gap = np.gradient(at) if len(at) > 1 else np.full(len(at), t[-1] - t[0])
     padded = np.concatenate([[-np.inf], outputs, [np.inf]])
     after = np.searchsorted(padded, at)
     distance = np.minimum(padded[after] - at, at - padded[after - 1])
-    kept[candidates] = (distance >= _MIN_DISTANCE * gap) | (steps[candidates] == 0)
-    return kept
+    is_kept[candidates] = (distance >= _MIN_DISTANCE * gap) | (steps[candidates] == 0)
+    return is_kept
 
 
 class _Segment(Protocol):

@@ -103,12 +103,12 @@ def _find_libraries() -> ThreadpoolController:
     `find_new_libraries` is called.
     """
     n_modules = len(sys.modules)
-    found = _libraries.get(n_modules)
-    if found is None:
-        found = ThreadpoolController()
+    libraries = _libraries.get(n_modules)
+    if libraries is None:
+        libraries = ThreadpoolController()
         _libraries.clear()
-        _libraries[n_modules] = found
-    return found
+        _libraries[n_modules] = libraries
+    return libraries
 
 
 def _may_have_threads() -> bool:

@@ -110,12 +110,12 @@ def _choose_blocks(pattern: sp.csc_array, is_candidate: Array) -> list[_Blocks]:
     couplings = sp.csr_array(pattern + pattern.T + sp.eye_array(size))
     random = np.random.default_rng(_SEED).integers(0, 2**63, size, np.uint64)
     is_candidate = is_candidate.copy()
-    chosen: list[_Blocks] = []
+    choice: list[_Blocks] = []
     while True:
         level = _choose_independent(couplings, is_candidate, random)
         if not level:
-            return chosen
-        chosen += level
+            return choice
+        choice += level
         remains = np.ones(size, bool)
         for blocks in level:
             remains[blocks.interior] = False
@@ -127,11 +127,11 @@ def _choose_blocks(pattern: sp.csc_array, is_candidate: Array) -> list[_Blocks]:
             )
             for x in level
         ]
-        kept = sp.coo_array(couplings)
+        entries = sp.coo_array(couplings)
         rows, columns = (
-            np.concatenate([old[remains[kept.coords[0]] & remains[kept.coords[1]]], *new])
+            np.concatenate([old[remains[entries.coords[0]] & remains[entries.coords[1]]], *new])
             for old, new in zip(
-                kept.coords, ([pair[k].ravel() for pair in pairs] for k in range(2)), strict=True
+                entries.coords, ([pair[k].ravel() for pair in pairs] for k in range(2)), strict=True
             )
         )
         couplings = sp.csr_array(sp.coo_array((np.ones(len(rows)), (rows, columns)), (size, size)))
@@ -212,9 +212,9 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
         b, s = interior.shape[1], neighbors.shape[1]
         neighbors, shared = _move_shared_last(neighbors)
         unknowns = np.concatenate([interior, neighbors], axis=1)
-        wanted = _pair_keys(unknowns, unknowns, size)
-        position = np.minimum(np.searchsorted(sorted_keys, wanted), extra - 1)
-        exists = sorted_keys[position] == wanted
+        keys = _pair_keys(unknowns, unknowns, size)
+        position = np.minimum(np.searchsorted(sorted_keys, keys), extra - 1)
+        exists = sorted_keys[position] == keys
         entries = np.where(exists, by_key[position], extra + ZERO_ENTRY)
         padding = -len(unknowns) % LANES
         no_block = np.full((1, b + s, b + s), extra + ZERO_ENTRY)
@@ -236,8 +236,8 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
     outside = np.flatnonzero(is_outside)
     position_outside = np.cumsum(is_outside) - 1
     column, row = np.divmod(sorted_keys, size)
-    kept = is_outside[row] & is_outside[column]
-    counts = np.bincount(position_outside[column[kept]], minlength=len(outside))
+    is_rest = is_outside[row] & is_outside[column]
+    counts = np.bincount(position_outside[column[is_rest]], minlength=len(outside))
     return BlockElimination(
         batches=np.array(batches, np.int64),
         block_unknowns=np.concatenate(block_unknowns).astype(np.uint32),
@@ -246,8 +246,8 @@ def _number_entries(pattern: sp.csc_array, groups: list[_Blocks]) -> BlockElimin
         n_entries=np.array([extra + N_EXTRA_ENTRIES]),
         unknowns=outside,
         starts=np.concatenate([[0], np.cumsum(counts)]),
-        indices=position_outside[row[kept]],
-        sources=by_key[kept],
+        indices=position_outside[row[is_rest]],
+        sources=by_key[is_rest],
     )
 
 

@@ -305,13 +305,13 @@ class Mechanism(HasOrigin):
         self._require_free(name)
         quantity = as_quantity(name, what)
         names = [x.name for x in quantity.columns]
-        wanted = names[0] if column is None and len(names) == 1 else as_text(column)
-        if wanted not in names:
+        header = names[0] if column is None and len(names) == 1 else as_text(column)
+        if header not in names:
             raise BeamdaeError(
                 f"{name}: column must be one of {', '.join(map(repr, names))}, "
                 f"got {short_repr(column)}."
             )
-        k = names.index(wanted)
+        k = names.index(header)
         sensor = Sensor(name, quantity, k, quantity.columns[k].unit)
         self._require_members_of(name, quantity)
         self.observe(name, sensor.quantity)

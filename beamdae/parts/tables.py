@@ -537,7 +537,7 @@ def table(
         "linear"; "pchip" (monotone between the rows, with a continuous slope; Fritsch & Butland,
         SIAM J. Sci. Stat. Comput. 5, 1984, doi:10.1137/0905021), for one argument only; or "spline"
         (natural cubic spline with a continuous second derivative, which may overshoot, most of all
-        beside steps between unequal intervals).
+        next to steps between unequal intervals).
     outside
         Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
         an argument leaves the range, with a reason that names the table, argument and value.
@@ -728,22 +728,22 @@ def table_from_csv(
             "with the headers of the argument and of the values."
         )
     if x is None or as_text(x) is not None:
-        wanted: list[Any] = [x]
+        arguments: list[Any] = [x]
     else:
-        wanted = require_sequence("table_from_csv", "x", x, "a header or a pair of headers")
-    if len(wanted) not in (1, _MAX_AXES):
+        arguments = require_sequence("table_from_csv", "x", x, "a header or a pair of headers")
+    if len(arguments) not in (1, _MAX_AXES):
         raise BeamdaeError(
             f"table_from_csv: x must be a header or a pair of headers, got {short_repr(x)}."
         )
-    chosen = [
+    argument_headers = [
         headers[0] if header is None else _find_header(text, headers, header, "x")
-        for header in wanted
+        for header in arguments
     ]
     if y is None:
-        others = [header for header in headers if header not in chosen]
+        others = [header for header in headers if header not in argument_headers]
         if len(others) != 1:
             raise BeamdaeError(
-                f"{label}: the file has {len(others)} columns beside {', '.join(chosen)}"
+                f"{label}: the file has {len(others)} columns besides {', '.join(argument_headers)}"
                 f"{': ' if others else ''}{', '.join(others)}; pass y= with the header of the "
                 "values."
             )
@@ -752,11 +752,11 @@ def table_from_csv(
         value_header = _find_header(text, headers, y, "y")
     *arrays, values = (
         _convert_column(label, header, {k + 1: columns[header][k] for k in rows})
-        for header in (*chosen, value_header)
+        for header in (*argument_headers, value_header)
     )
     result = _create_table(label, *_as_grid(label, arrays, values), kind, outside)
-    _warn_about_missing_units(label, [*chosen, value_header])
-    names = tuple(_split_header(header)[0] for header in chosen)
+    _warn_about_missing_units(label, [*argument_headers, value_header])
+    names = tuple(_split_header(header)[0] for header in argument_headers)
     result = Table(label, result.axes, result.values, kind, outside, names)
     _warn_about_overshoot(result)
     return result
@@ -786,8 +786,8 @@ def _as_grid(label: str, arrays: list[Array], values: Array) -> tuple[Any, Any]:
     return tuple(axes), grid
 
 
-def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> str:
-    text = as_text(wanted)
+def _find_header(path: str, headers: Sequence[str], header: Any, name: str) -> str:
+    text = as_text(header)
     matches = [x for x in headers if x == text]
     if text is not None and not matches:
         standard = standardize_header(text)
@@ -795,12 +795,12 @@ def _find_header(path: str, headers: Sequence[str], wanted: Any, name: str) -> s
         matches = matches or [x for x in headers if _split_header(x)[0] == standard]
     if not matches:
         raise BeamdaeError(
-            f"table_from_csv: {name}={short_repr(wanted)} is not a column of {path}"
-            f"{suggest(wanted, headers)}; its columns are {', '.join(headers)}."
+            f"table_from_csv: {name}={short_repr(header)} is not a column of {path}"
+            f"{suggest(header, headers)}; its columns are {', '.join(headers)}."
         )
     if len(matches) > 1:
         raise BeamdaeError(
-            f"table_from_csv: {name}={short_repr(wanted)} is the name of several columns of "
+            f"table_from_csv: {name}={short_repr(header)} is the name of several columns of "
             f"{path}: {', '.join(matches)}; pass the header with its unit."
         )
     return matches[0]

@@ -671,7 +671,7 @@ def _bound_magnitudes(model: LinearModel, frequencies: Array) -> Array:
 
 
 def _choose_frequencies(poles: Array, listed: list[int], n_states: int) -> Array:
-    """Return frequencies [Hz] around the listed poles, denser beside lightly damped ones."""
+    """Return frequencies [Hz] around the listed poles, denser near lightly damped ones."""
     sizes = np.abs(poles) / (2.0 * np.pi)
     known = np.sort(sizes[sizes > _NOISE_RANGE * sizes.max(initial=0.0)])
     if not len(known):

@@ -60,7 +60,7 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
             }
         )
     corrections = "data, corrected by the estimated shifts, offsets and scales"
-    shown = corrections if fit.sensors else "data as measured"
+    source = corrections if fit.sensors else "data as measured"
     return {
         "title": title,
         "subtitle": describe_fit(fit)["status"],
@@ -85,7 +85,10 @@ def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
         "noun": "curves",
         "featured": list(dict.fromkeys(header for _, header in fit.series)),
         "tables": [
-            {"title": "Fit", "rows": [*describe_fit(fit).items(), ("points in the charts", shown)]},
+            {
+                "title": "Fit",
+                "rows": [*describe_fit(fit).items(), ("points in the charts", source)],
+            },
             _estimates_table(fit),
         ],
         "cases": cases,

@@ -186,16 +186,16 @@ class Equilibrium(HasPage):
         state = "the equilibrium" + (f" at load factor {self.factor:.6g}" if self.loads else "")
         state += f" is unstable in {count} direction{'s' * (count > 1)}"
         last_stable = max(np.flatnonzero(self.unstable == 0), default=-1)
-        lost = next((x for x in self.critical if x.row >= last_stable >= 0), None)
-        if lost is None:
+        onset = next((x for x in self.critical if x.row >= last_stable >= 0), None)
+        if onset is None:
             return (
                 f"equilibrium: {state} from the beginning of the path; choose other positions with "
                 "start= to look for a stable one."
             )
-        state = f"{state} since the {lost.kind} at load factor {lost.factor:.6g}"
-        if lost.kind != "branch point":
+        state = f"{state} since the {onset.kind} at load factor {onset.factor:.6g}"
+        if onset.kind != "branch point":
             return f"equilibrium: {state}; simulate what the structure does beyond it."
-        number = sum(x.kind == lost.kind for x in self.critical if x.row <= lost.row)
+        number = sum(x.kind == onset.kind for x in self.critical if x.row <= onset.row)
         crossing = f"follow the crossing path with switch={number}, or " * (len(self.loads) == 1)
         return (
             f"equilibrium: {state}, where a real structure leaves this path; {crossing}analyze an "

@@ -51,14 +51,14 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
     """Return settings, cost, quality and events of a run, keyed by column of the case table."""
     summary = solution.summary()
     settings = solution.integrator
-    chosen = (
+    values = (
         settings.get("formulation", "stabilized-index1"),
         settings.get("error_control", ""),
         settings.get("max_order"),
     )
     return {
         REACHED_COLUMN: summary["last_time"],
-        **dict(zip(SETTING_COLUMNS, chosen, strict=True)),
+        **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
         "warnings": " ".join(solution.warnings),
         **collect_event_values(solution),

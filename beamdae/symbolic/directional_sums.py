@@ -65,9 +65,9 @@ def directional_plan(
     gather_changes, changes = np.zeros(len(plan.gather_weights)), np.zeros(n_weighted)
     if weight_changes is not None:
         gather_changes, changes = weight_changes[0], weight_changes[1][:n_weighted]
-    (moved,) = np.nonzero(changes)
+    (changed,) = np.nonzero(changes)
     entry_batch = np.searchsorted(table[:, WEIGHTED_END], np.arange(n_weighted), "right")
-    with_value = np.isin(np.arange(len(plan.batches)), entry_batch[moved])
+    with_value = np.isin(np.arange(len(plan.batches)), entry_batch[changed])
     valued = {id(b.kernel) for b, x in zip(plan.batches, with_value, strict=True) if x}
     kernels = {
         id(b.kernel): _directional_kernel(b.kernel, id(b.kernel) in valued, min_base)
@@ -100,13 +100,16 @@ def directional_plan(
     )
     # Values follow the derivatives in the outputs of a batch.
     value_start = np.array([b.kernel.n_out * b.lanes for b in plan.batches], int)
-    weighted_order, weighted_ends = group_by_batch(len(starts), entry_batch, entry_batch[moved])
+    weighted_order, weighted_ends = group_by_batch(len(starts), entry_batch, entry_batch[changed])
     weighted_sources = plan.weighted_sources[:n_weighted].astype(np.int64)
     weighted_sources = np.concatenate(
-        [weighted_sources, weighted_sources[moved] + value_start[entry_batch[moved]]]
+        [
+            weighted_sources,
+            weighted_sources[changed] + value_start[entry_batch[changed]],
+        ]
     )
     weighted_targets, weights = (
-        np.concatenate([x[:n_weighted], y[moved]])
+        np.concatenate([x[:n_weighted], y[changed]])
         for x, y in (
             (plan.weighted_targets, plan.weighted_targets[:n_weighted]),
             (plan.weights, changes),
@@ -211,14 +214,14 @@ class StackedSum:
             inputs = local[start : start + kernel.n_local * lanes].reshape(shapes[0])[:, :copies]
             outputs = out[first : first + kernel.n_out * lanes].reshape(shapes[1])
             first += kernel.n_out * lanes
-            moved = np.arange(count)
+            changing = np.arange(count)
             if kernel.linear_from is not None:
                 # A parameter changes few kernels of the start of a run.
-                (moved,) = np.nonzero(inputs[kernel.linear_from :].any(axis=(0, 1)))
-            if len(moved):
-                points = inputs[..., moved].T.reshape(-1, kernel.n_local)
-                values = kernel.rows(self._shared, points).reshape(len(moved), copies, -1)
-                outputs[:, :copies, moved] = values.T
+                (changing,) = np.nonzero(inputs[kernel.linear_from :].any(axis=(0, 1)))
+            if len(changing):
+                points = inputs[..., changing].T.reshape(-1, kernel.n_local)
+                values = kernel.rows(self._shared, points).reshape(len(changing), copies, -1)
+                outputs[:, :copies, changing] = values.T
         result = np.zeros((count, size))
         result[:, : scatter.shape[0]] = (scatter @ out).T
         return result.reshape(*x.shape[:-1], size)

@@ -56,48 +56,48 @@ def copy_with_signals(value: Any, replacements: Mapping[int, Any]) -> Any:
     replacements
         Objects of the copy by the `id` of the original objects.
     """
-    kept = dict(replacements)
+    objects = dict(replacements)
 
     class Copier(pickle.Pickler):
         def persistent_id(self, value: Any) -> int | None:
             if id(value) in replacements:
                 return id(value)
-            if isinstance(value, _Kept):
+            if isinstance(value, _SharedObject):
                 value = value.value
-            elif not _is_kept(value):
+            elif not _is_shared(value):
                 return None
-            kept[id(value)] = value
+            objects[id(value)] = value
             return id(value)
 
         def reducer_override(self, value: Any) -> Any:
             if isinstance(value, SX):
                 signals = find_signals(value)
                 symbols = [x.value_symbol for x in signals]
-                return _exchange_signals, (_Kept(value), _Kept(symbols), signals)
+                return _exchange_signals, (_SharedObject(value), _SharedObject(symbols), signals)
             if isinstance(value, FunctionType):
                 contents = [_read_cell(x) for x in value.__closure__ or ()]
                 defaults = (value.__defaults__, value.__kwdefaults__, value.__dict__)
                 state = (contents, _find_global_signals(value), *defaults)
-                return _create_function, (_Kept(value),), state, None, None, _fill_function
+                return _create_function, (_SharedObject(value),), state, None, None, _fill_function
             return NotImplemented
 
     class Restorer(pickle.Unpickler):
         def persistent_load(self, pid: int) -> Any:
-            return kept[pid]
+            return objects[pid]
 
     stream = io.BytesIO()
     Copier(stream, pickle.HIGHEST_PROTOCOL).dump(value)
     return Restorer(io.BytesIO(stream.getvalue())).load()
 
 
-class _Kept:
+class _SharedObject:
     """Reference to an object that is not copied."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
 
 
-def _is_kept(value: Any) -> bool:
+def _is_shared(value: Any) -> bool:
     """Return True for types, shared kernels, and expressions and functions without signals."""
     if isinstance(value, SX):
         return not find_signals(value)

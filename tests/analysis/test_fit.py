@@ -147,7 +147,7 @@ def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds(
     # Those of a spring with negative stiffness.
     data, by = {"t [s]": times, "mass.x": 1.0 + 0.1 * np.sinh(2.0 * times)}, ["stiffness"]
     first = {"stiffness": 3.0, "damping": 0.0}
-    with pytest.warns(bd.BeamdaeWarning, match="ended beside values at which runs fail"):
+    with pytest.warns(bd.BeamdaeWarning, match="ended next to values at which runs fail"):
         result = bd.fit(oscillator, data, by, METHOD, parameters=first)
     assert not result.status.success
     assert result.table().iloc[:, 1:].isna().all(axis=None)

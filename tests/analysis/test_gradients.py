@@ -522,8 +522,8 @@ def test_regression_errors_near_a_minimum_are_stated_for_a_change_of_the_paramet
         parameters={"stiffness": 40.48},
     )
     (message,) = (str(x.message) for x in recwarn)
-    change = re.search(r", or (\S+) for a change of the parameters by 1 %, beside", message)
-    assert "beside an objective of 0.9467;" in message
+    change = re.search(r", or (\S+) for a change of the parameters by 1 %, for", message)
+    assert "for an objective of 0.9467;" in message
     error = 0.01 * 40.48 * (result.array[0] - exact_derivative(1.0, 40.48))
     assert float(change[1]) == pytest.approx(abs(error), rel=0.4)
 

@@ -392,7 +392,7 @@ def test_regression_a_search_that_ends_in_front_of_failing_designs_is_reported()
             raise bd.BeamdaeError("strip: the gauge is outside the section.")
         return cantilever(height=(height,))
 
-    with pytest.warns(bd.BeamdaeWarning, match="ended beside designs at which analyses fail"):
+    with pytest.warns(bd.BeamdaeWarning, match="ended next to designs at which analyses fail"):
         result = bd.optimize(strip, bd.Mass(), "height", bounds={"height": (0.01, 0.02)})
     assert result.status.kind == "limited"
     assert "the gauge is outside the section" in result.status.sentence

@@ -338,4 +338,4 @@ def test_damping_near_rounding_errors_has_a_note(ratio, has_note):
         path = bd.equilibrium(mech, loads=["press"], to=1.0, step=1.0)
     assert path.stable
     messages = [str(note.message) for note in notes]
-    assert any("beside the damping ratio" in message for message in messages) == has_note
+    assert any("compared with the damping ratio" in message for message in messages) == has_note

@@ -448,7 +448,7 @@ def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
         ("x,x\n0,1\n", "contains the column 'x' twice; rename one"),
         ("x,F\a\n0,1\n", r"the header 'F\\x07' of .* contains unprintable characters"),
         ("x\n0\n1\n2\n", "no separators of columns in its header 'x'; separate the columns by com"),
-        ("x,\n0,\n1,\n2,\n", "the file has 0 columns beside x; pass y="),
+        ("x,\n0,\n1,\n2,\n", "the file has 0 columns besides x; pass y="),
         ("t,x,F\n0,0,0\n1,1,2\n", "the file has 3 columns: t, x, F; pass x= and y="),
         ("x [mm];F [kN]\n0.5;0\n1,5;3,5\n", "it contains the numbers 1,5 and 0.5; write a header"),
         ("x [mm],F [kn]\n0,1\n1,2\n", r"unit of 'F \[kn\]' is unknown \(did you mean 'kN'\?\);"),

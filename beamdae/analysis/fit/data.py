@@ -518,14 +518,14 @@ def _sigma_by_column(sigma: Mapping[str, Any], columns: Sequence[str]) -> dict[s
         or [x for x in columns if name == split_unit(x)[0]]
         for name in sigma
     }
-    given = {column: sigma[name] for name, found in matches.items() for column in found}
+    deviations = {column: sigma[name] for name, headers in matches.items() for column in headers}
     count = sum(len(x) for x in matches.values())
-    if not all(matches.values()) or set(given) != set(columns) or count > len(columns):
+    if not all(matches.values()) or set(deviations) != set(columns) or count > len(columns):
         raise BeamdaeError(
             f"fit: sigma must name the columns {', '.join(columns)} of data, got "
             f"{', '.join(sigma) or 'none'}."
         )
-    return given
+    return deviations
 
 
 def _read_sigma(column: str, value: Any, is_named: bool) -> float:

@@ -205,7 +205,7 @@ class FitProblem:
             self.build_warnings.update(map(kind_of_message, equations.build_warnings))
             observed[experiment] = equations.observed_headers
         headers: list[str] = []
-        taken: dict[tuple[str, str], str] = {}
+        names_in_data: dict[tuple[str, str], str] = {}
         matched: list[Series] = []
         for given in self.data.series:
             name, present = given.column, observed[given.experiment]
@@ -220,7 +220,7 @@ class FitProblem:
                     f"fit: the column {name!r} of data stands for several observed columns; name "
                     f"one of {', '.join(selected)}."
                 )
-            other = taken.setdefault((series.experiment, selected[0]), name)
+            other = names_in_data.setdefault((series.experiment, selected[0]), name)
             if other != name:
                 raise BeamdaeError(
                     f"fit: the columns {other!r} and {name!r} of data are the same observed "

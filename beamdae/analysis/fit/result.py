@@ -248,9 +248,9 @@ class Fit:
             for sentence in (x for x in run.warnings if x not in omitted):
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
         sentences = []
-        for found in kinds.values():
-            experiment, sentence = next(iter(found.items()))
-            is_everywhere = len(found) == len(self.solutions)
+        for by_experiment in kinds.values():
+            experiment, sentence = next(iter(by_experiment.items()))
+            is_everywhere = len(by_experiment) == len(self.solutions)
             sentences.append(sentence if is_everywhere else f"{experiment}: {sentence}")
         return tuple(sentences)
 
@@ -839,7 +839,7 @@ def _split_by_series(problem: FitProblem, residuals: Array) -> list[Array]:
 def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
     """Return a warning for each column with a given sigma clearly above its residuals.
 
-    Residuals that are small beside the data may be those of computed data without noise.
+    Residuals that are small compared with the data may be those of computed data without noise.
     """
     if not problem.data.is_sigma_known:
         return ()
@@ -923,7 +923,7 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
 
 
 def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
-    """Return warnings if the residuals of a good fit are no white noise of known relative size."""
+    """Return warnings if the residuals of a good fit are not white noise of known relative size."""
     parts = _split_by_series(problem, residuals)
     variation = sum(
         float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series

@@ -206,7 +206,7 @@ def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> s
         return ""
     return (
         f"The model rejected {' and '.join(sentences)} during the search; pass "
-        f"bounds={{{', '.join(bounds)}}}, because searches beside invalid values may end early or "
+        f"bounds={{{', '.join(bounds)}}}, because searches next to invalid values may end early or "
         "elsewhere."
     )
 
@@ -232,7 +232,7 @@ def _judge_end(
     cause = "runs fail" if failures else "the columns jump or have a kink"
     return Status(
         "limited",
-        f"the search ended beside values at which {cause}, {next_step:.2g} standard deviations "
+        f"the search ended next to values at which {cause}, {next_step:.2g} standard deviations "
         "before a minimum",
     )
 

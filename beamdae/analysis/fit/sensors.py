@@ -157,7 +157,7 @@ class _Selection:
     def by_label(self, argument: str, names: Any) -> dict[str, Array]:
         """Return the rows of each entry of an argument by label."""
         result: dict[str, Array] = {}
-        taken: set[int] = set()
+        used_numbers: set[int] = set()
         for name in _as_list(argument, names):
             experiment, column = self._split(argument, name)
             numbers = [
@@ -182,12 +182,12 @@ class _Selection:
                 # Scales and shifts do not have the unit of the column.
                 named = remove_unit(named)
             label = label_series(named, experiment or "")
-            if taken & set(numbers) or label in result:
+            if used_numbers & set(numbers) or label in result:
                 raise BeamdaeError(
                     f"fit: {argument} contains {label} twice; remove one, or name the experiments "
                     "of both."
                 )
-            taken |= set(numbers)
+            used_numbers |= set(numbers)
             result[label] = np.concatenate([self._rows[k] for k in numbers])
         return result
 

@@ -454,7 +454,7 @@ def _warn_of_step_errors(
         change = error * _PARAMETER_CHANGE * float(np.linalg.norm(sizes * derivatives))
         return (
             f", or {change:.2g} for a change of the parameters by "
-            f"{100.0 * _PARAMETER_CHANGE:g} %, beside an objective of {value:.4g}"
+            f"{100.0 * _PARAMETER_CHANGE:g} %, for an objective of {value:.4g}"
         )
 
     warn_of_step_errors(run.flat.name, run.method, lambda: changes(derivatives), repeat, describe)

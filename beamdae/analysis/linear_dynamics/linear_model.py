@@ -195,13 +195,13 @@ class LinearModel(HasPage):
         block = np.zeros((size, size))
         block[:n, :n], block[:n, n:] = balanced, self.B / scale[:, None]
         with np.errstate(all="ignore"):
-            held = la.expm(step * block)[:n]
-        if not np.all(np.isfinite(held)):
+            exponential = la.expm(step * block)[:n]
+        if not np.all(np.isfinite(exponential)):
             raise BeamdaeError(
                 f"state_space: an unstable motion exceeds the range of numbers within {step:g} s; "
                 "use a shorter interval."
             )
-        a, b = held[:, :n] * scale[:, None] / scale, held[:, n:] * scale[:, None]
+        a, b = exponential[:, :n] * scale[:, None] / scale, exponential[:, n:] * scale[:, None]
         return StateSpace(a, b, self.C, self.D, dt=step)
 
     def frequency_response(self, frequencies: Any) -> Array:

@@ -431,8 +431,8 @@ def _suggest_exponent(ratio: float, exponent: float) -> float:
     # The ratio is N^(1/p) with an effective number N of sections.
     if ratio <= 1.0 + _RECOMMENDED_BOUND_EXCESS:
         return float("nan")
-    wanted = exponent * math.log(ratio) / math.log(1.0 + _RECOMMENDED_BOUND_EXCESS)
-    return min(math.ceil(wanted / 10.0) * 10.0, MAX_EXPONENT)
+    recommended = exponent * math.log(ratio) / math.log(1.0 + _RECOMMENDED_BOUND_EXCESS)
+    return min(math.ceil(recommended / 10.0) * 10.0, MAX_EXPONENT)
 
 
 def _list_units(problem: DesignProblem, analyses: Sequence[Any]) -> list[str]:

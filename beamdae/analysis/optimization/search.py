@@ -271,7 +271,7 @@ class Search:
             has_failures = any(x.failure for x in trials)
             cause = "analyses fail" if has_failures else "a quantity jumps or has a kink"
             status = Status(
-                "limited", f"the search ended beside designs at which {cause}, before an optimum"
+                "limited", f"the search ended next to designs at which {cause}, before an optimum"
             )
         is_stationary = stationarity and stationarity.residual <= _STATIONARITY_TOLERANCE
         if status.kind == "limited" and is_feasible and is_stationary:

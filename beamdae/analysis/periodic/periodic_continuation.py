@@ -428,8 +428,8 @@ class ResponseCurve:
                 position = np.append(change, (value - point.value) / self._range)
                 deviation = projection @ period_map.deviation(run.solution)
                 if last is not None:
-                    moved, gain = position - last[0], deviation - last[1]
-                    jacobian = jacobian + np.outer(gain - jacobian @ moved, moved) / (moved @ moved)
+                    shift, gain = position - last[0], deviation - last[1]
+                    jacobian = jacobian + np.outer(gain - jacobian @ shift, shift) / (shift @ shift)
                 last = position, deviation
                 matrix = np.vstack([jacobian, tangent])
                 correction = np.linalg.solve(matrix, np.append(-deviation, 0.0))
@@ -438,11 +438,11 @@ class ResponseCurve:
                 contraction = run.relative_deviation / last_deviation
                 last_deviation = run.relative_deviation
                 if self.tolerance.is_met(run.relative_deviation, largest, contraction):
-                    found = self._complete_point(
+                    following = self._complete_point(
                         run, value, point.direction, point.orientation, iteration
                     )
-                    reason = self._step_failure(point, found)
-                    return (None, reason) if reason else (found, "")
+                    reason = self._step_failure(point, following)
+                    return (None, reason) if reason else (following, "")
                 factor = max(1.0, largest / _MAX_CHANGE)
                 state = run.state + change / factor
                 value += change_of_value * self._range / factor
@@ -464,10 +464,10 @@ class ResponseCurve:
             run, iterations = solve_shooting(period_map, q, v, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:
                 return beyond
-            found = self._complete_point(run, end, point.direction, point.orientation, iterations)
+            last = self._complete_point(run, end, point.direction, point.orientation, iterations)
         except (BeamdaeError, la.LinAlgError):
             return beyond
-        return beyond if self._step_failure(point, found) else found
+        return beyond if self._step_failure(point, last) else last
 
     def _predict(
         self, previous: CurvePoint | None, point: CurvePoint, step: float

@@ -147,7 +147,7 @@ def _factorize_step(run: VariationalWorkspace) -> int:
 
 
 def _propagate(run: VariationalWorkspace, h: float, y: Array) -> int:
-    """Replace the disturbance `y` by that at the end of the step.
+    """Replace the disturbance `y` by the one at the end of the step.
 
     The linear stage equations are solved by the simplified Newton iteration of `radau.stages`.
     """

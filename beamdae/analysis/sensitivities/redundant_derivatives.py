@@ -148,9 +148,10 @@ class ScaledRows:
         length[length == 0.0] = 1.0
         scaled = gradient / length[:, None]
         left, singular, right = np.linalg.svd(scaled, full_matrices=False)
-        kept = singular > RANK_TOLERANCE
-        basis = left[:, kept]
-        return cls(length, scaled, basis, right[kept].T @ (basis.T / singular[kept, None]))
+        is_nonzero = singular > RANK_TOLERANCE
+        basis = left[:, is_nonzero]
+        inverse = right[is_nonzero].T @ (basis.T / singular[is_nonzero, None])
+        return cls(length, scaled, basis, inverse)
 
     def project(self, values: Array) -> Array:
         """Return the projection on the range of G^."""

@@ -38,7 +38,7 @@ _SMALL_EIGENVALUE_RATIO = 2e-2
 
 
 class StabilityRecheck(NamedTuple):
-    """Stability of the points of a path, as far as a finer mesh confirms it.
+    """Stability of the points of a path, confirmed by a finer mesh.
 
     Attributes
     ----------

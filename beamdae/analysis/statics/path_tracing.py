@@ -349,8 +349,8 @@ def _damping_notes(path: StagePath) -> list[str]:
         return []
     return [
         "equilibrium: flutter loads and stability are uncertain, because rounding errors are not "
-        f"negligible beside the damping ratio {ratio:.1g} of a mode; use no damping, or damping "
-        f"ratios above {_MIN_DAMPING_RATIO:.0e}."
+        f"negligible compared with the damping ratio {ratio:.1g} of a mode; use no damping, or "
+        f"damping ratios above {_MIN_DAMPING_RATIO:.0e}."
     ]
 
 

@@ -236,13 +236,13 @@ def _require_free_choice(
     integrator: str, options: Mapping[str, Any], verify: bool, *resuming: Path | None
 ) -> None:
     """Reject options that --accuracy chooses, or that its runs do not support."""
-    chosen = {key: x for key, x in options.items() if key != "time_limit" and x is not None}
+    rejected = {key: x for key, x in options.items() if key != "time_limit" and x is not None}
     if integrator != "auto":
-        chosen["integrator"] = integrator
+        rejected["integrator"] = integrator
     if verify:
-        chosen["verify"] = verify
+        rejected["verify"] = verify
     paths = dict(zip(("checkpoint", "continue"), resuming, strict=True))
-    for name in [*chosen, *(name for name, path in paths.items() if path is not None)]:
+    for name in [*rejected, *(name for name, path in paths.items() if path is not None)]:
         raise BeamdaeError(
             f"run: --{name.replace('_', '-')} is not supported with --accuracy, which chooses "
             "integrator, tolerance and meshes; omit one of the options."

@@ -204,17 +204,17 @@ def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMo
     owned = [
         (s.part.name, force.with_laws(laws_of_inputs)) for s in e.statements for force in s.forces
     ]
-    kept = []
+    forces = []
     groups = group_by_kernel([force for _, force in owned])
     for term, group in zip(e.structure.forces, groups, strict=True):
         is_removed = {owned[k][0] in parts for k in group.members}
         if len(is_removed) > 1:
             return None
         if is_removed == {False}:
-            kept.append(term)
+            forces.append(term)
     return replace(
         e,
-        structure=intern_structure(replace(e.structure, forces=tuple(kept))),
+        structure=intern_structure(replace(e.structure, forces=tuple(forces))),
         statements=tuple(s for s in e.statements if s.part.name not in parts),
         observables=(),
         events=(),

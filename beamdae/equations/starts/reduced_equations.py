@@ -142,15 +142,15 @@ def drop_dependent_constraints(
     return ReducedEquations(equations, reduced, rows.independent, rows.dependent)
 
 
-def keep_constraints(equations: EquationsOfMotion, kept: Array) -> EquationsOfMotion:
+def keep_constraints(equations: EquationsOfMotion, rows: Array) -> EquationsOfMotion:
     """Return equations with these constraints only, and without observables."""
     structure = equations.structure
-    joints = tuple(replace(joint, rows=joint.rows[:, kept].tocsr()) for joint in structure.joints)
+    joints = tuple(replace(joint, rows=joint.rows[:, rows].tocsr()) for joint in structure.joints)
     return replace(
         equations,
-        multipliers=tuple(equations.multipliers[k] for k in kept),
+        multipliers=tuple(equations.multipliers[k] for k in rows),
         observables=(),
         structure=intern_structure(
-            Structure(structure.n, len(kept), structure.forces, joints, structure.states)
+            Structure(structure.n, len(rows), structure.forces, joints, structure.states)
         ),
     )

@@ -28,7 +28,8 @@ _CONVERGED_STEP = 1e-10
 _MAX_ITERATIONS = 10
 _ITERATION_TOLERANCE = 1e-3  # last change, relative to the step
 _SHARE_REDUCTION = 0.25
-_SMALLEST_SHARE = 1e-8  # of a change; penetrations of stiff contacts are small beside their motion
+# Of a change; penetrations of stiff contacts are small relative to their motion.
+_SMALLEST_SHARE = 1e-8
 
 # Squared pseudo-time of the flow.
 _FIRST_STEP = 0.01  # displacement by the initial accelerations in the first step

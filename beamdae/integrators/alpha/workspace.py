@@ -49,7 +49,7 @@ class AlphaWorkspace:
     step_ratio
         Ratio of the step to the previous step; 0 in the first step.
     x, first_multipliers, change, nonzeros
-        Unknowns, first iterate of those beside the increments, correction of the unknowns, and the
+        Unknowns, first iterate of those besides the increments, correction of the unknowns, and the
         non-zeros of the matrix.
     weights
         Reciprocal scales of the coordinates.

@@ -288,7 +288,7 @@ class Controller(Part):
             raise BeamdaeError(f"{self.name}: {sentence}")
 
     def require_no_memory(self) -> None:
-        """Raise BeamdaeError if an earlier run has shown that the law has memory of its own.
+        """Raise BeamdaeError if an earlier run has shown that the law has memory outside the state.
 
         The memory would act from the start of a further run, whose samples show no difference.
         """
@@ -318,14 +318,14 @@ class Controller(Part):
                 f"({n_driven}), at most {MAX_MAGNITUDE:g} in absolute value, got "
                 f"{short_repr(result)} at t = {t:g} s."
             )
-        kept = _as_finite_numbers(self.name, sample.state)
-        if kept is None or len(kept) != len(self.state):
+        new_state = _as_finite_numbers(self.name, sample.state)
+        if new_state is None or len(new_state) != len(self.state):
             raise BeamdaeError(
                 f"{self.name}: the state must consist of {len(self.state)} finite numbers, at "
                 f"most {MAX_MAGNITUDE:g} in absolute value, got {short_repr(sample.state)} at "
                 f"t = {t:g} s."
             )
-        return numbers, kept
+        return numbers, new_state
 
 
 def _format_numbers(numbers: Array) -> str:

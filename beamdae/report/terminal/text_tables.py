@@ -252,7 +252,7 @@ def summary_table(summary: pd.DataFrame) -> ResponsiveTable:
 
 
 def format_headers(units: Mapping[str, str]) -> dict[str, str]:
-    """Return names with their units, such as "speed [rad/s]", by name; only of those with one.
+    """Return the names that have a unit with it, such as "speed [rad/s]", by name.
 
     Names that end with their unit, such as "offset of tip.y [m]", are unchanged.
     """

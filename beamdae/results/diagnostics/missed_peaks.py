@@ -115,7 +115,7 @@ class MissedPeak:
 
     @property
     def is_visible(self) -> bool:
-        """True if peak and rows are different numbers, not only beside the range of the column."""
+        """True if peak and rows differ as numbers, not only relative to the range of the column."""
         has_origin = Header.of(self.column).unit in _UNITS_WITH_ORIGIN
         miss = abs(self.value - self.row_value)
         return has_origin or miss > _MIN_SHARE_OF_VALUE * abs(self.value)
@@ -448,10 +448,10 @@ def missed_peak_warnings(
 ) -> Iterator[str]:
     """Yield one warning about the missed peaks of a run, with values of the worst of each kind.
 
-    Peaks of columns that are small beside others of their kind come last. Peaks that differ from
-    the rows by less than a thousandth of their value are omitted, and so are all if the `n_rows`
-    of the run are only its start and its end. If `is_resolved` is False, elements do not resolve an
-    impact, so that the peaks are no remedy.
+    Peaks of columns that are small compared with others of their kind come last. Peaks that differ
+    from the rows by less than a thousandth of their value are omitted. All peaks are omitted if the
+    `n_rows` of the run are only its start and its end. If `is_resolved` is False, elements do not
+    resolve an impact, so that the peaks are no remedy.
     """
     visible = [peak for peak in peaks.values() if peak.is_visible]
     if not visible or n_rows < _MIN_ROWS:

@@ -1,4 +1,4 @@
-"""Warnings about observed motions that are small beside the amplitude of their parts."""
+"""Warnings about observed motions that are small compared with the amplitude of their parts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _MAX_NAMES = 3  # of further columns
 def small_motion_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory, integrator: Mapping[str, Any]
 ) -> Iterator[SuspectedError]:
-    """Yield a warning if the tolerance is coarse beside the half range of observed columns.
+    """Yield a warning if the tolerance is coarse compared with the half range of observed columns.
 
     The tolerance of a rigid body refers to the amplitude of its motion. Vibrations of a vehicle
     that travels, and the motion of two bodies relative to each other, can be much smaller. Columns
@@ -194,7 +194,7 @@ def _find_small_columns(
     scales: Array,
     is_rigid: Array,
 ) -> list[_SmallColumn]:
-    """Return the columns of an observable that are small beside the amplitude of its parts.
+    """Return the columns of an observable that are small compared with the amplitude of its parts.
 
     `sample` returns rows (t, branch) and the states at `_SAMPLES` times, and `find_constrained`
     returns `_constrained_directions` at one of them.
@@ -293,8 +293,8 @@ def _largest_free_change(
     count = len(changes)
     changes = np.concatenate([changes, np.where(is_rigid, changes, 0.0)])
     largest = np.max(np.abs(changes), axis=1, keepdims=True)
-    held = changes[:, columns]
-    changes[:, columns] = held - held @ constrained @ constrained.T
+    constrained_changes = changes[:, columns]
+    changes[:, columns] = constrained_changes - constrained_changes @ constrained @ constrained.T
     # Of motions that joints prescribe, rounding errors remain.
     changes[np.abs(changes) < _ROUNDING * largest] = 0.0
     largest_free = np.max(np.abs(changes), axis=1)

@@ -31,7 +31,7 @@ class StudyProgress:
     Attributes
     ----------
     total
-        Number of runs, references included.
+        Number of runs, including references.
     done
         Number of runs that have ended or were stored before.
     failed

@@ -1,6 +1,6 @@
 """Worker processes that run one serialized task at a time; a crash ends only the current task.
 
-A worker process ends as soon as the process that started it has ended, in whatever way.
+A worker process ends as soon as the process that started it has ended, for whatever reason.
 """
 
 from __future__ import annotations

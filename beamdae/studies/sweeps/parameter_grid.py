@@ -84,11 +84,11 @@ class ParameterGrid:
                 counts[k] += 1
             else:
                 unfinished.remove(k)
-        chosen = np.ones(len(self.positions), bool)
+        is_in_sample = np.ones(len(self.positions), bool)
         for k, (axis, count) in enumerate(zip(self.axes, counts, strict=True)):
             nodes = np.linspace(0, len(axis.values) - 1, count).round().astype(int)
-            chosen &= np.isin(self.positions[:, k], nodes)
-        return set(np.flatnonzero(chosen).tolist())
+            is_in_sample &= np.isin(self.positions[:, k], nodes)
+        return set(np.flatnonzero(is_in_sample).tolist())
 
 
 def _create_axis(name: str, values: Sequence[Any]) -> GridAxis:

@@ -154,8 +154,8 @@ def list_response_plots(
         functions["map"] = plot_maps
     columns = [*map(parameter_column, study.varied), STATUS]
     columns += [column for panel in panels for column in panel.lines.values()]
-    shown = [table[column].tolist() for column in columns]
-    content = (study.varied, study.settings, study.units, panels, shown)
+    values = [table[column].tolist() for column in columns]
+    content = (study.varied, study.settings, study.units, panels, values)
 
     def write(name: str, plot: Callable[..., Plot]) -> list[Path]:
         draw = partial(_save_files, partial(plot, study, table, panels), folder / name)

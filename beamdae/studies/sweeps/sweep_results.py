@@ -232,12 +232,12 @@ class SweepResults:
 
         Observables without any of their columns there are named once: "root" for "root.N".
         """
-        shown = set(self.response_columns)
+        responses = set(self.response_columns)
         headers = select_headers(self.results, self.sweep)
-        others = [x for x in headers if not shown & set(measure_columns(x).values())]
-        kept = {Header.of(x).name for x in headers if x not in others}
-        names = (remove_unit(x) if Header.of(x).name in kept else Header.of(x).name for x in others)
-        return list(dict.fromkeys(names))
+        others = [x for x in headers if not responses & set(measure_columns(x).values())]
+        partial = {Header.of(x).name for x in headers if x not in others}
+        names = [(x, Header.of(x).name) for x in others]
+        return list(dict.fromkeys(remove_unit(x) if y in partial else y for x, y in names))
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
         """Plot responses over one parameter, with a curve per combination of other parameters.
