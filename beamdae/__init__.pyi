@@ -45,9 +45,6 @@ from .analysis.statics.imperfections import knock_down as knock_down
 from .analysis.statics.linear_buckling import Buckling as Buckling
 from .analysis.statics.linear_buckling import buckling as buckling
 from .analysis.statics.static_equilibrium import equilibrium as equilibrium
-from .analysis_certification import certify_equilibrium as certify_equilibrium
-from .analysis_certification import certify_modes as certify_modes
-from .analysis_certification import certify_periodic as certify_periodic
 from .beams.beam import Beam as Beam
 from .beams.beam_loads import DistributedForce as DistributedForce
 from .beams.beam_loads import MovingForce as MovingForce
@@ -60,7 +57,10 @@ from .beams.sliding import SlidingOnBeam as SlidingOnBeam
 from .beams.structures import Frame as Frame
 from .beams.structures import frame as frame
 from .beams.structures import welded_beams as welded_beams
-from .certification import certify as certify
+from .certification.analyses import certify_equilibrium as certify_equilibrium
+from .certification.analyses import certify_modes as certify_modes
+from .certification.analyses import certify_periodic as certify_periodic
+from .certification.runs import certify as certify
 from .checks import Check as Check
 from .checks import check as check
 from .cli.model_files.model_file import load_model as load_model

@@ -205,7 +205,7 @@ def certify_run(
     KeyboardInterrupt
         If the command is interrupted before the first run is completed.
     """
-    from beamdae.certification import certify
+    from beamdae.certification.runs import certify
 
     start, time_limit = limits
     task = f"accuracy {accuracy:g}"

@@ -5,8 +5,8 @@
 Beams are geometrically exact. With the mesh fixed, rtol decreases from 1e-2 to 1e-6; with rtol
 fixed, elements are halved up to three times. For three successive runs, `estimate` is the error of
 the finest one by the extrapolation of `beamdae.certification` without safety factors, and `error`
-its difference to a run with rtol 1e-7, or with elements halved four times: largest values over the
-run of each position, angle and deflection, relative to half its range. Results are in
+its difference from a run with rtol 1e-7, or with elements halved four times: largest values over
+the run of each position, angle and deflection, relative to half its range. Results are in
 results/ratios.csv.
 """
 

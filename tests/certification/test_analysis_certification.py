@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import beamdae as bd
-from beamdae import analysis_certification
+from beamdae.certification import analyses
 from beamdae.symbolic.statements import Quantity, Variable
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
@@ -195,7 +195,7 @@ def test_regression_beams_of_many_elements_have_finite_errors(certify, count, mo
     # The load at 0.7 of the length is at an element end of 20 equal elements.
     mechanism = cantilever(elements=count) if count == 20 else loaded_at(count)
     if count == 20:  # otherwise, only strongly curved beams begin with so many elements
-        monkeypatch.setattr(analysis_certification, "_FIRST_ELEMENTS", count)
+        monkeypatch.setattr(analyses, "_FIRST_ELEMENTS", count)
     result = certify(mechanism)
     assert result.meshes == 3
     assert result.elements["beam"] == 4 * count
