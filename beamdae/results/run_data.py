@@ -42,6 +42,7 @@ from beamdae.results.diagnostics.hard_impacts import (
 )
 from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.impacts import impact_warnings
+from beamdae.results.diagnostics.long_elements import long_element_warnings
 from beamdae.results.diagnostics.long_steps import long_step_warnings
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
@@ -306,6 +307,7 @@ class RunData:
             *slow_sliding_warnings(self.equations, self.trajectory),
             *impact_speed_warnings(self.equations, self.trajectory),
             *mesh_error_warnings(self.equations, checked.columns, checked._select_loaded_state),
+            *self._long_element_warnings(),
             *moving_load_warnings(self.equations, self.trajectory),
             *growing_loop_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
@@ -338,6 +340,17 @@ class RunData:
             *self._long_step_warnings(),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
         )
+
+    def _long_element_warnings(self) -> Iterator[str]:
+        """Yield warnings about elements that are too long for vibrations."""
+        if not self._is_at_rest:
+            yield from long_element_warnings(
+                self.equations,
+                self.trajectory,
+                self.step_extremes,
+                self._observe_at,
+                lambda: self._energy_ledger.has_free_vibrations,
+            )
 
     def _row_warnings(self) -> Iterator[str]:
         """Yield warnings about vibrations that the output rows do not show."""

@@ -17,7 +17,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.linear_dynamics.mesh_errors import bending_wave_error
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
     IncompleteRunError,
@@ -28,6 +27,7 @@ from beamdae.analysis.periodic.shooting import (
     solve_shooting,
 )
 from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.dispersion import bending_wave_errors
 from beamdae.beams.prolongation import halve_elements, prolong_coordinates
 from beamdae.beams.remeshing import choose_base_meshes, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
@@ -202,7 +202,7 @@ def _estimate_mesh_errors(run: PeriodRun, monodromy: Array, free_period: bool) -
     factor = rate * run.period_map.period / distance
     equations = run.period_map.equations
     beams = () if equations.mechanism is None else beams_of(equations.mechanism)
-    return {x.name: factor * bending_wave_error(x, rate) for x in beams}
+    return {x.name: factor * float(bending_wave_errors(x, np.array([rate]))[0]) for x in beams}
 
 
 def _build_reference(run: PeriodRun, mesh_errors: Mapping[str, float]) -> _Reference | None:

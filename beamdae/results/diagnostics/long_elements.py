@@ -1,0 +1,299 @@
+"""Warnings about elements of beams that are too long for vibrations that last many periods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.dispersion import (
+    bending_wave_errors,
+    bending_wave_numbers,
+    convergence_order,
+    element_middles,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import list_first
+from beamdae.results.columns import Header, largest_of_kind, remove_unit
+from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.section_forces.balance import elastic_axial_forces
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Errors of the phase at the end of the run, relative to half the range of a column. Of 153 runs of
+# 16 mechanisms with 1 to 6 elements, 88 have an estimate above this one, 0.35 to 1.1 times the
+# error beside 10 elements with several elements per wave, up to 4 times under undamped harmonic
+# loads, and up to 9 times with one element. Their errors are 3.6 % and more; those of the others
+# are up to 7 %, or belong to columns that vanish by symmetry or to vibrations that loads maintain.
+_MAX_PHASE_ERROR = 0.03
+_RECOMMENDED_PHASE_ERROR = 0.01
+_LARGE_ERROR = 0.95  # larger estimates are meaningless
+_UNITS = ("m", "rad")
+# Columns whose half range is smaller, relative to the largest one of their kind, are left out.
+_MIN_SHARE = 1e-3
+# Equally spaced times at which a run is sampled, per step and in total. Spectra need several
+# periods.
+_SAMPLES_PER_STEP = 2
+_MIN_SAMPLES, _MAX_SAMPLES = 512, 8192
+_MAX_SAMPLED_NUMBERS = 8_000_000  # coordinates, 64 MB
+_MIN_STEPS = 50
+# Vibrations with fewer periods in half the run are not distinguished from slow motions: the main
+# lobe of the window extends to 3 periods.
+_MIN_PERIODS = 4
+_STEPS_PER_PERIOD = 8.0  # fewer steps do not resolve a vibration
+_TENSION_SAMPLES = 5
+# Displacement of a point of a bending wave with the wave number k, times k / rotation: 1 between
+# nodes, and 1.4 at free ends.
+_MAX_SHAPE_FACTOR = 1.5
+_REFINEMENT = 1.1  # of the number of elements, in the search for a sufficient one
+_MAX_REFINEMENTS = 40
+_MAX_NAMES = 3  # of further columns
+
+
+class _Spectrum(NamedTuple):
+    """Mean squares of signals by frequency, in the first and the second half of a run.
+
+    Attributes
+    ----------
+    rates
+        Angular frequencies (k,) [rad/s].
+    squares
+        Mean squares (2, k, signals).
+    ends
+        Times from the start of the run to the end of each half, (2,) [s].
+    """
+
+    rates: Array
+    squares: Array
+    ends: Array
+
+    @classmethod
+    def of_samples(cls, values: Array, duration: float) -> _Spectrum:
+        """Return the spectrum of values (2 k, signals) at equally spaced times of a run.
+
+        The window cos^4 suppresses the leakage of slow motions, whose phase errors are far smaller,
+        into higher frequencies.
+        """
+        halves = values.reshape(2, len(values) // 2, -1)
+        x = np.linspace(-1.0, 1.0, halves.shape[1])[:, None]
+        halves = halves - halves.mean(axis=1, keepdims=True)
+        halves -= x * (np.sum(x * halves, axis=1, keepdims=True) / np.sum(x**2))
+        window = np.cos(0.5 * np.pi * x) ** 4
+        amplitudes = np.abs(np.fft.rfft(window * halves, axis=1))
+        squares = 2.0 * amplitudes**2 / (len(x) * np.sum(window**2))
+        squares[:, :_MIN_PERIODS] = 0.0
+        rates = 4.0 * np.pi / duration * np.arange(squares.shape[1])
+        return cls(rates, squares, duration * np.array([0.5, 1.0]))
+
+    def select(self, signals: list[int]) -> _Spectrum:
+        """Return the spectrum of these signals."""
+        return self._replace(squares=self.squares[:, :, signals])
+
+    def phase_error(self, frequency_errors: Array, divisors: Array | float = 1.0) -> Array:
+        """Return the amplitude of the error of each signal by wrong frequencies, (signals,).
+
+        Parameters
+        ----------
+        frequency_errors
+            Relative errors (k,) of the frequencies.
+        divisors
+            Numbers (k,) by which the signals are divided.
+        """
+        phases = self.ends[:, None] * self.rates * frequency_errors
+        # Vibrations in opposite phase differ by twice the amplitude.
+        factors = (np.minimum(phases, 2.0) / divisors) ** 2
+        return np.sqrt(2.0 * np.max(np.sum(factors[:, :, None] * self.squares, axis=1), axis=0))
+
+
+def long_element_warnings(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[[Array], Array],
+    has_free_vibrations: Callable[[], bool],
+) -> Iterator[str]:
+    """Yield a warning per beam with elements so long that vibrations drift out of phase.
+
+    Elements of the length h raise the frequency of bending waves with the wave number k by a
+    fraction proportional to (k h)^6. The error of the phase grows with every period. It is computed
+    from the spectra of the sections' rotations and of the columns, of which the smaller error
+    counts: columns contain rigid motions, and rotations are larger than those of a column's point.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    extremes
+        Extremes of the observed columns, by header.
+    observe
+        Function that returns the observed columns (k, n) at ascending times (k,).
+    has_free_vibrations
+        Function that returns True if errors of vibrations accumulate.
+    """
+    duration = trajectory.end - trajectory.start
+    n_steps = sum(len(x.t) - 1 for x in trajectory.intervals)
+    # Runs that store few of their steps do not contain fast vibrations.
+    is_stored = all(x.record is None for x in trajectory.intervals)
+    if n_steps < _MIN_STEPS or not is_stored or not extremes:
+        return
+    fastest = 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * duration)
+    beams = [
+        beam
+        for beam in beams_of(equations.mechanism)
+        if duration * fastest * bending_wave_errors(beam, np.array([fastest]))[0] > _MAX_PHASE_ERROR
+    ]
+    count = int(np.clip(_SAMPLES_PER_STEP * n_steps, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
+    if not beams or count * equations.n > _MAX_SAMPLED_NUMBERS or not has_free_vibrations():
+        return
+    times = np.linspace(trajectory.start, trajectory.end, count)
+    q = trajectory.positions_at(times)
+    spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
+    for beam in beams:
+        half_ranges = _select_columns(equations, beam, extremes)
+        rotations = _rotations(equations, beam, q)
+        if not half_ranges or not rotations.size:
+            continue
+        vibration = _Vibration(beam, _Spectrum.of_samples(rotations, duration))
+        if not vibration.has_errors(half_ranges):
+            continue
+        vibration = vibration._replace(tension=_mean_tension(equations, beam, trajectory))
+        if not vibration.has_errors(half_ranges):
+            continue
+        spectrum = spectrum_of_columns().select(
+            [equations.observed_headers.index(x) for x in half_ranges]
+        )
+        errors = vibration.errors(half_ranges, spectrum)
+        if max(errors.values()) > _MAX_PHASE_ERROR:
+            yield _describe(vibration, half_ranges, spectrum, errors)
+
+
+class _Vibration(NamedTuple):
+    """Vibration of a beam.
+
+    Attributes
+    ----------
+    beam
+        The beam.
+    rotations
+        Spectrum of the rotations of its sections relative to the first one [rad].
+    tension
+        Mean tension in the elements, (elements,) or the same in all [N].
+    """
+
+    beam: Beam
+    rotations: _Spectrum
+    tension: Array | float = 0.0
+
+    def has_errors(self, half_ranges: Mapping[str, float]) -> bool:
+        """Return True if errors of the sections are large beside the half range of a column."""
+        largest = self._largest_errors(self._frequency_errors())
+        return any(
+            largest[Header.of(x).unit] > _MAX_PHASE_ERROR * half_ranges[x] for x in half_ranges
+        )
+
+    def errors(
+        self, half_ranges: Mapping[str, float], columns: _Spectrum, refinement: float = 1.0
+    ) -> dict[str, float]:
+        """Return the error of each column relative to half its range, by header.
+
+        Parameters
+        ----------
+        half_ranges
+            Half the range of each column, by header.
+        columns
+            Spectrum of the columns, in this order.
+        refinement
+            Factor of the number of elements.
+        """
+        frequency_errors = self._frequency_errors() * refinement ** -convergence_order(self.beam)
+        largest = self._largest_errors(frequency_errors)
+        pairs = zip(half_ranges.items(), columns.phase_error(frequency_errors), strict=True)
+        return {x: min(largest[Header.of(x).unit], float(e)) / size for (x, size), e in pairs}
+
+    def _frequency_errors(self) -> Array:
+        return bending_wave_errors(self.beam, self.rotations.rates, self.tension)
+
+    def _largest_errors(self, frequency_errors: Array) -> dict[str, float]:
+        """Return the largest error of displacements and rotations of the sections, by unit."""
+        numbers = bending_wave_numbers(self.beam, self.rotations.rates[1:], self.tension)
+        divisors = np.append(np.inf, np.mean(numbers, axis=1))
+        errors = self.rotations.phase_error
+        return {
+            "rad": float(np.max(errors(frequency_errors))),
+            "m": _MAX_SHAPE_FACTOR * float(np.max(errors(frequency_errors, divisors))),
+        }
+
+
+def _describe(
+    vibration: _Vibration,
+    half_ranges: Mapping[str, float],
+    spectrum: _Spectrum,
+    errors: Mapping[str, float],
+) -> str:
+    """Return the warning about a beam."""
+    names = sorted((x for x in errors if errors[x] > _MAX_PHASE_ERROR), key=lambda x: -errors[x])
+    first, *others = map(remove_unit, names)
+    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+    largest = errors[names[0]]
+    size = f"about {100.0 * largest:.2g}" if largest < _LARGE_ERROR else "100 or more"
+    beam, refinement = vibration.beam, 1.0
+    for _ in range(_MAX_REFINEMENTS):
+        refinement *= _REFINEMENT
+        refined = vibration.errors(half_ranges, spectrum, refinement)
+        if max(refined.values()) < _RECOMMENDED_PHASE_ERROR:
+            break
+    return (
+        f"{beam.name}: the elements are too long for its vibration, and the phase error that "
+        f"accumulates is {size} % of half the range of {first}{also}; use "
+        f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
+    )
+
+
+def _select_columns(
+    equations: EquationsOfMotion, beam: Beam, extremes: Mapping[str, StepExtremes]
+) -> dict[str, float]:
+    """Return half the range of the positions and angles of a beam's points, by header."""
+    headers = list(extremes)
+    sizes = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
+    is_small = sizes <= _MIN_SHARE * largest_of_kind(headers, sizes, equations.length)
+    half_ranges = dict(zip(headers, sizes.tolist(), strict=True))
+    small = {x for x, small in zip(headers, is_small, strict=True) if small}
+    rows = _coordinates_of(equations, beam)
+    return {
+        header: half_ranges[header]
+        for observable in equations.observables
+        if np.isin(observable.operator.indices, rows).any()
+        for header in observable.headers
+        if header in half_ranges and header not in small and Header.of(header).unit in _UNITS
+    }
+
+
+def _mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajectory) -> Array:
+    """Return the mean tension in the elements of a beam during a run, (elements,) [N]."""
+    times = np.linspace(trajectory.start, trajectory.end, _TENSION_SAMPLES)
+    _, states = trajectory.at(times)
+    forces = [
+        elastic_axial_forces(beam, equations, State(*(x[k] for x in states)), element_middles(beam))
+        for k in range(len(times))
+    ]
+    return np.maximum(np.mean(forces, axis=0), 0.0)
+
+
+def _coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
+    """Return the indices of the coordinates of a beam."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    return range(part.rows.start, part.rows.stop)
+
+
+def _rotations(equations: EquationsOfMotion, beam: Beam, q: Array) -> Array:
+    """Return the rotations of the sections relative to the first one [rad], (times, sections)."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    rows = range(part.rigid.stop, part.rows.stop)
+    angles = q[:, [k for k in rows if equations.coordinates[k].unit == "rad"]]
+    return np.asarray(angles[:, 1:] - angles[:, :1])

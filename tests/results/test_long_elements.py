@@ -1,0 +1,93 @@
+"""Warnings of runs in which long elements of beams shift the phase of vibrations."""
+
+import re
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+SECTION = bd.Section.rectangle(bd.Material(E=210e9, nu=0.3, rho=7850.0), width=0.02, height=0.01)
+LENGTH = 1.0
+
+
+def frequency(beta):
+    """Natural frequency [Hz] of bending with the wave number beta / length."""
+    return beta**2 / (2.0 * np.pi * LENGTH**2) * (SECTION.EI / SECTION.rhoA) ** 0.5
+
+
+def pulse(duration, force):
+    """Force that rises, stays and falls within `duration` [s]."""
+    return bd.table(
+        duration * np.array([0.0, 0.2, 0.8, 1.0]), [0.0, force, force, 0.0], kind="linear"
+    )
+
+
+def cantilever(elements, formulation="floating frame", load=None, section=SECTION):
+    """Cantilever that a pulse at its tip excites, mainly in modes 1 and 2."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (LENGTH, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (0.0, load or pulse(0.5 / frequency(4.694), 5.0))))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def simulate(mech, periods=100, rate=4.694):
+    """Simulate these periods of a mode; 100 steps per period of mode 2 hardly shift its phase."""
+    t_end = periods / frequency(rate)
+    return bd.simulate(mech, bd.GeneralizedAlpha(t_end / 10_000), t_end, output_step=t_end / 2000)
+
+
+def warnings_of(run):
+    return [x for x in run.warnings if "elements are too long for its vibration" in x]
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_phase_errors_by_long_elements_are_estimated(formulation):
+    """100 periods of the second mode with two elements were off by 30 % without a word."""
+    coarse = simulate(cantilever(2, formulation))
+    fine = simulate(cantilever(8, formulation))
+    (message,) = warnings_of(coarse)
+    assert not warnings_of(fine)
+    match = re.match(
+        r"beam: .* about (\S+) % of half the range of tip\.angle .*elements=(\d+)\.$", message
+    )
+    assert match
+    exact = fine["tip.angle"].to_numpy()
+    error = np.max(np.abs(coarse["tip.angle"] - exact)) / (0.5 * np.ptp(exact))
+    assert 0.7 < float(match[1]) / (100.0 * error) < 1.3
+    assert 6 <= int(match[2]) <= 9
+
+
+def test_phase_errors_of_damped_vibrations_do_not_accumulate():
+    damped = bd.Section.rectangle(SECTION.material, width=0.02, height=0.01, damping=1e-4)
+    load = bd.sine(10.0, frequency=1.3 * frequency(4.694))
+    assert not warnings_of(simulate(cantilever(3, load=load, section=damped), periods=200))
+
+
+def test_slow_motions_have_no_warning():
+    """A run of half a period of a soft cantilever contains no vibration, but has wave numbers."""
+    soft = bd.Section.rectangle(SECTION.material, width=0.02, height=5e-4)
+    ramp = bd.run_up(20.0, 0.1)
+    run = bd.simulate(
+        cantilever(3, "exact", ramp, soft), bd.GeneralizedAlpha(1e-4), 0.1, output_step=1e-3
+    )
+    assert np.ptp(run["tip.y"]) > 0.05
+    assert not warnings_of(run)
+
+
+def test_rigid_rotations_are_no_vibrations():
+    """A blade that spins freely at five times its first frequency hardly vibrates."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.2, mass=20.0))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    line = bd.Line((0.2, 0.0), (0.2 + LENGTH, 0.0))
+    blade = mech.add(bd.Beam("blade", line, SECTION, 2))
+    mech.add(bd.Weld("root", hub.at(0.2, 0.0), blade.start))
+    mech.observe("tip", blade.end)
+    speed = 5.0 * 2.0 * np.pi * frequency(1.875)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(2e-4), 2.0, start=bd.rotation(speed))
+    assert np.ptp(run["tip.x"]) > 2.0
+    assert not warnings_of(run)
