@@ -137,11 +137,16 @@ class Interval:
         """Return the equations of the active parts, given those of all parts."""
         return whole if self.configuration is None else self.configuration.equations
 
-    @cached_property
+    @property
     def grid(self) -> Interval:
         """Interval with the nodes of all steps, but without states if only some are stored."""
-        if self.record is None:
-            return self
+        # Not cached: an interval that refers to itself would stay in memory until the next garbage
+        # collection.
+        return self if self.record is None else self._grid_of_record
+
+    @cached_property
+    def _grid_of_record(self) -> Interval:
+        assert self.record is not None
         empty = State(*(np.zeros((len(self.record.nodes), 0)) for _ in self.rows))
         nodes, nodes_per_step = self.record.nodes, self.record.nodes_per_step
         return Interval(nodes, empty, self.branch, nodes_per_step, self.configuration)

@@ -1,6 +1,8 @@
 """Solution: output times, columns, the energy ledger, drift, files."""
 
+import gc
 import json
+import weakref
 
 import numpy as np
 import pandas as pd
@@ -318,3 +320,29 @@ def test_columns_of_large_runs_are_evaluated_in_blocks(monkeypatch):
     for header, column in expected.columns.items():
         assert_array_equal(run.columns[header], column)
     assert "_output" not in vars(run)
+
+
+@integrators(rtol=1e-4, step=1e-3)
+def test_regression_results_are_freed_without_garbage_collection(integrator):
+    mech = swing()
+    beam = mech.add(
+        bd.Beam(
+            "beam",
+            bd.Line((1.0, 0.0), (2.0, 0.0)),
+            bd.Section.rectangle(bd.Material.of("steel"), 0.01, 0.02),
+            elements=2,
+        )
+    )
+    mech.add(bd.Weld("weld", mech.parts["bar"].at(1.0, 0.0), beam.start))
+    mech.observe("stress", beam.stress(0.1, "top"))
+    gc.collect()
+    gc.disable()
+    try:
+        solution = bd.simulate(mech, integrator, t_end=0.02)
+        solution.metadata(), solution.table
+        parts = (solution, solution.trajectory, *solution.trajectory.intervals)
+        references = [weakref.ref(x) for x in parts]
+        del solution, parts
+        assert all(reference() is None for reference in references)
+    finally:
+        gc.enable()

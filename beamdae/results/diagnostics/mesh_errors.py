@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -128,10 +128,12 @@ class _Evaluator:
     def __init__(
         self, equations: EquationsOfMotion, state_at: Callable[[int], LoadedState]
     ) -> None:
-        self._equations, self._state_at = equations, cache(state_at)
-        # Columns of one beam often have their extremes in the same row.
-        self._evaluate = cache(self._evaluate_forces)
-        self._evaluate_points = cache(self._evaluate_point_forces)
+        arguments = equations, cache(state_at)
+        # Columns of one beam often have their extremes in the same row. Cached methods would refer
+        # to this object, so that the result of a run would stay in memory until the next garbage
+        # collection.
+        self._evaluate = cache(partial(_evaluate_forces, *arguments))
+        self._evaluate_points = cache(partial(_evaluate_point_forces, *arguments))
 
     def measure(
         self,
@@ -182,22 +184,30 @@ class _Evaluator:
         )
         return _ColumnError(header, sections[largest], value, value + change, abs(change) / scale)
 
-    def _evaluate_forces(self, beam: Beam, row: int, s: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return section forces from the loads and from the strains, (3, sections) each."""
-        time, state, factors = self._state_at(row)
-        arc_lengths = np.array(s)
-        before = arc_lengths > (1.0 - SAME_SECTION_TOLERANCE) * beam.length
-        forces = balanced_and_elastic_forces(
-            beam, self._equations, time, state, arc_lengths, before, factors
-        )
-        balanced, elastic = (x[:, 0] for x in forces)
-        return balanced, elastic
 
-    def _evaluate_point_forces(self, beam: Beam, row: int) -> Array | None:
-        """Return section forces at the stiffness points, see `Kinematics.point_forces`."""
-        assert self._equations.mechanism is not None
-        rows = map_coordinates(self._equations.mechanism).slice_of(beam)
-        return beam.kinematics.point_forces(self._state_at(row).state.q[0, rows])
+def _evaluate_forces(
+    equations: EquationsOfMotion,
+    state_at: Callable[[int], LoadedState],
+    beam: Beam,
+    row: int,
+    s: tuple[float, ...],
+) -> tuple[Array, Array]:
+    """Return section forces from the loads and from the strains, (3, sections) each."""
+    time, state, factors = state_at(row)
+    arc_lengths = np.array(s)
+    before = arc_lengths > (1.0 - SAME_SECTION_TOLERANCE) * beam.length
+    forces = balanced_and_elastic_forces(beam, equations, time, state, arc_lengths, before, factors)
+    balanced, elastic = (x[:, 0] for x in forces)
+    return balanced, elastic
+
+
+def _evaluate_point_forces(
+    equations: EquationsOfMotion, state_at: Callable[[int], LoadedState], beam: Beam, row: int
+) -> Array | None:
+    """Return section forces at the stiffness points, see `Kinematics.point_forces`."""
+    assert equations.mechanism is not None
+    rows = map_coordinates(equations.mechanism).slice_of(beam)
+    return beam.kinematics.point_forces(state_at(row).state.q[0, rows])
 
 
 def _interpolate(beam: Beam, points: Array, sections: tuple[float, ...]) -> tuple[Array, Array]:
