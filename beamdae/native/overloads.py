@@ -317,14 +317,31 @@ def _lane_operation(write):
     @intrinsic
     def call(typing, arguments):
         def code(context, builder, signature, operands):
-            write(
-                context, builder, list(arguments.types), cgutils.unpack_tuple(builder, operands[0])
-            )
+            values = cgutils.unpack_tuple(builder, operands[0])
+            write(context, builder, list(arguments.types), values)
             return context.get_dummy_value()
 
         return types.void(arguments), code
 
     return call
+
+
+def _overload_with(function):
+    """Decorate the writer of a `_lane_operation` on the arguments of a function, and compile it."""
+
+    def register(write):
+        operation = _lane_operation(write)
+
+        @overload(function)
+        def call(*arguments):
+            def loop(*arguments):
+                operation(arguments)
+
+            return loop
+
+        return operation
+
+    return register
 
 
 def _weighted_reduction(term, join):
@@ -401,30 +418,42 @@ _sum_of_squares_ir = _weighted_reduction(_square, _add_terms)
 _max_norm_ir = _weighted_reduction(_magnitude, _join_largest)
 
 
-def _copy_indexed(store):
-    """Return an operation on (lanes, begin, count, vector, at, first) for each index.
+def _unpack_indexed(context, builder, kinds, values, lanes):
+    """Return (lanes, begin, count, indexed numbers, first); (lanes, begin, count) from `lanes` on.
+
+    The other three operands are (vector, at, first).
+    """
+    of_lanes, of_vector = slice(lanes, lanes + 3), slice(3 - lanes, 6 - lanes)
+    (array, begin, count), (vector, at, first) = values[of_lanes], values[of_vector]
+    kind, index_kind = kinds[of_vector][:2]
+    indexed = _IndexedArray(context, builder, kind, vector, index_kind, at)
+    return _LaneArray(context, builder, kinds[lanes], array), begin, count, indexed, first
+
+
+def _copy_indexed(store, lanes):
+    """Return the writer of an operation for each index; see `_unpack_indexed` for `lanes`.
 
     `store(builder, lane_value, pointer)` returns the value to store in the lane, or stores in the
     vector and returns None.
     """
 
     def write(context, builder, kinds, values):
-        lanes = _LaneArray(context, builder, kinds[0], values[0])
-        begin, count = values[1], values[2]
-        indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
+        array, begin, count, indexed, first = _unpack_indexed(
+            context, builder, kinds, values, lanes
+        )
         with cgutils.for_range(builder, count) as loop:
             entry = builder.add(begin, loop.index)
-            parts = lanes.load(entry)
-            for lane, pointers in enumerate(indexed.pointers(builder.add(values[5], loop.index))):
+            parts = array.load(entry)
+            for lane, pointers in enumerate(indexed.pointers(builder.add(first, loop.index))):
                 at = ir.IntType(32)(lane)
                 for part, pointer in enumerate(pointers):
                     value = store(builder, builder.extract_element(parts[part], at), pointer)
                     if value is not None:
                         parts[part] = builder.insert_element(parts[part], value, at)
             if store is _load_number:
-                lanes.store(entry, parts)
+                array.store(entry, parts)
 
-    return _lane_operation(write)
+    return write
 
 
 def _load_number(builder, lane, pointer):
@@ -439,42 +468,17 @@ def _add_number(builder, lane, pointer):
     builder.store(builder.fadd(builder.load(pointer), lane), pointer)
 
 
-_gather_lanes_ir = _copy_indexed(_load_number)
-_scatter_lanes_ir = _copy_indexed(_store_number)
-_add_lanes_ir = _copy_indexed(_add_number)
+_overload_with(lane_operations.gather_lanes)(_copy_indexed(_load_number, 0))
+_overload_with(lane_operations.scatter_lanes)(_copy_indexed(_store_number, 3))
+_overload_with(lane_operations.add_lanes)(_copy_indexed(_add_number, 3))
 
 
-@overload(lane_operations.gather_lanes)
-def _gather_lanes(out, begin, count, vector, at, first):
-    def loop(out, begin, count, vector, at, first):
-        _gather_lanes_ir((out, begin, count, vector, at, first))
-
-    return loop
-
-
-@overload(lane_operations.scatter_lanes)
-def _scatter_lanes(vector, at, first, lanes, begin, count):
-    def loop(vector, at, first, lanes, begin, count):
-        _scatter_lanes_ir((lanes, begin, count, vector, at, first))
-
-    return loop
-
-
-@overload(lane_operations.add_lanes)
-def _add_lanes(vector, at, first, lanes, begin, count):
-    def loop(vector, at, first, lanes, begin, count):
-        _add_lanes_ir((lanes, begin, count, vector, at, first))
-
-    return loop
-
-
-@_lane_operation
-def _add_lane_sums_ir(context, builder, kinds, values):
-    lanes = _LaneArray(context, builder, kinds[0], values[0])
-    indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
-    with cgutils.for_range(builder, values[2]) as loop:
-        pointers = indexed.pointer_of_first(builder.add(values[5], loop.index))
-        parts = lanes.load(builder.add(values[1], loop.index))
+@_overload_with(lane_operations.add_lane_sums)
+def _add_lane_sums(context, builder, kinds, values):
+    lanes, begin, count, indexed, at = _unpack_indexed(context, builder, kinds, values, 3)
+    with cgutils.for_range(builder, count) as loop:
+        pointers = indexed.pointer_of_first(builder.add(at, loop.index))
+        parts = lanes.load(builder.add(begin, loop.index))
         for pointer, part in zip(pointers, parts, strict=True):
             builder.store(builder.fadd(builder.load(pointer), _sum_of(builder, part)), pointer)
 
@@ -497,34 +501,17 @@ def _index_vector(indices):
     return ir.Constant(ir.VectorType(ir.IntType(32), len(indices)), indices)
 
 
-@_lane_operation
-def _broadcast_lanes_ir(context, builder, kinds, values):
-    lanes = _LaneArray(context, builder, kinds[0], values[0])
-    indexed = _IndexedArray(context, builder, kinds[3], values[3], kinds[4], values[4])
+@_overload_with(lane_operations.broadcast_lanes)
+def _broadcast_lanes(context, builder, kinds, values):
+    lanes, begin, count, indexed, at = _unpack_indexed(context, builder, kinds, values, 0)
     none = ir.Constant(_LANE_VECTOR, ir.Undefined)
-    with cgutils.for_range(builder, values[2]) as loop:
+    with cgutils.for_range(builder, count) as loop:
         parts = []
-        for pointer in indexed.pointer_of_first(builder.add(values[5], loop.index)):
+        for pointer in indexed.pointer_of_first(builder.add(at, loop.index)):
             first = builder.insert_element(none, builder.load(pointer), ir.IntType(32)(0))
             zeros = _index_vector([0] * lane_operations.LANES)
             parts.append(builder.shuffle_vector(first, none, zeros))
-        lanes.store(builder.add(values[1], loop.index), parts)
-
-
-@overload(lane_operations.add_lane_sums)
-def _add_lane_sums(vector, at, first, lanes, begin, count):
-    def loop(vector, at, first, lanes, begin, count):
-        _add_lane_sums_ir((lanes, begin, count, vector, at, first))
-
-    return loop
-
-
-@overload(lane_operations.broadcast_lanes)
-def _broadcast_lanes(out, begin, count, vector, at, first):
-    def loop(out, begin, count, vector, at, first):
-        _broadcast_lanes_ir((out, begin, count, vector, at, first))
-
-    return loop
+        lanes.store(builder.add(begin, loop.index), parts)
 
 
 @overload(lane_operations.clear_lanes)
@@ -536,8 +523,8 @@ def _clear_lanes(lanes, begin, count):
     return loop
 
 
-@_lane_operation
-def _invert_lanes_ir(context, builder, kinds, values):
+@_overload_with(lane_operations.invert_lanes)
+def _invert_lanes(context, builder, kinds, values):
     lanes = _LaneArray(context, builder, kinds[0], values[0])
     one = ir.Constant(_LANE_VECTOR, [1.0] * lane_operations.LANES)
     parts = lanes.load(values[1])
@@ -555,16 +542,8 @@ def _invert_lanes_ir(context, builder, kinds, values):
     lanes.store(values[1], inverse)
 
 
-@overload(lane_operations.invert_lanes)
-def _invert_lanes(lanes, k):
-    def loop(lanes, k):
-        _invert_lanes_ir((lanes, k))
-
-    return loop
-
-
-@_lane_operation
-def _multiply_lanes_ir(context, builder, kinds, values):
+@_overload_with(lane_operations.multiply_lanes)
+def _multiply_lanes(context, builder, kinds, values):
     lanes = _LaneArray(context, builder, kinds[0], values[0])
     factor = _LaneArray(context, builder, kinds[3], values[3]).load(values[4])
     with cgutils.for_range(builder, values[2]) as loop:
@@ -572,16 +551,8 @@ def _multiply_lanes_ir(context, builder, kinds, values):
         lanes.store(entry, _multiply(builder, lanes.load(entry), factor))
 
 
-@overload(lane_operations.multiply_lanes)
-def _multiply_lanes(lanes, begin, count, factors, k):
-    def loop(lanes, begin, count, factors, k):
-        _multiply_lanes_ir((lanes, begin, count, factors, k))
-
-    return loop
-
-
 def _move_entry(join):
-    """Return an operation on (out, k, lanes, j, factor).
+    """Return the writer of an operation on (out, k, lanes, j, factor).
 
     `join(builder, out, k, parts)` returns the new entry `k` of `out` from the scaled entry `j`.
     """
@@ -596,35 +567,19 @@ def _move_entry(join):
         scaled = [builder.fmul(factor, part) for part in parts]
         out.store(values[1], join(builder, out, values[1], scaled))
 
-    return _lane_operation(write)
+    return write
 
 
 def _add_to_entry(builder, out, k, parts):
     return [builder.fadd(*pair) for pair in zip(out.load(k), parts, strict=True)]
 
 
-_set_entry_ir = _move_entry(lambda builder, out, k, parts: parts)
-_add_entry_ir = _move_entry(_add_to_entry)
+_overload_with(lane_operations.set_entry)(_move_entry(lambda builder, out, k, parts: parts))
+_overload_with(lane_operations.add_entry)(_move_entry(_add_to_entry))
 
 
-@overload(lane_operations.set_entry)
-def _set_entry(out, k, lanes, j, factor):
-    def loop(out, k, lanes, j, factor):
-        _set_entry_ir((out, k, lanes, j, factor))
-
-    return loop
-
-
-@overload(lane_operations.add_entry)
-def _add_entry(out, k, lanes, j, factor):
-    def loop(out, k, lanes, j, factor):
-        _add_entry_ir((out, k, lanes, j, factor))
-
-    return loop
-
-
-@_lane_operation
-def _subtract_lanes_ir(context, builder, kinds, values):
+@_overload_with(lane_operations.subtract_lanes)
+def _subtract_lanes(context, builder, kinds, values):
     lanes = _LaneArray(context, builder, kinds[0], values[0])
     column = _LaneArray(context, builder, kinds[3], values[3])
     factor = lanes.load(values[5])
@@ -634,20 +589,12 @@ def _subtract_lanes_ir(context, builder, kinds, values):
         lanes.store(entry, _subtract(builder, lanes.load(entry), product))
 
 
-@overload(lane_operations.subtract_lanes)
-def _subtract_lanes(lanes, begin, count, column, first, k):
-    def loop(lanes, begin, count, column, first, k):
-        _subtract_lanes_ir((lanes, begin, count, column, first, k))
-
-    return loop
-
-
 # Rows that `subtract_products` keeps in registers: nodes of beams have three coordinates.
 _ROWS_IN_REGISTERS = 3
 
 
-@_lane_operation
-def _subtract_products_ir(context, builder, kinds, values):
+@_overload_with(lane_operations.subtract_products)
+def _subtract_products(context, builder, kinds, values):
     lanes = _LaneArray(context, builder, kinds[0], values[0])
     matrix = _LaneArray(context, builder, kinds[3], values[3])
     factors = _LaneArray(context, builder, kinds[6], values[6])
@@ -677,14 +624,6 @@ def _subtract_products_ir(context, builder, kinds, values):
     done = builder.mul(whole, rows.type(together))
     with cgutils.for_range(builder, builder.sub(rows, done)) as loop:
         subtract_rows(builder.add(done, loop.index), 1)
-
-
-@overload(lane_operations.subtract_products)
-def _subtract_products(lanes, begin, rows, matrix, first, stride, factors, k, columns):
-    def loop(lanes, begin, rows, matrix, first, stride, factors, k, columns):
-        _subtract_products_ir((lanes, begin, rows, matrix, first, stride, factors, k, columns))
-
-    return loop
 
 
 def _transpose_halves(builder, rows):
@@ -732,8 +671,8 @@ _RUN = ir.VectorType(_DOUBLE, loop_functions.TILE_ROWS)
 _HALVES = [list(range(first, first + 4)) for first in (0, 4)]
 
 
-@_lane_operation
-def _pick_tiles_ir(context, builder, kinds, values):
+@_overload_with(loop_functions.pick_tiles)
+def _pick_tiles(context, builder, kinds, values):
     out, vector = (context.make_array(kinds[k])(context, builder, values[k]).data for k in (0, 3))
     start, stride, begin, end = (values[k] for k in (1, 2, 5, 6))
     with cgutils.for_range(builder, builder.sub(end, begin)) as loop:
@@ -745,14 +684,6 @@ def _pick_tiles_ir(context, builder, kinds, values):
         for i, row in enumerate(_transpose_halves(builder, halves)):
             with builder.if_then(builder.icmp_unsigned(">", tile.height, tile.height.type(i))):
                 builder.store(row, tile.row(out, start, stride, i), align=8)
-
-
-@overload(loop_functions.pick_tiles)
-def _pick_tiles(out, start, stride, vector, tiles, begin, end):
-    def loop(out, start, stride, vector, tiles, begin, end):
-        _pick_tiles_ir((out, start, stride, vector, tiles, begin, end))
-
-    return loop
 
 
 def _store_tiles(context, builder, kinds, values, join):
@@ -779,33 +710,17 @@ def _store_tiles(context, builder, kinds, values, join):
             builder.store(join(pointer, run), pointer, align=8)
 
 
-@_lane_operation
-def _add_tiles_ir(context, builder, kinds, values):
+@_overload_with(loop_functions.add_tiles)
+def _add_tiles(context, builder, kinds, values):
     def add(pointer, run):
         return builder.fadd(builder.load(pointer, align=8), run)
 
     _store_tiles(context, builder, kinds, values, add)
 
 
-@_lane_operation
-def _set_tiles_ir(context, builder, kinds, values):
+@_overload_with(loop_functions.set_tiles)
+def _set_tiles(context, builder, kinds, values):
     _store_tiles(context, builder, kinds, values, lambda pointer, run: run)
-
-
-@overload(loop_functions.set_tiles)
-def _set_tiles(out, vector, stride, tiles, begin, end):
-    def loop(out, vector, stride, tiles, begin, end):
-        _set_tiles_ir((out, vector, stride, tiles, begin, end))
-
-    return loop
-
-
-@overload(loop_functions.add_tiles)
-def _add_tiles(out, vector, stride, tiles, begin, end):
-    def loop(out, vector, stride, tiles, begin, end):
-        _add_tiles_ir((out, vector, stride, tiles, begin, end))
-
-    return loop
 
 
 # Numbers of interior unknowns for which substitution keeps all of them in registers: one or two
@@ -962,7 +877,7 @@ _overload_substitution(lane_operations.substitute_backward, _substitute_backward
 def _subtract_unit_triangle(lanes, begin, count, rows, blocks, first, size):
     def loop(lanes, begin, count, rows, blocks, first, size):
         for k in range(count):
-            _subtract_lanes_ir(
+            _subtract_lanes(
                 (
                     lanes,
                     begin + k + 1,
