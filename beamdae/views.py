@@ -1,49 +1,54 @@
 """Functions behind the display methods of results: figures, animations and summaries.
 
-Methods such as `Solution.plot` import this module through `results.displays.load_views`.
+Methods such as `Solution.plot` import this module through `results.displays.load_views`. Each
+function is imported when it is first used: together, they import all analyses and pandas, which
+takes longer than drawing a picture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from beamdae.report.analysis_pages import write_analysis_page
+from beamdae import deferred
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.figures import require_picture_path, save_figure
-from beamdae.report.pictures.fit_plots import plot_fit, plot_profile
-from beamdae.report.pictures.mode_shapes import draw_campbell, draw_modes
-from beamdae.report.pictures.path_plots import plot_critical_loads
-from beamdae.report.pictures.path_plots import plot_path as plot_equilibrium_path
-from beamdae.report.pictures.path_plots import plot_response as plot_frequency_response
-from beamdae.report.pictures.run_animation import animate
-from beamdae.report.pictures.section_diagrams import plot_section_diagram as plot_section_forces
-from beamdae.report.pictures.time_plots import plot as plot_time_series
-from beamdae.report.run_page import build_run_page
-from beamdae.report.run_summary import summarize_as_html, summarize_certificate_as_html
 from beamdae.results.displays import Plot
 from beamdae.results.solution import Solution
 
-__all__ = [
-    "animate",
-    "draw_campbell",
-    "draw_modes",
-    "plot_critical_loads",
-    "plot_equilibrium_path",
-    "plot_fit",
-    "plot_frequency_response",
-    "plot_profile",
-    "plot_section_forces",
-    "plot_time_series",
-    "save_plot",
-    "summarize_as_html",
-    "summarize_certificate_as_html",
-    "write_analysis_page",
-    "write_run_page",
-]
+# Module in `beamdae.report` and name of each function that is defined elsewhere.
+_FUNCTIONS = {
+    "animate": ("pictures.run_animation", "animate"),
+    "draw_campbell": ("pictures.mode_shapes", "draw_campbell"),
+    "draw_modes": ("pictures.mode_shapes", "draw_modes"),
+    "plot_critical_loads": ("pictures.path_plots", "plot_critical_loads"),
+    "plot_equilibrium_path": ("pictures.path_plots", "plot_path"),
+    "plot_fit": ("pictures.fit_plots", "plot_fit"),
+    "plot_frequency_response": ("pictures.path_plots", "plot_response"),
+    "plot_profile": ("pictures.fit_plots", "plot_profile"),
+    "plot_section_forces": ("pictures.section_diagrams", "plot_section_diagram"),
+    "plot_time_series": ("pictures.time_plots", "plot"),
+    "summarize_as_html": ("run_summary", "summarize_as_html"),
+    "summarize_certificate_as_html": ("run_summary", "summarize_certificate_as_html"),
+    "write_analysis_page": ("analysis_pages", "write_analysis_page"),
+}
+
+__all__ = ["save_plot", "write_run_page", *_FUNCTIONS]
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    if name not in _FUNCTIONS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, function = _FUNCTIONS[name]
+    display: Callable[..., Any] = getattr(deferred.module(f"report.{module}"), function)
+    return display
 
 
 def write_run_page(solution: Solution, path: Path) -> Path:
     """Write the page of a run and return its path; see `Solution.page`."""
+    from beamdae.report.run_page import build_run_page
+
     title = str(solution.model.get("name") or "run")
     return write_page(path, build_run_page(solution, title))
 

@@ -344,7 +344,7 @@ def draw_run(run: Run, solution: Solution) -> None:
     # The table covers all parts of a continued run.
     columns = dict(run.columns)
     if len(next(iter(columns.values()))) == len(solution.t):
-        columns = merge_columns(columns, solution.coordinates())
+        columns = merge_columns(columns, solution.coordinate_columns())
     plot = run.plot
     run.files.write(
         run.picture.name,

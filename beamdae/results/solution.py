@@ -143,12 +143,10 @@ class Solution(RunData, TimeSeries):
 
         return pd.DataFrame(tabulate_events(self.equations, self.event_records, self._observe))
 
-    def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
-        import pandas as pd
-
+    def coordinate_columns(self) -> dict[str, Array]:
+        """Return the columns (k,) of `coordinates` by header."""
         headers, rows = self.coordinate_table()
-        return pd.DataFrame(rows, columns=headers)
+        return dict(zip(headers, rows.T, strict=True))
 
     def observe(self, name: str, what: Attachment | Quantity) -> Solution:
         """Return the solution with an additional observable, without integrating again.

@@ -26,7 +26,7 @@ Array = np.ndarray
 class TimeSeries:
     """Base class of results over time.
 
-    Subclasses define `label`, `all_columns`, `coordinates` and `at_times`.
+    Subclasses define `label`, `all_columns`, `coordinate_columns` and `at_times`.
     """
 
     @property
@@ -43,12 +43,18 @@ class TimeSeries:
         """Return the columns (k,) of `table` by header."""
         raise NotImplementedError
 
+    def coordinate_columns(self) -> dict[str, Array]:
+        """Return the columns (k,) of `coordinates` by header; empty if they are not stored."""
+        raise NotImplementedError
+
     def coordinates(self) -> pd.DataFrame:
         """Return time, coordinates, velocities and multipliers; headers contain names and units.
 
         The table has no columns if the coordinates are not stored.
         """
-        raise NotImplementedError
+        import pandas as pd
+
+        return pd.DataFrame(self.coordinate_columns(), index=range(len(self.times)))
 
     def at_times(self, times: Array) -> TimeSeries:
         """Return the result at other times [s], which must ascend and lie within the run."""
@@ -228,7 +234,7 @@ class TimeSeries:
         return rows
 
     def _all_columns_by_header(self) -> dict[str, Any]:
-        return merge_columns(self.all_columns(), self.coordinates())
+        return merge_columns(self.all_columns(), self.coordinate_columns())
 
     def _select(self, name: Any) -> list[str]:
         return select_columns(self._all_columns_by_header(), name, observed=self.all_columns())

@@ -65,6 +65,52 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
     assert not [name for name in imported if name.startswith(UNUSED)]
 
 
+@pytest.mark.slow(reason="starts a process for each command")
+@pytest.mark.parametrize(
+    ("command", "never"),
+    [
+        # The models are imported in a separate process.
+        (["list", str(MODEL)], ("casadi", "scipy", "pandas")),
+        (["examples"], ("casadi", "scipy", "pandas")),
+        (["check", str(MODEL)], ("pandas", "matplotlib")),
+        (["draw", str(MODEL)], ("pandas", "scipy.optimize", "beamdae.analysis")),
+    ],
+)
+def test_commands_import_only_what_they_need(command, never, tmp_path):
+    """Saving a picture imported pandas and all analyses; tables of models imported CasADi."""
+    code = f"""
+import sys
+from beamdae.__main__ import main
+sys.argv = ["beamdae", *{command!r}]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print("imported:", *sys.modules)
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    imported = result.stdout.splitlines()[-1].split()
+    assert "beamdae.cli.app" in imported
+    assert not [name for name in imported if name.startswith(never)]
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_regression_the_plot_of_a_run_does_not_import_pandas(tmp_path):
+    code = """
+import sys
+import beamdae as bd
+mech = bd.Mechanism(gravity=(0.0, -9.81))
+ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+mech.observe("ball", ball.point)
+bd.simulate(mech, t_end=0.1).plot("ball.y").save("ball.png")
+assert "matplotlib" in sys.modules
+assert "pandas" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
 @pytest.mark.slow(reason="starts a process")
 def test_regression_the_import_of_casadi_does_not_count_as_import_of_a_listed_file():
     """On a busy machine, importing CasADi took over 10 s, and no file could be listed."""

@@ -120,7 +120,7 @@ def plot(
     """
     runs = _require_runs(solutions)
     run_labels = _require_labels(runs, labels)
-    tables = [merge_columns(run.all_columns(), run.coordinates()) for run in runs]
+    tables = [merge_columns(run.all_columns(), run.coordinate_columns()) for run in runs]
     observed = list(runs[0].all_columns())
     selection = select_plot(list(tables[0]), observed, names, x, data)
     figure = _create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed)

@@ -13,12 +13,12 @@ import numpy as np
 from beamdae.model_parameters import format_with_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
-from beamdae.results.columns import Header, largest_by
-from beamdae.results.diagnostics.beam_ranges import BeamRange
-from beamdae.results.diagnostics.missed_peaks import StepExtremes
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from beamdae.results.diagnostics.beam_ranges import BeamRange
+    from beamdae.results.diagnostics.missed_peaks import StepExtremes
 
     # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame
@@ -184,11 +184,17 @@ def column_extremes(
 
     Minimum and maximum include the extremes at the steps, `steps`.
     """
-    rounding = _rounding_by_kind(observed)
+    # Imports CasADi, which tables of models and examples do not need.
+    from beamdae.results.columns import Header, largest_by
+
+    columns = {name: np.asarray(observed[name]) for name in map(str, observed)}
+    ranges = {name: _smallest_and_largest(values) for name, values in columns.items()}
+    kinds = {name: Header.of(name).kind for name in columns}
+    sizes = (max(map(abs, x)) for x in ranges.values())
+    sizes_of_kinds = largest_by(kinds.values(), (x if math.isfinite(x) else 0.0 for x in sizes))
     extremes = {}
-    for name in map(str, observed):
-        values, limit = np.asarray(observed[name]), rounding[Header.of(name).kind]
-        smallest, largest = _smallest_and_largest(values)
+    for name, values in columns.items():
+        (smallest, largest), limit = ranges[name], _ROUNDING * sizes_of_kinds[kinds[name]]
         if steps and name in steps:
             smallest, largest = min(smallest, steps[name].min), max(largest, steps[name].max)
         numbers = {"min": smallest, "max": largest, "end": float(values[-1])}
@@ -200,15 +206,6 @@ def _smallest_and_largest(values: np.ndarray) -> tuple[float, float]:
     """Return minimum and maximum of the values, ignoring nan; nan if all values are nan."""
     numbers = values[~np.isnan(values)]
     return (float(numbers.min()), float(numbers.max())) if numbers.size else (math.nan, math.nan)
-
-
-def _rounding_by_kind(observed: Columns) -> dict[str, float]:
-    names = list(map(str, observed))
-    kinds = (Header.of(name).kind for name in names)
-    ends = (_smallest_and_largest(np.asarray(observed[name])) for name in names)
-    sizes = (max(map(abs, x)) for x in ends)
-    largest = largest_by(kinds, (x if math.isfinite(x) else 0.0 for x in sizes))
-    return {kind: _ROUNDING * size for kind, size in largest.items()}
 
 
 def comparison_table(table: pd.DataFrame) -> ResponsiveTable:

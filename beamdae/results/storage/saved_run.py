@@ -163,11 +163,9 @@ class SavedRun(TimeSeries):
         """Return the columns (k,) of `table` by header."""
         return dict(self._columns)
 
-    def coordinates(self) -> pd.DataFrame:
-        """Return time, coordinates, velocities and multipliers; headers contain names and units."""
-        import pandas as pd
-
-        return pd.DataFrame(self._coordinates)
+    def coordinate_columns(self) -> dict[str, Array]:
+        """Return the columns (k,) of `coordinates` by header."""
+        return dict(self._coordinates)
 
     def sensitivity(self, column: str, parameter: str) -> pd.Series:
         """Return the derivative of a column over time, see `Solution.sensitivity`."""

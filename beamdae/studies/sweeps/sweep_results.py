@@ -90,9 +90,9 @@ class SweepRun(TimeSeries):
         columns = {str(c): self.rows[c].to_numpy(float) for c in self.rows}
         return {TIME: self.rows.index.to_numpy(float), **columns}
 
-    def coordinates(self) -> pd.DataFrame:
-        """Return a table without columns, because sweeps do not store coordinates."""
-        return pd.DataFrame(index=range(len(self.rows)))
+    def coordinate_columns(self) -> dict[str, Array]:
+        """Return no columns, because sweeps do not store coordinates."""
+        return {}
 
     def at_times(self, times: Array) -> SweepRun:
         """Return the run restricted to some of the output times [s]."""
