@@ -309,3 +309,30 @@ def test_regression_equilibria_with_drivers_need_no_inertia():
         v0=[0.0, 0.0],
     )
     assert_allclose(bd.equilibrium(system).q[-1], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "exponent"), [(1e3, 1.0), (1e5, 1.0), (1e6, 1.5), (1e9, 1.5)]
+)
+def test_regression_loads_reverse_where_a_snapping_truss_meets_a_stop(stiffness, exponent):
+    """Arc length failed at the corner, or called it a branch point."""
+    mech, spring, width, height, stop = bd.Mechanism(), 1000.0, 1.0, 0.2, -0.1
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, height)))
+    for side in (-width, width):
+        foot = mech.ground.at(side, 0.0)
+        mech.add(bd.Spring(f"spring at {side:g}", foot, mass.point, stiffness=spring))
+    surface = bd.LineSurface(mech.ground.at(0.0, stop))
+    mech.add(bd.Contact("stop", mass.point, surface, stiffness, exponent))
+    mech.add(bd.Force("load", mass.point, (0.0, -1.0)))
+    mech.observe("mass", mass.point)
+
+    def load(y):
+        stretch = 1.0 - np.hypot(width, height) / np.hypot(width, y)
+        return -2.0 * spring * stretch * y
+
+    path = bd.equilibrium(mech, to=4.5, control="arc length")
+    assert path.status.success
+    assert [x.kind for x in path.critical] == ["limit point", "limit point"]
+    peak = max(load(np.linspace(0.0, height, 100_001)))
+    assert [x.factor for x in path.critical] == pytest.approx([peak, load(stop)], rel=1e-4)
+    assert path.stable

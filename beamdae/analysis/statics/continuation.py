@@ -37,7 +37,8 @@ Array = np.ndarray
 _MIN_COSINE = 0.7
 _MIN_COSINE_TO_GROW = 0.95
 # Steps below this fraction of the largest step may turn by any angle, because the path has a
-# corner.
+# corner, such as the one where a contact closes. Where the load reverses, no point lies at the
+# prescribed distance along the last direction, and the displacements alone control the step.
 _CORNER_STEP_RATIO = 1e-3
 # A step that happens to end at a critical point, up to rounding, is multiplied by this factor: next
 # to the point, rounding determines the motion along the critical mode. Its smallest eigenvalue is
@@ -254,10 +255,12 @@ def _take_step(
 ) -> tuple[PathDirection | None, bool]:
     """Append the points of a step; return its final direction, and True if it reaches `target`."""
     begin, norm, target_control = path.end, settings.norm, settings.target_control
-    sign, control = 1.0, target_control
+    sign, control, by_motion = 1.0, target_control, None
     if settings.by_arc_length:
         direction = _arc_direction(corrector, settings, begin, target, direction)
         control = norm.arc_length_control(begin.x, begin.mu, direction)
+        without_load = replace(norm, factor=np.inf)
+        by_motion = without_load.arc_length_control(begin.x, begin.mu, direction)
         reach = _max_arc_step(settings, direction, path.step)
         size = min(path.step, reach)
     else:
@@ -265,7 +268,7 @@ def _take_step(
         remaining = target - target_control.value(begin.x, begin.mu)
         sign, reach = float(np.sign(remaining)), abs(remaining)
         size = choose_step(path.step, reach, settings.max_step)
-    first_value = control.value(begin.x, begin.mu)
+    usual_control, first_value = control, control.value(begin.x, begin.mu)
     min_size = min(MIN_STEP_RATIO * settings.max_step, size)
     may_avoid = True
     while True:
@@ -298,6 +301,11 @@ def _take_step(
             critical = segment.locate_critical_points()
             break
         except CorrectorError as error:
+            is_corner = size <= _CORNER_STEP_RATIO * settings.max_step
+            if is_corner and by_motion is not None and control is not by_motion:
+                control = by_motion
+                continue
+            control = usual_control
             size *= CUT_FACTOR
             if size < min_size:
                 raise CorrectorError(str(error)) from None
