@@ -13,6 +13,7 @@ import typer
 
 from beamdae.cli import signals
 from beamdae.cli.command_wrapper import NOT_RUN_CODE
+from beamdae.cli.options import parse_start
 from beamdae.cli.output import WrittenFiles, print_error
 from beamdae.cli.output_paths import require_writable
 from beamdae.cli.progress import show_study_progress
@@ -50,19 +51,20 @@ def results_folder_name(stem: str, settings: Mapping[str, Any]) -> str:
     return name
 
 
-def apply_limits(
+def apply_run_options(
     command: str,
     study: Study,
     time_limit: float | None,
     t_end: float | None,
     output_step: float | None,
+    start: list[str] | None,
 ) -> Study:
-    """Return the study with --time-limit, --t-end and --output-step applied to all its cases.
+    """Return the study with --time-limit, --t-end, --output-step and --start for all its cases.
 
     Raises
     ------
     BeamdaeError
-        If a value is not positive.
+        If a value is not positive, or a start has the wrong form.
     """
     if time_limit is not None:
         limit = require_positive(command, "--time-limit", time_limit)
@@ -71,6 +73,11 @@ def apply_limits(
         study = replace(study, t_end=t_end)
     if output_step is not None:
         study = replace(study, output_step=output_step)
+    if start:
+        from beamdae.parts.mechanism import require_start
+
+        state = require_start(command, parse_start(start, study.cases[0].configured()))
+        study = replace(study, cases=tuple(replace(case, start=state) for case in study.cases))
     return study
 
 

@@ -25,7 +25,7 @@ _ARGUMENT = re.compile(
 # Arguments of parts, such as the formulation of a beam, are no options.
 _CHECKED_ARGUMENT = re.compile(
     r"(?P<call>(?:error: )?(?:simulate|certify|equilibrium|buckling|modes|campbell|periodic"
-    r"|frequency_response|fit|optimize|export_fmu|sweep|Auto|Ida|Radau|GeneralizedAlpha): )"
+    r"|frequency_response|fit|optimize|export_fmu|sweep|compare|Auto|Ida|Radau|GeneralizedAlpha): )"
     r"(?P<name>[a-z]\w*)(?= must )"
 )
 # Values of options, such as "--set step=", and exceptions of a model file are left unchanged.

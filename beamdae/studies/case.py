@@ -21,6 +21,8 @@ from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
 from beamdae.interrupts import PartialResult
 from beamdae.model_functions import Model
+from beamdae.parts.mechanism import require_start
+from beamdae.parts.rotation import Rotation
 from beamdae.read_only import ReadOnlyDict, copy_containers
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import versions
@@ -52,6 +54,9 @@ class Case:
         Parameter values by name; they replace the defaults of the model. Defaults to no changes.
     integrator
         Any `Integrator`, such as GeneralizedAlpha(...) or Radau(...). Defaults to `Auto()`.
+    start
+        Initial state, in the forms accepted by `Mechanism`: "equilibrium", a `rotation`, or values
+        by coordinate. Defaults to the start of the model.
 
     Raises
     ------
@@ -63,6 +68,7 @@ class Case:
     model: Model
     parameters: Mapping[str, Any] = field(default_factory=dict)
     integrator: Integrator = field(default_factory=Auto)
+    start: str | Rotation | Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Model):
@@ -75,6 +81,9 @@ class Case:
         )
         require_integrator(f"Case of {self.model.name}", self.integrator)
         set_fields(self, parameters=ReadOnlyDict(copy_containers(parameters)))
+        if self.start is not None:
+            start = require_start(f"Case of {self.model.name}", self.start)
+            set_fields(self, start=ReadOnlyDict(start) if isinstance(start, dict) else start)
 
     @property
     def changed(self) -> dict[str, Any]:
@@ -109,9 +118,16 @@ class Case:
 
     @property
     def group(self) -> str:
-        """Name of the model with the parameters of the case, such as `beam(elements=4)`."""
+        """Name of the model with the parameters of the case, such as `beam(elements=4)`.
+
+        If the case has a start, the name ends with it: `beam(elements=4) from equilibrium`.
+        """
         values = ", ".join(f"{k}={format_parameter(v)}" for k, v in self.parameters.items())
-        return f"{self.model.name}({values})" if values else self.model.name
+        name = f"{self.model.name}({values})" if values else self.model.name
+        if self.start is None:
+            return name
+        start = dict(self.start) if isinstance(self.start, Mapping) else self.start
+        return f"{name} from {format_parameter(start)}"
 
     def configured(self) -> Model:
         """Return the model with the parameters of the case as its defaults."""
@@ -127,15 +143,23 @@ class Case:
     ) -> Solution:
         """Run the case and return its solution; see `simulate` for parameters and errors."""
         model = self.configured()
-        return simulate(model, self.integrator, t_end, output_step, progress, partial=partial)
+        return simulate(
+            model,
+            self.integrator,
+            t_end,
+            output_step,
+            progress,
+            start=self.start,
+            partial=partial,
+        )
 
     def mechanism_fingerprint(self, digests: DigestCache | None = None) -> str:
         """Return a hash of what the equations depend on, except undeclared files.
 
         The hash covers the model (its code, the values that the code refers to, and the files it
-        declares), the parameters, the versions of Python and packages, and the source code of
-        beamdae without `cli` and `report`. Pass the same dict as `digests` to several calls to hash
-        a shared model only once.
+        declares), the parameters, the start, the versions of Python and packages, and the source
+        code of beamdae without `cli` and `report`. Pass the same dict as `digests` to several calls
+        to hash a shared model only once.
 
         Raises
         ------
@@ -154,7 +178,8 @@ class Case:
         }
         model = cached_digest(digests, self.model.build, lambda: _digest_model(self.model))
         data = [digest_file(str(path)) for path in self.model.files()]
-        content = [model, sorted(parameters.items()), data, _digest_environment()]
+        start = sorted(self.start.items()) if isinstance(self.start, Mapping) else self.start
+        content = [model, sorted(parameters.items()), start, data, _digest_environment()]
         # The digest of one text takes a tenth of the time of a digest of nested lists.
         return digest(repr(content))[:FINGERPRINT_LENGTH]
 

@@ -200,3 +200,27 @@ def test_values_of_over_have_units():
         parse_values(model, "radius", "1 m:x:3")
     with pytest.raises(bd.BeamdaeError, match="values must differ"):
         parse_values(model, "radius", "1 m:1000mm:3")
+
+
+@pytest.mark.slow(reason="starts worker processes")
+@pytest.mark.parametrize("command", ["sweep", "compare"])
+def test_studies_start_from_a_state(command, tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    over = ["--over", "speed=1,2"] if command == "sweep" else []
+    arguments = [command, str(path), *over, "--jobs", "1", "--no-picture", "--no-page"]
+    arguments += ["--start", "bob.angle=90deg", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    rows = pd.read_csv(next(tmp_path.rglob("trajectories/*.csv")))
+    assert rows["bob.y [m]"][0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("command", ["sweep", "compare"])
+def test_wrong_starts_of_studies_are_usage_errors(command, tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(MODEL)
+    over = ["--over", "speed=1,2"] if command == "sweep" else []
+    result = CliRunner().invoke(app, [command, str(path), *over, "--start", "equilibrum"])
+    assert result.exit_code == 2
+    assert f"error: {command}: --start must be 'as drawn', 'equilibrium', " in result.output

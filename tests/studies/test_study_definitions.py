@@ -82,6 +82,8 @@ WRONG_CASES = {
     "parameters a text": lambda: bd.Case(swing, "mass=1"),
     "names of parameters": lambda: bd.Case(swing, {1: 2.0}),
     "parameters odd": lambda: bd.Case(swing, WithoutRepr()),
+    "start unknown": lambda: bd.Case(swing, start="equilibrum"),
+    "start a number": lambda: bd.Case(swing, start=3.0),
 }
 WRONG_STUDIES = {
     "name None": {"name": None},

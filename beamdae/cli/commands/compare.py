@@ -18,6 +18,7 @@ from beamdae.cli.options import (
     Pictures,
     Scheduler,
     Settings,
+    Starts,
     StudyPath,
     TimeLimit,
     parse_assignments,
@@ -28,7 +29,7 @@ from beamdae.cli.study_outputs import (
     PAGE_FILE,
     StudyOutputs,
     StudyReport,
-    apply_limits,
+    apply_run_options,
     print_failures,
     results_folder_name,
     run_and_write,
@@ -48,6 +49,7 @@ def compare_command(
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
+    start: Starts = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
@@ -63,7 +65,7 @@ def compare_command(
     and 143 after SIGTERM.
     """
     study = _select_study(path, model_name, parse_assignments(settings))
-    study = apply_limits("compare", study, time_limit, t_end, output_step)
+    study = apply_run_options("compare", study, time_limit, t_end, output_step, start)
     from beamdae.studies.execution.executors import create_executor
 
     run_and_write(
@@ -126,8 +128,8 @@ def _print_results(results: StudyResults) -> None:
     console.print(results.study.name, style="bold")
     ungrouped = results.table[~results.table["group"].isin(list(results.references))]
     if len(ungrouped):
-        n_success = int((ungrouped["status"] == "ok").sum())
-        console.print(f"{len(ungrouped)} cases, {n_success} reached the end time", style="dim")
+        cases = [results.study.cases[row] for row in ungrouped.index]
+        console.print(results.describe_completion(cases), style="dim")
     summaries = dict(iter(results.summary.groupby("group", sort=False)))
     for group, reference in islice(results.references.items(), MAX_SCREEN_ROWS):
         console.print(make_printable(f"{group}: {reference.sentence}"), style="dim", soft_wrap=True)

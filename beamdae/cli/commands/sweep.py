@@ -24,6 +24,7 @@ from beamdae.cli.options import (
     RelativeTolerance,
     Scheduler,
     Settings,
+    Starts,
     StudyPath,
     TimeLimit,
     create_integrator,
@@ -36,7 +37,7 @@ from beamdae.cli.study_outputs import (
     PAGE_FILE,
     StudyOutputs,
     StudyReport,
-    apply_limits,
+    apply_run_options,
     print_failures,
     results_folder_name,
     run_and_write,
@@ -61,6 +62,7 @@ _RUN_OPTIONS = (
     "--time-limit",
     "--t-end",
     "--output-step",
+    "--start",
 )
 
 
@@ -98,6 +100,7 @@ def sweep_command(
     time_limit: TimeLimit = None,
     t_end: EndTime = None,
     output_step: OutputStep = None,
+    start: Starts = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     parquet: Parquet = False,
@@ -119,7 +122,7 @@ def sweep_command(
     if measure:
         if not over:
             raise BeamdaeError("sweep: --modes and --buckling require --over NAME=VALUES.")
-        _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step)
+        _require_no_run_options(integrator, rtol, step, of, time_limit, t_end, output_step, start)
         model = ModelFile(path).model(model_name)
         kind = "_".join(["sweep", *(["modes"] * bool(modes)), *(["buckling"] * bool(buckling))])
         sweep = _sweep_from_options(model, over, settings, measure, kind=kind)
@@ -134,7 +137,7 @@ def sweep_command(
         sweep = replace(sweep, columns=tuple(of)) if of else sweep
     from beamdae.studies.execution.executors import create_executor
 
-    study = apply_limits("sweep", sweep, time_limit, t_end, output_step)
+    study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
     run_and_write(
         StudyOutputs(study, out / study.name, _create_report, parquet, page, picture),
         lambda: create_executor("sweep", "--", jobs, scheduler),
@@ -290,9 +293,7 @@ def _print_results(swept: SweepResults) -> None:
     )
     console = create_console()
     console.print(swept.sweep.name, style="bold")
-    n_success = int((table["status"] == "ok").sum())
-    done = "measured" if swept.sweep.is_measured else "reached the end time"
-    console.print(f"{len(table)} cases, {n_success} {done}", style="dim")
+    console.print(swept.results.describe_completion(swept.sweep.cases), style="dim")
     if len(table) <= MAX_SCREEN_ROWS:
         console.print(
             text_tables.sweep_table(

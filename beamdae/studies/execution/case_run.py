@@ -185,7 +185,8 @@ def _build_equations(task: Task) -> _BuiltEquations:
 @lru_cache(maxsize=1)
 def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
     with record_file_reads() as reads:
-        equations = as_equations("study", key.case.model(**key.case.parameters), sampled=True)
+        case = key.case
+        equations = as_equations("study", case.model(**case.parameters), case.start, sampled=True)
     return _BuiltEquations(equations, reads)
 
 

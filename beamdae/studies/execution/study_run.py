@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from beamdae.errors import (
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import observed_columns, select_observed_columns
-from beamdae.results.outcome import Status
+from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.storage.files import escape_table, write_bytes, write_text
 from beamdae.studies.case import Case, DigestCache
 from beamdae.studies.case_summaries import summarize_cases, summarize_mesh_study
@@ -39,7 +39,7 @@ from beamdae.studies.references import (
 )
 from beamdae.studies.store.folder_lock import lock_folder
 from beamdae.studies.store.store import Store
-from beamdae.studies.tasks import NOT_RUN, Outcome, Task
+from beamdae.studies.tasks import MEASURED, NOT_RUN, Outcome, Task
 from beamdae.studies.unique_names import create_file_names
 
 # The warnings of a case are one text; each begins with the name of a part or column and a colon.
@@ -180,6 +180,18 @@ class StudyResults:
         """True if no case succeeded, or if a group lacks its reference."""
         any_success = (self.table["status"] == "ok").any()
         return not any_success or any(r.table is None for r in self.references.values())
+
+    def describe_completion(self, cases: Sequence[Case]) -> str:
+        """Return the number of cases and how the successful ones ended."""
+        ends = [self.outcome(case).status for case in cases]
+        n_success = sum(status.success for status in ends)
+        n_measured, n_end = ends.count(MEASURED), ends.count(REACHED_END)
+        n_stopped = n_success - n_measured - n_end
+        counts = {"measured": n_measured, "reached the end time": n_end}
+        if n_stopped:
+            counts["stopped by an event"] = n_stopped
+        ended = [f"{n} {end}" for end, n in counts.items() if n]
+        return f"{len(ends)} cases, {', '.join(ended) or 'none completed'}"
 
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.

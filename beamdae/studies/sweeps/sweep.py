@@ -32,6 +32,7 @@ from beamdae.interrupts import (
 )
 from beamdae.model_functions import Model
 from beamdae.model_functions import model as create_model
+from beamdae.parts.rotation import Rotation
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_column_names
 from beamdae.studies.case import Case
@@ -160,6 +161,7 @@ def create_sweep(
     time_limit: float | None = None,
     t_end: float | None = None,
     output_step: float | None = None,
+    start: Any = None,
     measure: Any = None,
 ) -> Sweep:
     """Return a sweep without running it; see `sweep` for parameters and errors."""
@@ -173,12 +175,13 @@ def create_sweep(
                 "time_limit": time_limit,
                 "t_end": t_end,
                 "output_step": output_step,
+                "start": start,
             },
         )
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
     combinations = expand_values(name, model, over)
     cases = [
-        Case(model, {x: entry.value for x, entry in combination.items()}, method)
+        Case(model, {x: entry.value for x, entry in combination.items()}, method, start)
         for combination in combinations
     ]
     return Sweep(
@@ -224,6 +227,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    start: str | Rotation | Mapping[str, float] | None = None,
     measure: Mapping[str, Measure] | None = None,
 ) -> Callable[[Callable[[], Over]], Sweep]: ...
 
@@ -239,6 +243,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    start: str | Rotation | Mapping[str, float] | None = None,
     measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
@@ -258,6 +263,7 @@ def sweep(
     t_end: float | None = None,
     output_step: float | None = None,
     time_limit: float | None = None,
+    start: str | Rotation | Mapping[str, float] | None = None,
     measure: Mapping[str, Measure] | None = None,
     folder: str | Path | None = None,
     jobs: int | None = 1,
@@ -293,9 +299,12 @@ def sweep(
         Integrator of all runs. Defaults to `Auto()`.
     t_end, output_step
         End time and time between rows [s]. The defaults are the end time of the model, and the end
-        time / 400. Maxima and root mean squares are computed from the rows.
+        time / 400. Events of the model can stop runs earlier.
     time_limit
         Maximum wall time of a run [s]. Defaults to no limit.
+    start
+        Initial state of all runs, in the forms accepted by `Mechanism`: "equilibrium", a
+        `rotation`, or values by coordinate. Defaults to the start of the model.
     measure
         Functions of a model that replace the runs, by column name. The defaults of the model are
         the parameters of the case: `{"first [Hz]": lambda model: bd.modes(model).frequencies[0]}`.
@@ -364,6 +373,7 @@ def sweep(
         "t_end": t_end,
         "output_step": output_step,
         "time_limit": time_limit,
+        "start": start,
         "measure": measure,
     }
     if over is not None:

@@ -339,11 +339,9 @@ class SweepResults:
 
     @property
     def _summary(self) -> str:
-        completed = int((self.table[STATUS] == "ok").sum())
         varied = ", ".join(self.sweep.varied) or "nothing"
-        done = "measured" if self.sweep.is_measured else "reached the end time"
-        cases = f"{len(self.table)} cases, {completed} {done}"
-        return f"{self.sweep.name} over {varied}: {cases}"
+        completion = self.results.describe_completion(self.sweep.cases)
+        return f"{self.sweep.name} over {varied}: {completion}"
 
 
 def create_sweep_results(results: StudyResults) -> SweepResults:
