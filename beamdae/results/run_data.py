@@ -359,7 +359,12 @@ class RunData:
         if has_all_steps and not self._is_at_rest:
             rtol = self.integrator.get("rtol") or 0.0
             yield from coarse_row_warnings(
-                self.t, self.columns, self._observe_at, self.equations.length, rtol
+                self.t,
+                self.columns,
+                self._observe_at,
+                self.equations.length,
+                rtol,
+                self.find_drift,
             )
 
     def _observe_at(self, times: Array) -> Array:

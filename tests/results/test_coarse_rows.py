@@ -116,6 +116,20 @@ def test_regression_errors_of_constraints_are_no_vibrations(rtol, count):
     assert len(list(coarse_row_warnings(t, columns, evaluate, 1.0, rtol))) == count
 
 
+def test_regression_the_drift_of_a_bearing_at_constant_speed_is_no_vibration():
+    """Without other motions than that of the shaft, 1e-9 m/s at its center were a vibration."""
+    t = np.linspace(0.0, 0.1, 126)
+
+    def evaluate(x):
+        return np.column_stack([1e-9 * np.sin(1e4 * x), np.full(len(x), 50.0)])
+
+    columns = dict(
+        zip(["shaft.y_dot [m/s]", "shaft.angle_dot [rad/s]"], evaluate(t).T, strict=True)
+    )
+    assert list(coarse_row_warnings(t, columns, evaluate, 0.2, 1e-5))
+    assert not list(coarse_row_warnings(t, columns, evaluate, 0.2, 1e-5, lambda: (1e-12, 1e-9)))
+
+
 @pytest.mark.parametrize("amplitude", [0.08, 0.2])
 def test_regression_the_recommended_step_shows_fast_vibrations_of_a_slow_motion(amplitude):
     """The period of the slow motion was named, with an `output_step` above the present one."""

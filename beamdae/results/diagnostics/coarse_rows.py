@@ -10,6 +10,7 @@ from beamdae.errors import list_first
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
+    drift_limits,
     largest_by,
     mark_constant_columns,
     remove_unit,
@@ -44,6 +45,7 @@ def coarse_row_warnings(
     evaluate: Callable[[Array], Array],
     length: float,
     rtol: float = 0.0,
+    find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
 ) -> Iterator[str]:
     """Yield a warning if columns vibrate with fewer than about six output rows per period.
 
@@ -63,6 +65,8 @@ def coarse_row_warnings(
         Length of the mechanism [m].
     rtol
         Tolerance of the run; 0 for fixed steps.
+    find_drift
+        Function that returns the drift of the constraints in positions [m] and velocities [m/s].
     """
     if len(t) < _MIN_ROWS or not columns:
         return
@@ -83,6 +87,8 @@ def coarse_row_warnings(
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     exceeds = excess > _MIN_EXCESS * half_range
     (coarse,) = np.nonzero(moves & (np.mean(exceeds, axis=0) > _MIN_SHARE_OF_GAPS))
+    if len(coarse):
+        coarse = coarse[(half_range > drift_limits(headers, length, *find_drift()))[coarse]]
     if not len(coarse):
         return
     widths = t[gaps + 1] - t[gaps]
