@@ -5,6 +5,7 @@ Importing this module imports numba and registers the compiled versions with it.
 
 from __future__ import annotations
 
+import inspect
 import math
 from functools import partial
 from types import FunctionType
@@ -21,6 +22,21 @@ from beamdae.native import linear_solver, loop_functions, structs
 
 # The overloads are called only by compiled loops, which need no C wrappers.
 overload = partial(_overload, jit_options={"no_cfunc_wrapper": True})
+
+
+def _compile_as(function):
+    """Decorate the plain Python function that is compiled in place of another one."""
+
+    def register(loop):
+        def choose(*_):
+            return loop
+
+        # Numba requires the same signature.
+        choose.__signature__ = inspect.signature(loop)
+        overload(function)(choose)
+        return loop
+
+    return register
 
 
 @overload(loop_functions.combine)
@@ -46,62 +62,44 @@ def _combine(out, factors, vectors):
     return (one, two, three, four)[len(factors) - 1]
 
 
-@overload(loop_functions.multiply)
+@_compile_as(loop_functions.multiply)
 def _multiply_entries(out, one, other):
-    def loop(out, one, other):
-        for i in range(out.size):
-            out[i] = one[i] * other[i]
-
-    return loop
+    for i in range(out.size):
+        out[i] = one[i] * other[i]
 
 
-@overload(loop_functions.rotate)
+@_compile_as(loop_functions.rotate)
 def _rotate(x, y, angles):
-    def loop(x, y, angles):
-        for i in range(x.size):
-            cosine, sine = math.cos(angles[i]), math.sin(angles[i])
-            x[i], y[i] = cosine * x[i] - sine * y[i], sine * x[i] + cosine * y[i]
-
-    return loop
+    for i in range(x.size):
+        cosine, sine = math.cos(angles[i]), math.sin(angles[i])
+        x[i], y[i] = cosine * x[i] - sine * y[i], sine * x[i] + cosine * y[i]
 
 
-@overload(loop_functions.accumulate)
+@_compile_as(loop_functions.accumulate)
 def _accumulate(out, targets, sources, steps):
-    def loop(out, targets, sources, steps):
-        for k in range(np.uint64(targets.size)):
-            out[targets[k]] = out[sources[k]] + steps[k]
-
-    return loop
+    for k in range(np.uint64(targets.size)):
+        out[targets[k]] = out[sources[k]] + steps[k]
 
 
-@overload(loop_functions.fill)
+@_compile_as(loop_functions.fill)
 def _fill(out, value):
-    def loop(out, value):
-        for i in range(out.size):
-            out[i] = value
-
-    return loop
+    for i in range(out.size):
+        out[i] = value
 
 
-@overload(loop_functions.minimum)
+@_compile_as(loop_functions.minimum)
 def _minimum(out, vector, factor, other):
-    def loop(out, vector, factor, other):
-        for i in range(out.size):
-            value, limit = vector[i], factor * other[i]
-            # NaN is kept.
-            out[i] = value if value < limit or value != value else limit
-
-    return loop
+    for i in range(out.size):
+        value, limit = vector[i], factor * other[i]
+        # NaN is kept.
+        out[i] = value if value < limit or value != value else limit
 
 
-@overload(loop_functions.split_complex)
+@_compile_as(loop_functions.split_complex)
 def _parts(real, imaginary, vector):
-    def loop(real, imaginary, vector):
-        for i in range(real.size):
-            real[i] = vector[i].real
-            imaginary[i] = vector[i].imag
-
-    return loop
+    for i in range(real.size):
+        real[i] = vector[i].real
+        imaginary[i] = vector[i].imag
 
 
 def _are_dense_reals(*arrays):
@@ -140,71 +138,53 @@ def _inner_product(one, other):
     return lambda one, other: _sum_of_products_ir((one, other))
 
 
-@overload(loop_functions.locate_largest)
+@_compile_as(loop_functions.locate_largest)
 def _where_largest(vector, weights):
-    def loop(vector, weights):
-        at, largest = 0, -1.0
-        for i in range(vector.size):
-            size = abs(vector[i] * weights[i])
-            if size > largest:
-                at, largest = i, size
-            elif size != size:
-                return i
-        return at
-
-    return loop
+    at, largest = 0, -1.0
+    for i in range(vector.size):
+        size = abs(vector[i] * weights[i])
+        if size > largest:
+            at, largest = i, size
+        elif size != size:
+            return i
+    return at
 
 
 # The loops over entries have unsigned indices, so that they do not check for negative ones.
 
 
-@overload(loop_functions.pick)
+@_compile_as(loop_functions.pick)
 def _pick(out, at, vector, of, begin, end):
-    def loop(out, at, vector, of, begin, end):
-        for k in range(np.uint64(begin), np.uint64(end)):
-            out[at[k]] = vector[of[k]]
-
-    return loop
+    for k in range(np.uint64(begin), np.uint64(end)):
+        out[at[k]] = vector[of[k]]
 
 
-@overload(loop_functions.gather)
+@_compile_as(loop_functions.gather)
 def _gather(out, at, weights, vector, of, begin, end):
-    def loop(out, at, weights, vector, of, begin, end):
-        for k in range(np.uint64(begin), np.uint64(end)):
-            out[at[k]] = 0.0
-        for k in range(np.uint64(begin), np.uint64(end)):
-            out[at[k]] += weights[k] * vector[of[k]]
-
-    return loop
+    for k in range(np.uint64(begin), np.uint64(end)):
+        out[at[k]] = 0.0
+    for k in range(np.uint64(begin), np.uint64(end)):
+        out[at[k]] += weights[k] * vector[of[k]]
 
 
-@overload(loop_functions.add)
+@_compile_as(loop_functions.add)
 def _add(out, rows, vector, of, begin, end):
-    def loop(out, rows, vector, of, begin, end):
-        for k in range(np.uint64(begin), np.uint64(end)):
-            out[rows[k]] += vector[of[k]]
-
-    return loop
+    for k in range(np.uint64(begin), np.uint64(end)):
+        out[rows[k]] += vector[of[k]]
 
 
-@overload(loop_functions.add_weighted)
+@_compile_as(loop_functions.add_weighted)
 def _add_weighted(out, rows, weights, vector, of, begin, end):
-    def loop(out, rows, weights, vector, of, begin, end):
-        for k in range(np.uint64(begin), np.uint64(end)):
-            out[rows[k]] += weights[k] * vector[of[k]]
-
-    return loop
+    for k in range(np.uint64(begin), np.uint64(end)):
+        out[rows[k]] += weights[k] * vector[of[k]]
 
 
-@overload(loop_functions.scatter)
+@_compile_as(loop_functions.scatter)
 def _scatter(out, rows, weights, vector, of):
-    def loop(out, rows, weights, vector, of):
-        for i in range(out.size):
-            out[i] = 0.0
-        for k in range(rows.size):
-            out[rows[k]] += weights[k] * vector[of[k]]
-
-    return loop
+    for i in range(out.size):
+        out[i] = 0.0
+    for k in range(rows.size):
+        out[rows[k]] += weights[k] * vector[of[k]]
 
 
 @intrinsic
@@ -231,13 +211,10 @@ def _start_of(typing, array):
     return types.CPointer(array.dtype)(array), code
 
 
-@overload(loop_functions.call_kernel)
+@_compile_as(loop_functions.call_kernel)
 def _kernel(kernels, k, shared, local, start, out, lanes):
-    def loop(kernels, k, shared, local, start, out, lanes):
-        inputs = _start_of(local[start:])
-        _call_kernel(kernels[k], _start_of(shared), inputs, _start_of(out), lanes)
-
-    return loop
+    inputs = _start_of(local[start:])
+    _call_kernel(kernels[k], _start_of(shared), inputs, _start_of(out), lanes)
 
 
 class _LaneArray:
@@ -514,13 +491,10 @@ def _broadcast_lanes(context, builder, kinds, values):
         lanes.store(builder.add(begin, loop.index), parts)
 
 
-@overload(lane_operations.clear_lanes)
+@_compile_as(lane_operations.clear_lanes)
 def _clear_lanes(lanes, begin, count):
-    def loop(lanes, begin, count):
-        for i in range(lane_operations.LANES * begin, lane_operations.LANES * (begin + count)):
-            lanes[i] = 0.0
-
-    return loop
+    for i in range(lane_operations.LANES * begin, lane_operations.LANES * (begin + count)):
+        lanes[i] = 0.0
 
 
 @_overload_with(lane_operations.invert_lanes)
@@ -873,54 +847,31 @@ _overload_substitution(lane_operations.substitute_forward, _substitute_forward_i
 _overload_substitution(lane_operations.substitute_backward, _substitute_backward_ir)
 
 
-@overload(lane_operations.subtract_unit_triangle)
+@_compile_as(lane_operations.subtract_unit_triangle)
 def _subtract_unit_triangle(lanes, begin, count, rows, blocks, first, size):
-    def loop(lanes, begin, count, rows, blocks, first, size):
-        for k in range(count):
-            _subtract_lanes(
-                (
-                    lanes,
-                    begin + k + 1,
-                    rows - k - 1,
-                    blocks,
-                    first + k * size + k + 1,
-                    begin + k,
-                )
+    for k in range(count):
+        _subtract_lanes(
+            (
+                lanes,
+                begin + k + 1,
+                rows - k - 1,
+                blocks,
+                first + k * size + k + 1,
+                begin + k,
             )
-
-    return loop
-
-
-@overload(loop_functions.factorize)
-def _factorize(linear, nonzeros):
-    def loop(linear, nonzeros):
-        return linear_solver.factorize_linear(linear, nonzeros)
-
-    return loop
+        )
 
 
-@overload(loop_functions.eliminate)
-def _eliminate(linear, nonzeros):
-    def loop(linear, nonzeros):
-        return linear_solver.eliminate_linear(linear, nonzeros)
-
-    return loop
+_compile_as(loop_functions.factorize)(linear_solver.factorize_linear)
+_compile_as(loop_functions.eliminate)(linear_solver.eliminate_linear)
 
 
-@overload(loop_functions.omit_refinement)
+@_compile_as(loop_functions.omit_refinement)
 def _omit_refinement(linear):
-    def loop(linear):
-        linear.factors.refinements[0] = 0
-
-    return loop
+    linear.factors.refinements[0] = 0
 
 
-@overload(loop_functions.solve)
-def _solve(linear, right):
-    def loop(linear, right):
-        linear_solver.solve_linear(linear, right)
-
-    return loop
+_compile_as(loop_functions.solve)(linear_solver.solve_linear)
 
 
 @intrinsic
@@ -935,12 +886,9 @@ def _numbers_at(typing, address, size):
     return kind(types.int64, types.int64), code
 
 
-@overload(loop_functions.array_at)
+@_compile_as(loop_functions.array_at)
 def _array_at(address, size):
-    def loop(address, size):
-        return _numbers_at(address, size)
-
-    return loop
+    return _numbers_at(address, size)
 
 
 def _c_function(result):
@@ -963,17 +911,11 @@ def _c_function(result):
 _call_for_int, _call_for_pointer = _c_function(types.int32), _c_function(types.int64)
 
 
-@overload(loop_functions.call_for_int)
+@_compile_as(loop_functions.call_for_int)
 def _int_of(address, arguments):
-    def loop(address, arguments):
-        return _call_for_int(address, arguments)
-
-    return loop
+    return _call_for_int(address, arguments)
 
 
-@overload(loop_functions.call_for_pointer)
+@_compile_as(loop_functions.call_for_pointer)
 def _pointer_of(address, arguments):
-    def loop(address, arguments):
-        return _call_for_pointer(address, arguments)
-
-    return loop
+    return _call_for_pointer(address, arguments)
