@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.linear_model import LinearModel
@@ -54,6 +53,7 @@ _GUIDE_POINTS = 101
 _VIEW_MARGIN = 0.05  # of the frequencies shown first, relative to the largest one
 # Columns with smaller half ranges, relative to the largest one in their unit, are rounding noise.
 _NOISE_RANGE = 1e-9
+_NUMBERS = "biuf"  # kinds of NumPy's types of numbers
 # Transfer functions below this share of the bound by the norms of matrices are rounding noise.
 _TRANSFER_ROUNDING = 10.0 * np.finfo(float).eps
 _QUARTILES = (0.25, 0.5, 0.75)
@@ -222,7 +222,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
 
 def _describe_mode_column(name: str, values: Any) -> dict[str, str]:
     unit = Header.of(name).unit
-    kind = "number" if pd.api.types.is_numeric_dtype(values) else "text"
+    kind = "number" if np.asarray(values).dtype.kind in _NUMBERS else "text"
     return {"key": name, "label": name.removesuffix(f" [{unit}]"), "unit": unit, "kind": kind}
 
 

@@ -108,13 +108,13 @@ def observed_columns(table: Iterable[object]) -> list[str]:
     return [str(column) for column in table if str(column) not in others]
 
 
-def merge_columns(observed: Mapping[str, Any], coordinates: Any) -> dict[str, Any]:
+def merge_columns(observed: Mapping[str, Any], coordinates: Mapping[str, Any]) -> dict[str, Any]:
     """Merge observed columns and coordinates into one dictionary by header.
 
     If both contain a header, the observed column takes precedence: a point of a body may be
     observed under the name of the body.
     """
-    return {**observed, **dict(coordinates), **observed}
+    return {**observed, **coordinates, **observed}
 
 
 def select_columns(

@@ -303,7 +303,7 @@ class Equilibrium(HasPage):
     def _select(self, name: Any) -> tuple[dict[str, Any], list[str]]:
         """Return all columns, and the headers of those selected by a name."""
         observed = self.all_columns()
-        columns = merge_columns(observed, self.coordinates())
+        columns = merge_columns(observed, self.coordinate_columns())
         return columns, select_columns(columns, name, "Equilibrium", observed)
 
     def plot(self, *names: str, x: str | None = None) -> Plot:
@@ -345,8 +345,12 @@ class Equilibrium(HasPage):
         """
         import pandas as pd
 
-        names = static_coordinate_headers(self.equations)
-        return pd.DataFrame(np.hstack([self.q, self.lam]), columns=names)
+        return pd.DataFrame(self.coordinate_columns(), index=range(len(self.q)))
+
+    def coordinate_columns(self) -> dict[str, Array]:
+        """Return the columns of `coordinates`, one value per point of the path, by header."""
+        rows = np.hstack([self.q, self.lam])
+        return dict(zip(static_coordinate_headers(self.equations), rows.T, strict=True))
 
     @interruptible
     def section_forces(self, beam: Any, s: Any = None) -> SectionForces:

@@ -73,11 +73,13 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
         (["list", str(MODEL)], ("casadi", "scipy", "pandas")),
         (["examples"], ("casadi", "scipy", "pandas")),
         (["check", str(MODEL)], ("pandas", "matplotlib")),
+        (["static", str(MODEL.with_name("pendulum.py"))], ("pandas", "scipy.optimize")),
+        (["modes", str(MODEL.with_name("pendulum.py"))], ("scipy.optimize",)),
         (["draw", str(MODEL)], ("pandas", "scipy.optimize", "beamdae.analysis")),
     ],
 )
 def test_commands_import_only_what_they_need(command, never, tmp_path):
-    """Saving a picture imported pandas and all analyses; tables of models imported CasADi."""
+    """Pictures and pages imported pandas and all analyses; tables of models imported CasADi."""
     code = f"""
 import sys
 from beamdae.__main__ import main

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from beamdae.analysis.eigenproblems.eigensolution import DECAY
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -473,6 +472,9 @@ def _follow(
     mac = start.modes.mac(after)[start.order]
     decayed, decays = (np.array(x.kinds) == DECAY for x in (start.modes, after))
     weights = np.where(decays & ~decayed[start.order, None], _DECAY_WEIGHT, 1.0)
+    # Imported here because it takes longer than the modes of one speed.
+    from scipy.optimize import linear_sum_assignment
+
     rows, matches = linear_sum_assignment(-weights * mac)
     lost = mac[rows, matches] < _MIN_MAC
     if halvings and lost.any():

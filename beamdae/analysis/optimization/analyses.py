@@ -253,7 +253,7 @@ class EquilibriumAnalysis(Analysis):
         """Return the gradient by the adjoint, or None if it does not apply."""
         path = self.result
         e = path.equations
-        available = {str(x).partition(" [")[0] for x in (*path.columns, *path.coordinates())}
+        available = {x.partition(" [")[0] for x in (*path.columns, *path.coordinate_columns())}
         is_end_value = not any(isinstance(x, (CriticalLoad, EquilibriumErrors)) for x in weights)
         if not is_end_value or len(path.loads) > 1 or path.factor != 1.0 or path.free:
             return None

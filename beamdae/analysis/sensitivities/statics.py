@@ -116,7 +116,7 @@ class EquilibriumSensitivities(SensitivityResult):
         """
         parameter = self._require_parameter("sensitivity", parameter)
         observed = self._columns[parameter]
-        headers = [str(header) for header in self.equilibrium.coordinates()]
+        headers = self.equilibrium.coordinate_columns()
         values = np.hstack([self.q[parameter], self.lam[parameter]]).T
         columns: dict[str, Array] = dict(zip(headers, values, strict=True))
         columns |= observed

@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from beamdae.analysis.sensitivities.sensitivity_result import configure_model
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
@@ -461,6 +460,9 @@ class _Segment:
             if size in known:
                 return float(known[size])
             return float(self.curve.tangent(self.point_at(size), plane)[-1])
+
+        # Imported here because it takes longer than most equilibria, which import this module, too.
+        from scipy.optimize import brentq
 
         tolerance = _POSITION_TOLERANCE * self.size
         return self.point_at(float(brentq(rate, 0.0, self.size, xtol=tolerance)))

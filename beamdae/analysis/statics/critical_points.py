@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.newton_loop import CORRECTION_ROUNDING
@@ -621,6 +620,9 @@ def _find_sign_change(
 
     def value(position: float) -> float:
         return known[position] if position in known else function(position)
+
+    # Imported here because it takes longer than most equilibria.
+    from scipy.optimize import brentq
 
     return float(brentq(value, 0.0, 1.0, xtol=tolerance))
 

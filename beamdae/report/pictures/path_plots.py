@@ -83,7 +83,7 @@ def plot_path(equilibrium: Equilibrium, names: Sequence[str], x: str | None = No
 def _create_selected_figure(
     equilibrium: Equilibrium, title: str, names: Sequence[str], x: str | None
 ) -> Figure:
-    merged = merge_columns(equilibrium.columns, equilibrium.coordinates())
+    merged = merge_columns(equilibrium.columns, equilibrium.coordinate_columns())
 
     def select(name: str) -> list[str]:
         return select_columns(merged, name, "Equilibrium", equilibrium.columns)
