@@ -163,14 +163,14 @@ def eliminate_batch(
     set_tiles(batch.results, batch.pivots, LANES, tiles, 0, len(tiles))
     if not _is_finite(plan, batch):
         return False
-    select_factors(plan, factors, batch, 0)
+    select_factors(factors, batch, 0)
     if not is_tested:
         return True
     read_matrix(batch, 0, factors.matrix)
     return find_refinements(plan, factors)
 
 
-def select_factors(plan: EliminationPlan, factors: Factors, batch: BatchFactors, lane: int) -> None:
+def select_factors(factors: Factors, batch: BatchFactors, lane: int) -> None:
     """Set `factors` to those of a lane, with the refinements of the last test."""
     begin = lane * batch.width[0]
     end = begin + len(factors.blocks)

@@ -20,9 +20,9 @@ _DIGITS = 6  # of estimates and limits
 _GROUP = "data"  # id of the group of experiments without a name
 
 
-def write_fit_page(fit: Fit, path: Path, title: str = "") -> Path:
+def write_fit_page(fit: Fit, path: Path) -> Path:
     """Write the page of a fit and return its path; see `Fit.page`."""
-    return write_page(path, build_fit_page(fit, title or f"Fit of {fit.model_name}"))
+    return write_page(path, build_fit_page(fit, f"Fit of {fit.model_name}"))
 
 
 def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:

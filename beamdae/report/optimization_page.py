@@ -33,11 +33,9 @@ _DESIGN, _OBJECTIVE, _VIOLATION = "design", "objective", "violation"
 _MAX_NUMBER_COLUMNS = 12
 
 
-def write_optimization_page(result: Optimization, path: Path, title: str = "") -> Path:
+def write_optimization_page(result: Optimization, path: Path) -> Path:
     """Write the page of an optimization and return its path; see `Optimization.page`."""
-    return write_page(
-        path, build_optimization_page(result, title or f"Design of {result.model['name']}")
-    )
+    return write_page(path, build_optimization_page(result, f"Design of {result.model['name']}"))
 
 
 def build_optimization_page(result: Optimization, title: str) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def test_factors_are_those_of_single_matrices(proposal):
     expected = allocate_factors(linear.plan, float)
     for lane, nonzeros in enumerate(matrices):
         assert refactorize(linear.plan, expected, nonzeros)
-        select_factors(linear.plan, linear.factors, linear.batch, lane)
+        select_factors(linear.factors, linear.batch, lane)
         for name in ("blocks", "upper", "lower", "inverse"):
             one, other = (getattr(x, name) for x in (linear.factors, expected))
             np.testing.assert_array_equal(one, other)
@@ -97,7 +97,7 @@ def test_refinement_uses_the_matrix_of_the_lane():
     linear.factors.refinements[0] = 1
     assert factorize(linear, matrices, False) == DONE
     for lane, nonzeros in enumerate(matrices):
-        select_factors(linear.plan, linear.factors, linear.batch, lane)
+        select_factors(linear.factors, linear.batch, lane)
         expected = allocate_factors(linear.plan, float)
         assert refactorize(linear.plan, expected, nonzeros)
         expected.refinements[0] = 1

@@ -273,7 +273,7 @@ def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
                 return code
         run.staged, run.lane = count, 0
     elif run.staged > 1:
-        select_factors(run.linear.plan, run.linear.factors, run.linear.batch, run.lane)
+        select_factors(run.linear.factors, run.linear.batch, run.lane)
     run.lane += 1
     return DONE
 

@@ -101,7 +101,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
         axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
     labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * float(np.max(high - low)))
     if np.any(mechanism.gravity):
-        labels.append(_draw_gravity(mechanism.gravity, low, high, scene.size, axis))
+        labels.append(_draw_gravity(mechanism.gravity, high, scene.size, axis))
         high = np.add(high, (4.0 * scene.size, 0.0))
     axis.dataLim.set_points(np.array([low, high]))
     axis.margins(_SCENE_MARGIN)
@@ -135,9 +135,7 @@ def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figur
     return figure, axis
 
 
-def _draw_gravity(
-    gravity: Array, low: Array, high: Array, size: float, axis: Any
-) -> tuple[Array, str]:
+def _draw_gravity(gravity: Array, high: Array, size: float, axis: Any) -> tuple[Array, str]:
     """Draw the gravity arrow right of the upper right corner; return its position and label."""
     along = gravity / np.hypot(*gravity)
     center = np.array([high[0] + 3.0 * size, high[1]])

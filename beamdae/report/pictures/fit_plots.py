@@ -20,8 +20,6 @@ from beamdae.results.columns import Header
 from beamdae.results.displays import Plot
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from beamdae.analysis.fit.profile import ProfileLikelihood
     from beamdae.analysis.fit.result import Fit
 
@@ -33,16 +31,9 @@ _BAND = 1.96
 
 def plot_fit(fit: Fit) -> Plot:
     """Plot data and model, and the residuals in standard deviations; see `Fit.plot`."""
-    figure = create_fit_figure(fit, "")
-    disable_math_text(figure)
-    return Plot(figure)
-
-
-def create_fit_figure(fit: Fit, title: str) -> Figure:
-    """Create a figure with two panels per series: data and model, and residuals."""
     table = fit.residual_table()
     series = list(table.groupby(["experiment", "observable"], sort=False))
-    figure, axes = create_panels(2 * len(series), title)
+    figure, axes = create_panels(2 * len(series), "")
     data_style: dict[str, Any] = {"color": COLORS[0], "ls": "", "marker": "o", "ms": 2.5}
     model_style: dict[str, Any] = {"color": COLORS[3], "lw": 1.2}
     for k, (key, rows) in enumerate(series[: MAX_PANELS // 2]):
@@ -60,7 +51,8 @@ def create_fit_figure(fit: Fit, title: str) -> Figure:
         format_axis(residuals, shorten_text(f"residuals of {label}", _TITLE_LETTERS), "[sigma]")
     band = {"color": "0.85", "lw": 6}
     add_legend(figure, {"data": data_style, "model": model_style, "95 % of residuals": band})
-    return figure
+    disable_math_text(figure)
+    return Plot(figure)
 
 
 def plot_profile(profile: ProfileLikelihood) -> Plot:
