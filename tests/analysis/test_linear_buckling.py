@@ -21,6 +21,18 @@ def column(height=2e-3, elements=8, formulation="exact", axes="inertial", sign=-
     return mech
 
 
+def hinged_column(elements, formulation):
+    """Return a column of 1 m on hinges under a load of 1 N."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    line = bd.Line((0.0, 0.0), (0.0, 1.0))
+    beam = mech.add(bd.Beam("column", line, strip, elements, formulation=formulation))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 1.0), beam.end, (0.0, 1.0)))
+    mech.add(bd.Force("press", beam.end, (0.0, -1.0)))
+    return mech
+
+
 def portal(span=1.0):
     """Return a portal frame with clamped feet and rigid corners, EI / L^2 on each column."""
     section = bd.Section.rectangle(STEEL, width=0.02, height=2e-3)
@@ -162,3 +174,28 @@ def test_result_is_a_table_and_a_picture(tmp_path):
     assert list(table) == ["mode", "load factor [-]", "moves most"]
     assert "2.46" in repr(result)
     assert bd.draw_modes(result).save(tmp_path / "modes.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("formulation", ["floating frame", "exact"])
+def test_regression_long_elements_have_a_warning(formulation):
+    """The second factor of a column of one element was 52 % too high without a word."""
+    mech = hinged_column(1, formulation)
+    with pytest.warns(bd.BeamdaeWarning, match=r"elements are too long for mode \d"):
+        coarse = bd.buckling(mech, n=2)
+    euler = mech.part("column").section.EI * np.pi**2 * np.array([1.0, 4.0])
+    assert coarse.factors[0] > 1.01 * euler[0]
+    assert coarse.factors[1] > 1.5 * euler[1]
+    fine = bd.buckling(hinged_column(4, formulation), n=2)
+    assert not fine.warnings
+    assert_allclose(fine.factors, euler, rtol=1e-3)
+
+
+def test_waves_on_elastic_supports_are_longer_than_the_load_implies():
+    """Supports carry half the load: the wave number is 0.7 times that of a free column."""
+    mech = hinged_column(8, "exact")
+    column = mech.part("column")
+    for k in range(1, 8):
+        s = k / 8.0
+        support = mech.ground.at(0.0, s)
+        mech.add(bd.Bushing(f"support {k}", support, column.at(s), kx=2000.0, angle=0.0))
+    assert not bd.buckling(mech, n=5).warnings

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
+from beamdae.analysis.statics.buckling_mesh_errors import buckling_mesh_warnings
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
@@ -73,6 +74,7 @@ class Buckling(HasModeShapes):
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
         Warnings of the model, and warnings that displacements before buckling are not negligible,
+        that the elements of a beam are too long for modes (estimated errors of factors above 1 %),
         that there are fewer factors than requested, or that the loads have no potential.
     """
 
@@ -218,6 +220,10 @@ def buckling(
     if len(factors) and not warnings:
         buckled = begin.x + float(factors[0]) * path.response.x
         warnings += buckling_warnings(e, buckled[: e.n])
+    if len(factors):
+        warnings += buckling_mesh_warnings(
+            e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
+        )
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
