@@ -22,6 +22,7 @@ MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does no
 _USUAL_DEGREES, _MAX_DEGREES = 15.0, 720.0  # multiples of angles in degrees
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
+CASADI_MISMATCH = "shapes or types of CasADi expressions do not match"
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
 _MAX_PATH_LENGTH = 4096  # characters of a path, on any system
 _MAX_NAME_LENGTH = 100  # characters of the name of a part
@@ -258,7 +259,7 @@ def format_message(exception: BaseException) -> str:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     if trace is not None and Path(trace.tb_frame.f_code.co_filename).parent.name == "casadi":
-        return "shapes or types of CasADi expressions do not match"
+        return CASADI_MISMATCH
     return _shorten(exception_text(exception), _MAX_MESSAGE_LENGTH).rstrip(".")
 
 

@@ -31,6 +31,7 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import parse_unit, split_unit, standardize_header, suggest_unit
 from beamdae.read_only import read_only
+from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import SX, Local
 from beamdae.symbolic.table_calls import (
@@ -241,7 +242,9 @@ class Table:
             )
         values = [as_expression(x) for x in arguments]
         if any(isinstance(x, (ca.SX, ca.DM)) for x in values):
-            return self._express(tuple(SX(x) for x in values))
+            value = self._express(tuple(SX(x) for x in values))
+            is_entry = any(isinstance(x, ScalarExpression) for x in values)
+            return as_scalar(value) if is_entry else value
         try:
             arrays = [np.asarray(x) for x in values]
             if any(x.dtype == object for x in arrays):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from conformance import integrators
@@ -121,6 +122,52 @@ def test_numpy_functions_of_symbols(native, monkeypatch):
         assert_allclose(-numeric.force(q, v), law(At, 0.3), rtol=1e-13)
 
 
+def _tangent_by_components(r):
+    length = np.sqrt(r[0] ** 2 + r[1] ** 2)
+    return (-r[1] / length, r[0] / length)
+
+
+LINE = bd.table([-10.0, 10.0], [3.0, -3.0], kind="linear")
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+VECTOR_LAWS = {
+    "array @ vector": lambda r, v: (np.array([-r[1], r[0]]) / np.sqrt(r @ r), lambda e: e @ v),
+    "vector @ array": lambda r, v: (np.array([-r[1], r[0]]) / np.sqrt(r @ r), lambda e: v @ e),
+    "np.dot": lambda r, v: (np.array([-r[1], r[0]]) / np.hypot(*r), lambda e: np.dot(v, e)),
+    "matrix": lambda r, v: (QUARTER_TURN @ r / np.linalg.norm(r), lambda e: np.dot(e, v)),
+    "sum": lambda r, v: (np.array([-r[1], r[0]]) * (r @ r) ** -0.5, lambda e: np.sum(e * v)),
+    "table": lambda r, v: (
+        np.array([-r[1], r[0]]) / np.sqrt(r @ r),
+        lambda e: -LINE(v @ e) * np.array([0.0, 1.0 / 0.3]) @ np.array([0.5, 1.0]),
+    ),
+    "smooth functions": lambda r, v: (
+        np.array([-r[1], r[0]]) / np.sqrt(bd.positive_part(r @ r)),
+        lambda e: bd.smooth_sign(1e6 * v @ v, 1.0) * e @ v,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VECTOR_LAWS)
+def test_regression_vectors_of_a_law_multiply_arrays(name):
+    """An array divided by an expression became a matrix of CasADi, whose products failed."""
+
+    def law(point, t):
+        direction, product = VECTOR_LAWS[name](point.position, point.velocity)
+        return -0.3 * product(direction) * direction
+
+    def law_by_components(point, t):
+        ex, ey = _tangent_by_components(point.position)
+        speed = point.velocity[0] * ex + point.velocity[1] * ey
+        return (-0.3 * speed * ex, -0.3 * speed * ey)
+
+    forces = []
+    for each in (law, law_by_components):
+        mech = bd.Mechanism()
+        bob = mech.add(bd.PointMass("bob", 1.0, at=(1.0, 0.0)))
+        mech.add(bd.ForceLaw("drag", bob.point, each))
+        forces.append(NumericEquations(mech).force([0.8, 0.4], [0.5, -1.0]))
+    assert_allclose(*forces, rtol=1e-13)
+
+
 BODY = bd.RigidBody("body", mass=1.0, inertia=1.0)
 ON, BOB = BODY.at(0.0, 0.0), bd.PointMass("bob", 1.0, at=(1.0, 0.0)).point
 GROUND = bd.Mechanism().ground.at(0.0, 0.0)
@@ -165,6 +212,10 @@ GROUND = bd.Mechanism().ground.at(0.0, 0.0)
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (float(a.rate), 0.0)),
             "f: law must be a formula of numpy functions such as np.sin",
+        ),
+        (
+            lambda: bd.ForceLaw("f", ON, lambda a, t: a.velocity @ ca.vertcat(1.0, 2.0) * t),
+            "f: law must be a formula .* do not match. Use vectors of equal length, or write their",
         ),
         (
             lambda: bd.ForceLaw("f", ON, lambda a, t: (0, 0), energy=lambda a: a.rate),

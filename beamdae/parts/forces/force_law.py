@@ -22,6 +22,7 @@ from beamdae.parts.forces.formula_checks import (
 )
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
+from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.statements import (
     SX,
     ForceKernel,
@@ -113,8 +114,12 @@ class _LoadValues(_AttachedLaw):
 
 def _point_motion(local: Local, on: Attachment, position: SX, rotation: SX) -> PointMotion:
     velocity = local.dot(position)
-    angle = SX(rotation) + on.inclination
-    return PointMotion(as_vector(position), angle, as_vector(velocity), local.dot(SX(rotation)))
+    angle, rate = SX(rotation) + on.inclination, local.dot(SX(rotation))
+    return _motion_of(position, angle, velocity, rate)
+
+
+def _motion_of(position: SX, angle: SX, velocity: SX, rate: SX) -> PointMotion:
+    return PointMotion(as_vector(position), as_scalar(angle), as_vector(velocity), as_scalar(rate))
 
 
 def evaluate_loads(part: str, law: Callable[..., Any], motions: Sequence[PointMotion], t: SX) -> SX:
@@ -167,8 +172,9 @@ class ForceLaw(ObservableLoad):
         `rate` [rad/s] in the inertial frame. The function returns the load (Fx, Fy) or (Fx, Fy, M)
         [N, N m] on a single attachment, or a list of loads, one per attachment.
         Formulas consist of NumPy functions (np.sin, np.sqrt, np.tanh, np.maximum, np.abs, ...) and
-        must not have jumps; see `bd.positive_part` and `bd.smooth_sign`. Forces between attachments
-        are not balanced automatically: return both action and reaction.
+        products of arrays (a @ b, np.dot), and must not have jumps; see `bd.positive_part` and
+        `bd.smooth_sign`. Forces between attachments are not balanced automatically: return both
+        action and reaction.
     energy
         Function `energy(a, b, ...)` of the same objects: a potential [J] of positions and angles.
         The potential is part of the strain energy; only the remaining power of the law is that of a
@@ -225,11 +231,10 @@ class ForceLaw(ObservableLoad):
     def _require_valid(self) -> None:
         require_function(self.name, "law", self.law)
         motions = [
-            PointMotion(*(as_vector(x) if x.numel() == 2 else x for x in symbols))
-            for symbols in (
-                (SX.sym("position", 2), SX.sym("angle"), SX.sym("velocity", 2), SX.sym("rate"))
-                for _ in self.on
+            _motion_of(
+                SX.sym("position", 2), SX.sym("angle"), SX.sym("velocity", 2), SX.sym("rate")
             )
+            for _ in self.on
         ]
         t = SX.sym("t")
         arguments = [ca.vertcat(*m.position, m.angle, *m.velocity, m.rate) for m in motions]

@@ -10,11 +10,13 @@ import casadi as ca
 import numpy as np
 
 from beamdae.errors import (
+    CASADI_MISMATCH,
     BeamdaeError,
     exception_text,
     format_exception,
     short_repr,
 )
+from beamdae.symbolic.scalar_expression import as_scalar
 from beamdae.symbolic.signals import as_expression, find_signals
 from beamdae.symbolic.statements import SX
 from beamdae.symbolic.table_calls import inside_formula
@@ -27,11 +29,15 @@ _JUMP_OPERATIONS = {
 _SMOOTH_ALTERNATIVES = (
     "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
 )
+_VECTOR_ADVICE = (
+    "Use vectors of equal length, or write their product by components, such as "
+    "a[0] * b[0] + a[1] * b[1]."
+)
 
 
 def as_vector(column: SX) -> np.ndarray:
     """Return a column as a NumPy array of expressions, which user code can unpack and add."""
-    return np.array([column[k] for k in range(column.numel())], dtype=object)
+    return np.array([as_scalar(column[k]) for k in range(column.numel())], dtype=object)
 
 
 def list_entries(value: Any) -> list[Any]:
@@ -66,7 +72,7 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
             # CasADi 3.8 warns about NumPy functions of its symbols; see `beamdae.parts.laws`.
             warnings.simplefilter("ignore", FutureWarning)
             with inside_formula():
-                return function(*symbols)
+                return function(*map(as_scalar, symbols))
     except BeamdaeError:
         raise
     except Exception as problem:
@@ -75,9 +81,11 @@ def evaluate_formula(part: str, what: str, function: Callable[..., Any], *symbol
                 f"{part}: {what} must be a formula without branches on arguments (if, "
                 f"while, and, or, min, max); use {_SMOOTH_ALTERNATIVES}."
             ) from None
+        is_mismatch = CASADI_MISMATCH in format_exception(problem)
+        advice = f" {_VECTOR_ADVICE}" if is_mismatch else ""
         raise BeamdaeError(
             f"{part}: {what} must be a formula of numpy functions such as np.sin, but "
-            f"the call failed: {format_exception(problem)}."
+            f"the call failed: {format_exception(problem)}.{advice}"
         ) from problem
 
 

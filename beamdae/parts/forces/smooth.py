@@ -38,7 +38,7 @@ def positive_part(x: Any) -> Any:
     array([0., 2.])
     """
     x = _require_numeric("positive_part", x)
-    return ca.fmax(x, 0.0) if isinstance(x, ca.SX) else np.maximum(x, 0.0)
+    return x.fmax(0.0) if isinstance(x, ca.SX) else np.maximum(x, 0.0)
 
 
 def smooth_sign(x: Any, scale: Any) -> Any:
@@ -66,7 +66,7 @@ def smooth_sign(x: Any, scale: Any) -> Any:
     if not isinstance(scale, ca.SX):
         scale = require_positive("smooth_sign", "scale", scale)
     is_symbolic = isinstance(x, ca.SX) or isinstance(scale, ca.SX)
-    return ca.tanh(x / scale) if is_symbolic else np.tanh(x / scale)
+    return (x / scale).tanh() if is_symbolic else np.tanh(x / scale)
 
 
 def require_stribeck(
