@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -20,13 +20,15 @@ from beamdae.equations.assembly.coordinate_map import (
     map_coordinates,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
+from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.parts.forces.regularized_friction import suggest_speed
-from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.mechanism import EQUILIBRIUM, Mechanism
 from beamdae.parts.part import Part, SurfaceGap
 from beamdae.symbolic.kernel_groups import group_by_kernel
 from beamdae.symbolic.statements import ForceStatement, Local, Quantity, QuantityKernel
@@ -48,6 +50,10 @@ _MAX_IMBALANCE = 0.1
 # ... and the penetration is at most this fraction of the length of the mechanism: a point between
 # two reversed surfaces is balanced, too.
 _MAX_BALANCED_DEPTH = 0.05
+# Such a shallow contact also is explained if it is at least this deep, relative to its start, in
+# the equilibrium that is reached from there: elastic parts that are drawn without stress balance
+# the contact force after small displacements.
+_MIN_RESTING_SHARE = 0.5
 # Stored energies below this fraction of the kinetic energy change velocities by less than 0.1 %.
 _NEGLIGIBLE_ENERGY = 1e-6
 # At the center of a circle, the direction of the contact force is not defined: the force is smaller
@@ -344,6 +350,7 @@ def start_inside_warnings(
         # F without the contacts that penetrate.
         others = solver.force(time, state.q, state.v) - sum(x.force for x in penetrations)
         kinetic_energy = _kinetic_energy(solver, time, state)
+        find_rest = cache(lambda: _find_rest(active, time, state))
         for x in penetrations:
             static_force = _smaller_resultant(x, equations, coordinates, state.q, others)
             if (
@@ -351,13 +358,18 @@ def start_inside_warnings(
                 or x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
                 or _holding_share(x, solver, time, state, others) >= _MIN_HOLDING_SHARE
                 or _is_balanced(x, solver, time, state)
+                or _is_as_deep_at_rest(x, equations.length, coordinates, time, find_rest())
             ):
                 continue
+            remedy = x.gap.remedy
+            if find_rest() is not None and not _starts_in_equilibrium(active):
+                remedy += (
+                    ", or build the model with bd.Mechanism(start='equilibrium') if it is a preload"
+                )
             yield (
                 f"{x.part.name}: {x.part.attachments[0]} starts {x.depth:.3g} m inside the "
                 f"surface, far deeper than at rest, and the contact releases {x.energy:.3g} J; "
-                f"{x.gap.remedy}, or build the model with bd.Mechanism(start='equilibrium') if it "
-                "is a preload."
+                f"{remedy}."
             )
     for event in mechanism.events:
         for impact in select_impacts(event.do):
@@ -452,6 +464,36 @@ def _is_balanced(
     except (BeamdaeError, SingularMatrixError):
         return False
     return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))
+
+
+def _starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
+    return equations.start is not None and equations.start.description == EQUILIBRIUM
+
+
+def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State | None:
+    """Return the equilibrium that is reached from a state, or None if there is none."""
+    if _starts_in_equilibrium(equations):
+        q, lam = state.q, state.lam
+    else:
+        try:
+            q, lam = relax_to_equilibrium(StaticEquations(equations, time), state.q)
+        except (BeamdaeError, SingularMatrixError):
+            return None
+    return State(q, np.zeros_like(q), np.zeros_like(q), lam)
+
+
+def _is_as_deep_at_rest(
+    penetration: _Penetration,
+    length: float,
+    coordinates: CoordinateMap,
+    time: Array,
+    rest: State | None,
+) -> bool:
+    """Return True if a shallow contact has about the same depth in the equilibrium `rest`."""
+    if rest is None or penetration.depth > _MAX_BALANCED_DEPTH * length:
+        return False
+    depth = -_evaluate_gap(penetration.gap.quantity, coordinates, time, rest)
+    return depth >= _MIN_RESTING_SHARE * penetration.depth
 
 
 class MotionSamples(NamedTuple):

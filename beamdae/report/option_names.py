@@ -28,6 +28,10 @@ _CHECKED_ARGUMENT = re.compile(
     r"|frequency_response|fit|optimize|export_fmu|sweep|compare|Auto|Ida|Radau|GeneralizedAlpha): )"
     r"(?P<name>[a-z]\w*)(?= must )"
 )
+# Options of pictures, which are no arguments of the analysis, but of parts, such as tables.
+_PICTURE_OPTIONS = {"x"}
+# An unfinished call, such as "bd.Mechanism(", whose arguments stay Python code.
+_OPEN_CALL = re.compile(r"\w\([^()]*$")
 # Values of options, such as "--set step=", and exceptions of a model file are left unchanged.
 _OPTION = re.compile(r"--[\w-]+ $")
 _MODEL_ERROR = re.compile(r"(?:the model function in .*|: the import|: the constructor) failed: ")
@@ -35,10 +39,20 @@ _MODEL_ERROR = re.compile(r"(?:the model function in .*|: the import|: the const
 _current_options: ContextVar[Mapping[str, Any]] = ContextVar("current_options", default={})  # noqa: B039
 
 
+def _beam_formulations() -> tuple[str, ...]:
+    from beamdae.beams.beam import FORMULATIONS  # takes longer to import than help is displayed
+
+    return FORMULATIONS
+
+
 @contextmanager
 def use_options(parameters: Iterable[Any]) -> Iterator[None]:
     """Name the options among these parameters of a command in messages within a `with` block."""
-    options = {x.name: x for x in parameters if x.opts[0].startswith("-")}
+    options = {
+        x.name: x
+        for x in parameters
+        if x.opts[0].startswith("-") and x.name not in _PICTURE_OPTIONS
+    }
     for argument, name in _RENAMED_ARGUMENTS.items():
         if name in options:
             options.setdefault(argument, options[name])
@@ -52,7 +66,8 @@ def use_options(parameters: Iterable[Any]) -> Iterator[None]:
 def name_options(sentence: str) -> str:
     """Replace Python arguments, such as "t_end=", by options of the command, such as "--t-end".
 
-    Arguments without "=" are replaced if the message begins with the call that rejects them.
+    Arguments without "=" are replaced if the message begins with the call that rejects them. Code,
+    such as bd.Mechanism(start="equilibrium"), and arguments of parts are left unchanged.
     """
     options = _current_options.get()
     if not options or _MODEL_ERROR.search(sentence):
@@ -60,9 +75,14 @@ def name_options(sentence: str) -> str:
 
     def replace(match: re.Match[str]) -> str:
         option = options.get(match["name"])
-        if option is None or _OPTION.search(sentence, 0, match.start()):
+        before = sentence[: match.start()]
+        if option is None or _OPTION.search(before) or _OPEN_CALL.search(before):
             return match[0]
         name, value = max(option.opts, key=len), match["value"]
+        # Flags without a value, such as "damping=", and formulations of beams belong to parts.
+        is_of_part = option.is_flag if not value else option.name == "formulation"
+        if is_of_part and value[1:-1] in ("", *_beam_formulations()):
+            return match[0]
         if value == "False":
             return option.secondary_opts[0] if option.secondary_opts else match[0]
         if value.startswith("{"):

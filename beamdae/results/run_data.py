@@ -203,10 +203,15 @@ class RunData:
             magnitudes,
         )
 
-    def missed_peak_warnings(self) -> tuple[str, ...]:
-        """Return the warning about `missed_peaks` in a tuple, which is empty without them."""
+    @cached_property
+    def row_warnings(self) -> tuple[str, ...]:
+        """Warnings about peaks and vibrations that the output rows do not show."""
         is_resolved = not self.hard_impacts
-        return tuple(missed_peak_warnings(self.missed_peaks, len(self.t), is_resolved))
+        return (
+            *missed_peak_warnings(self.missed_peaks, len(self.t), is_resolved),
+            *unknown_peak_warnings(self.equations, self.trajectory),
+            *self._coarse_row_warnings(),
+        )
 
     @cached_property
     def hard_impacts(self) -> tuple[HardImpact, ...]:
@@ -298,9 +303,7 @@ class RunData:
             ),
             *(x.sentence for x in self.suspected_errors),
             *hard_impact_warnings(self.hard_impacts),
-            *self.missed_peak_warnings(),
-            *unknown_peak_warnings(self.equations, self.trajectory),
-            *self._row_warnings(),
+            *self.row_warnings,
             *impact_warnings(self.equations, self.trajectory, self.event_records),
             *velocity_jump_warnings(self.equations, self.trajectory, self.event_records),
             *self._step_warnings(),
@@ -352,7 +355,7 @@ class RunData:
                 lambda: self._energy_ledger.has_free_vibrations,
             )
 
-    def _row_warnings(self) -> Iterator[str]:
+    def _coarse_row_warnings(self) -> Iterator[str]:
         """Yield warnings about vibrations that the output rows do not show."""
         # Long runs store only the rows, and few steps between them.
         has_all_steps = all(x.record is None for x in self.trajectory.intervals)

@@ -11,7 +11,7 @@ from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.optimization import search
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
-from beamdae.analysis.optimization.result import Constraint
+from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
@@ -318,6 +318,17 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
 
 
 @pytest.mark.slow(reason="a second")
+def test_regression_warnings_about_output_rows_are_omitted():
+    """They recommended output_step=, an argument that `optimize` does not have."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.05)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), (1.0, 0.0))
+    mech.observe("floor", mech.add(bd.Contact("floor", ball.point, floor, 1e6)).force)
+    with pytest.warns(bd.BeamdaeWarning, match="floor.N: the output rows miss"):
+        solution = bd.simulate(mech, t_end=0.2, output_step=0.05)
+    assert list_warnings([solution]) == tuple(x for x in solution.warnings if "rows" not in x)
+
+
 def test_no_design_satisfies_the_constraints():
     limit = bd.at_most(bd.Mass(), 0.1)
     with pytest.warns(bd.BeamdaeWarning, match="the best one violates mass <= 0.1 most"):

@@ -45,7 +45,24 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("run", "simulate: t_end must be positive.", "simulate: --t-end must be positive."),
         ("modes", "error: modes: n must be 1.", "error: modes: --number must be 1."),
         ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
-        # Arguments of parts.
+        # Code, and arguments of parts.
+        (
+            "run",
+            "build the model with bd.Mechanism(start='equilibrium').",
+            "build the model with bd.Mechanism(start='equilibrium').",
+        ),
+        (
+            "modes",
+            "use Frequency(number, about='equilibrium').",
+            "use Frequency(number, about='equilibrium').",
+        ),
+        ("fit", "observe beam.strain(s=, offset=).", "observe beam.strain(s=, offset=)."),
+        ("run", "decorate it with @bd.model(t_end=...).", "decorate it with @bd.model(t_end=...)."),
+        ("run", "peaks (reduce t_end=).", "peaks (reduce --t-end)."),
+        ("run", "table a.csv: pass x= and y= with", "table a.csv: pass x= and y= with"),
+        ("modes", "set damping= of the sections", "set damping= of the sections"),
+        ("run", "beam: use formulation='exact'.", "beam: use formulation='exact'."),
+        ("run", "use formulation='index3'.", "use --formulation index3."),
         ("run", "beam: formulation must be 'exact'.", "beam: formulation must be 'exact'."),
         ("run", "table: x must ascend.", "table: x must ascend."),
         # Not options of the command, values of options, equations and errors of a model file.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics.small_motions import _deviations_between_steps
 from beamdae.results.diagnostics.small_motions import small_motion_warnings as diagnose
 
 SPEED, AMPLITUDE, FREQUENCY = 20.0, 1e-3, 18.0  # m/s, m, rad/s
@@ -91,6 +92,42 @@ def test_regression_small_motions_that_the_steps_resolve_have_no_warning(integra
     assert np.ptp(exact) < 1e-6
     assert np.max(np.abs(angle - exact)) < 1e-3 * np.ptp(exact)
     assert not small_motion_warnings(solution)
+
+
+def falling_strip():
+    """Return a strip that falls on two feet, which the impact also moves a little sideways."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    material = bd.Material(E=70e9, nu=0.33, rho=2700.0)
+    section = bd.Section.rectangle(material, width=0.03, height=4e-3, damping=2e-5)
+    strip = mech.add(bd.Beam("strip", bd.Line((-0.1, 0.05), (0.1, 0.05)), section, elements=4))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
+    mech.add(bd.PointMass("device", 0.2, on=strip.at(0.1)))
+    for name, point in (("left", strip.start), ("right", strip.end)):
+        mech.add(bd.PointMass(name, 0.1, on=point))
+        mech.add(bd.Contact(f"{name} contact", point, floor, 2e6))
+    mech.observe("foot", strip.end)
+    return mech
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_regression_small_motions_in_impacts_have_no_warning():
+    """Errors of several percent were announced for a column with an error of 1e-6."""
+    solution = bd.simulate(falling_strip(), bd.Radau(1e-5), t_end=0.15)
+    reference = bd.simulate(falling_strip(), bd.Radau(1e-8), t_end=0.15)
+    sideways, exact = solution["foot.x"], reference["foot.x"]
+    assert np.ptp(exact) < 2e-3 * np.ptp(reference["foot.y"])
+    assert np.max(np.abs(sideways - exact)) < 1e-4 * np.ptp(exact)
+    assert not small_motion_warnings(solution)
+
+
+def test_deviations_between_steps_exclude_jumps_of_the_acceleration():
+    """Values of a cubic polynomial on either side of a sample have no deviations."""
+    t = np.array([0.0, 0.1, 0.25, 0.4, 0.5, 0.6, 0.8, 0.9, 1.0, 1.1, 1.3])
+    x = np.where(t < 0.5, t**3, t**3 + 5.0 * (t - 0.5) ** 2)
+    assert np.max(_deviations_between_steps(t, x, np.array([4]))) < 1e-12
+    assert np.max(_deviations_between_steps(t, x, np.zeros(0, int))) > 0.01
+    # Two steps between jumps have too few values.
+    assert np.max(_deviations_between_steps(t, x, np.array([2, 4, 6, 8]))) > 0.01
 
 
 def flexible_slider():

@@ -239,12 +239,12 @@ class Fit:
     def run_warnings(self) -> tuple[str, ...]:
         """Warnings of the runs with the estimates.
 
-        Warnings that not all experiments have begin with the name of the first one. Peaks between
-        the rows are omitted, because a fit compares values at the times of the data.
+        Warnings that not all experiments have begin with the name of the first one. Those
+        about the output rows are omitted, because a fit compares values at the times of the data.
         """
         kinds: dict[str, dict[str, str]] = {}
         for experiment, run in self.solutions.items():
-            omitted = set(run.missed_peak_warnings())
+            omitted = set(run.row_warnings)
             for sentence in (x for x in run.warnings if x not in omitted):
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
         sentences = []

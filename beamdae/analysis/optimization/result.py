@@ -362,8 +362,14 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
 
 
 def list_warnings(results: Sequence[Any]) -> tuple[str, ...]:
-    """Return the warnings of results of analyses, each once."""
-    return tuple(dict.fromkeys(message for x in results for message in x.warnings))
+    """Return the warnings of results of analyses, each once.
+
+    Those about the output rows of runs are omitted, because quantities are integrals over the
+    steps.
+    """
+    omitted = {x for result in results if isinstance(result, Solution) for x in result.row_warnings}
+    messages = dict.fromkeys(message for x in results for message in x.warnings)
+    return tuple(x for x in messages if x not in omitted)
 
 
 def _list_constraints(
