@@ -390,8 +390,10 @@ def test_regression_buckling_loads_of_thick_columns_warn_of_strains():
             bd.buckling(pull_bar(-0.01, height, **settings), n=1)
             for height, settings in ((0.2, {}), (0.02, {}), (0.2, {"strain": "exact"}))
         )
-    (sentence,) = thick.warnings
+    # Compression before buckling also changes the load of this column by 3 %.
+    path, sentence = thick.warnings
+    assert "displacements before buckling are not negligible" in path
     assert "bar: the beam is stretched or compressed" in sentence
-    assert "error of buckling loads is at most about 8.9 %" in sentence
+    assert "error of buckling loads is at most about 9 %" in sentence
     assert exact.warnings == thin.warnings == ()
     assert thick.factors[0] == pytest.approx(0.948 * exact.factors[0], rel=1e-2)

@@ -142,6 +142,8 @@ class ContinuationSettings:
     stop_at_branch_point
         Number of the branch point at which `follow_path` stops, counted from 1 in each call; 0
         never stops.
+    stop_at_critical_point
+        True to stop after the step that contains the first critical point of any kind.
     """
 
     target_control: Control
@@ -151,6 +153,7 @@ class ContinuationSettings:
     norm: StepNorm
     max_points: int
     stop_at_branch_point: int = 0
+    stop_at_critical_point: bool = False
 
 
 def follow_path(
@@ -163,7 +166,7 @@ def follow_path(
     """Extend `path` in place from its end to each target in turn.
 
     If the targets cannot be reached, `path.status` gives the reason. A stop at the requested branch
-    point does not change the status. `direction` is the initial direction of the path for steps by
+    or critical point does not change the status. `direction` is the initial direction of the path for steps by
     arc length. By default, the load factor changes towards the first target if the targets are load
     factors, and increases otherwise.
     """
@@ -203,6 +206,8 @@ def follow_path(
             count = len(path.branch_points)
             stop = settings.stop_at_branch_point
             if stop and count - initial_count >= stop:
+                return
+            if settings.stop_at_critical_point and path.critical:
                 return
             # Paths by load or displacement cannot return: their control is monotonic.
             is_new = settings.by_arc_length and count > before

@@ -18,6 +18,7 @@ from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, S
 from beamdae.analysis.statics.path_tracing import (
     dominant_coordinate,
     find_unloaded_equilibrium,
+    follow_to_critical_point,
     free_coordinate,
 )
 from beamdae.analysis.statics.static_equilibrium import initial_positions
@@ -41,8 +42,10 @@ _DIFFERENCE_MOTION = 1e-4
 # Factors at which the linear response exceeds this motion, in natural sizes, are meaningless: for
 # example, a shear instability of a column that is stretched by half its length.
 _MAX_MOTION = 0.5
-# Largest accepted relative change of the first factor if it is computed at half of its load.
-_MAX_CHANGE = 0.05
+# Largest accepted deviation of the first factor from the first critical point of the path, which
+# is sought up to this multiple of the first factor.
+_MAX_ERROR = 0.03
+_SEARCH_RATIO = 2.0
 # Largest number of unknowns for dense path.
 _MAX_DENSE_UNKNOWNS = 400
 # Inverse factors below this fraction of the largest are lost in rounding; imaginary parts up to the
@@ -144,7 +147,8 @@ def buckling(
     K_0 is the tangent stiffness of the unloaded equilibrium, with the constraints, and K_1 its
     derivative with respect to the load factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
-    under pressure. Otherwise, `Buckling.warnings` contains a warning; use `equilibrium` instead.
+    under pressure. If the first one deviates by more than 3 % from the first critical point of the
+    equilibrium path, `Buckling.warnings` contains a warning; use `equilibrium` instead.
 
     Parameters
     ----------
@@ -210,16 +214,15 @@ def buckling(
     try:
         path = _linearize_along_path(corrector, begin)
         factors, vectors, reversed_factor = _solve(path, count)
-        warnings = _check_prebuckling(corrector, begin, path.response, factors)
+        warnings = []
+        if len(factors):
+            warnings = _check_prebuckling(corrector, begin, float(factors[0]))
     except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
         raise BeamdaeError(
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
             "joints and supports."
         ) from None
     e = system.equations
-    if len(factors) and not warnings:
-        buckled = begin.x + float(factors[0]) * path.response.x
-        warnings += buckling_warnings(e, buckled[: e.n])
     if len(factors):
         warnings += buckling_mesh_warnings(
             e, begin.x[: e.n], path.response.x[: e.n], factors, vectors[: e.n]
@@ -273,31 +276,33 @@ def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _Lin
     return _LinearizedPath(system.matrix(tangent), system.matrix(rate), response, motion)
 
 
-def _check_prebuckling(
-    corrector: Corrector, begin: EquilibriumPoint, response: PathDirection, factors: Array
-) -> list[str]:
-    """Return a warning if the first factor changes when computed at half of its load.
+def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: float) -> list[str]:
+    """Return warnings if the equilibrium path differs from its linearization.
 
-    A warning is also returned if no equilibrium is found at that load. Otherwise, the list is
-    empty. Displacements before buckling are not judged by their size, because even a rotation by
-    the ratio of thickness to length makes the linearized stiffness of a slender beam useless.
+    There is one if the first critical point of the path is not at the factor `first`, or if the
+    path cannot be followed, and one for beams whose strains at the critical point cause errors.
+    Displacements are not judged by their size, because even a rotation by the ratio of thickness to
+    length makes the linearized stiffness of a slender beam useless; nor by the factor from an
+    equilibrium on the way, because its difference from the first factor changes sign with the rise
+    of an arch.
     """
-    if not len(factors):
-        return []
-    half = 0.5 * float(factors[0])
-    change = f"{_NAME}: displacements before buckling are not negligible"
-    advice = "; use equilibrium instead."
-    try:
-        point = corrector.correct(LoadControl(), half, begin.x + half * response.x, half)
-        later, _, _ = _solve(_linearize_along_path(corrector, point), 1)
-    except (CorrectorError, SingularMatrixError, ArpackError):
-        return [f"{change}, so that no equilibrium was found at the load factor {half:.5g}{advice}"]
-    second = half + float(later[0]) if len(later) else np.inf
-    if abs(second - factors[0]) <= _MAX_CHANGE * factors[0]:
-        return []
+    path = follow_to_critical_point(corrector, begin, _SEARCH_RATIO * first)
+    warnings = []
+    if path.critical:
+        critical = path.critical[0]
+        point = path.points[critical.row]
+        warnings += buckling_warnings(point.system.equations, point.x[: point.system.equations.n])
+        if abs(point.mu - first) <= _MAX_ERROR * point.mu:
+            return warnings
+        reason = f"the first critical point of the path is a {critical.kind} at {point.mu:.5g}"
+    elif path.status.success or path.end.mu > (1.0 + _MAX_ERROR) * first:
+        reason = f"the path has no critical point up to the load factor {path.end.mu:.5g}"
+    else:
+        reason = f"the path could not be followed beyond the load factor {path.end.mu:.5g}"
     return [
-        f"{change}: from the equilibrium at half the load, the first factor is {second:.5g} "
-        f"instead of {factors[0]:.5g}{advice}"
+        f"{_NAME}: displacements before buckling are not negligible: {reason}, but the first "
+        f"linear factor is {first:.5g}; use equilibrium with control='arc length' instead.",
+        *warnings,
     ]
 
 

@@ -421,6 +421,21 @@ def _suspicious_steps(
     return [] if is_same and not _suspicious_steps(corrector, divided) else steps
 
 
+def follow_to_critical_point(corrector: Corrector, begin: EquilibriumPoint, to: float) -> StagePath:
+    """Return the path by arc length from `begin` to its first critical point.
+
+    It ends at the load factor `to` if there is no critical point before, and earlier with a status
+    that is no success if it cannot be followed.
+    """
+    path, control = StagePath([begin]), LoadControl()
+    settings = PathSettings("", (to,), ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
+    steps = replace(
+        _choose_steps(corrector, begin, settings, control), stop_at_critical_point=True
+    )
+    follow_path(corrector, path, steps, settings.targets)
+    return path
+
+
 def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoint:
     """Return the equilibrium at which the path begins, under all loads if none is scaled.
 
