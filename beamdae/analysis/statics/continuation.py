@@ -260,12 +260,10 @@ def _take_step(
 ) -> tuple[PathDirection | None, bool]:
     """Append the points of a step; return its final direction, and True if it reaches `target`."""
     begin, norm, target_control = path.end, settings.norm, settings.target_control
-    sign, control, by_motion = 1.0, target_control, None
+    sign, control = 1.0, target_control
     if settings.by_arc_length:
         direction = _arc_direction(corrector, settings, begin, target, direction)
         control = norm.arc_length_control(begin.x, begin.mu, direction)
-        without_load = replace(norm, factor=np.inf)
-        by_motion = without_load.arc_length_control(begin.x, begin.mu, direction)
         reach = _max_arc_step(settings, direction, path.step)
         size = min(path.step, reach)
     else:
@@ -306,9 +304,11 @@ def _take_step(
             critical = segment.locate_critical_points()
             break
         except CorrectorError as error:
-            is_corner = size <= _CORNER_STEP_RATIO * settings.max_step
-            if is_corner and by_motion is not None and control is not by_motion:
-                control = by_motion
+            may_be_corner = settings.by_arc_length and control is usual_control
+            may_be_corner &= size <= _CORNER_STEP_RATIO * settings.max_step
+            if may_be_corner and norm.max_norm(direction.x) > 0.0:
+                by_motion = replace(norm, factor=np.inf)
+                control = by_motion.arc_length_control(begin.x, begin.mu, direction)
                 continue
             control = usual_control
             size *= CUT_FACTOR
