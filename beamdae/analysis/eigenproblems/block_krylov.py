@@ -146,6 +146,7 @@ def converge(
     krylov: BlockKrylov,
     required_accuracy: Callable[[Array], Array],
     rounding: Callable[[Array, Array], Array],
+    confirmations: int = 0,
 ) -> bool:
     """Expand a Krylov space until the residuals of the wanted eigenpairs are small.
 
@@ -159,6 +160,8 @@ def converge(
     rounding
         Function from eigenvalues (k,) and eigenvectors (n, k) to the residuals (k,) that rounding
         errors of the operator explain.
+    confirmations
+        Number of further blocks after which the residuals must still be small.
 
     Returns
     -------
@@ -166,17 +169,21 @@ def converge(
         False if the residuals remain large.
     """
     excesses: list[float] = []
+    confirmed = 0
     max_size = _MAX_BLOCKS * krylov.size + _MAX_EXTRA_SIZE
     while krylov.size <= max_size:
         permitted = np.maximum(required_accuracy(krylov.values), _TOLERANCE)
         excesses.append(float(np.max(krylov.residuals / permitted)))
-        if excesses[-1] <= 1.0:
+        is_accurate = excesses[-1] <= 1.0
+        if is_accurate and confirmed == confirmations:
             return True
+        confirmed = confirmed + 1 if is_accurate else 0
         recent = min(excesses[-_STAGNATION_BLOCKS:])
         if recent > _STAGNATION_RATIO * min(excesses[:-_STAGNATION_BLOCKS], default=np.inf):
             (large,) = np.nonzero(krylov.residuals > permitted)
             explained = rounding(krylov.values[large], krylov.vectors(large))
-            if np.all(krylov.residuals[large] <= np.maximum(explained, _STAGNATION_TOLERANCE)):
+            is_explained = krylov.residuals[large] <= np.maximum(explained, _STAGNATION_TOLERANCE)
+            if not is_accurate and np.all(is_explained):
                 return True
         if not krylov.expand():
             return True

@@ -74,11 +74,17 @@ class EigenSolution(NamedTuple):
 
 @single_threaded
 def solve_eigenproblem(
-    lin: LinearizedEquations, count: int | None, damped: bool = True
+    lin: LinearizedEquations,
+    count: int | None,
+    damped: bool = True,
+    max_damping_ratio: float = 1.0,
 ) -> EigenSolution:
     """Return the modes with the smallest |eigenvalue|: at most `count`, or all if it is None.
 
-    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored.
+    If `damped` is False, the symmetric parts of M and K are used, and damping is ignored. If
+    `max_damping_ratio` is below 1, modes with a larger damping ratio do not count: strong damping
+    slows many stiff motions down to nearly the same rate of decay. If they are among the `count`
+    slowest modes, they are returned or missing.
     """
     if len(lin.equations.states):
         return _normalize(lin, *_solve_with_states(lin, damped), count)
@@ -88,7 +94,16 @@ def solve_eigenproblem(
         values = np.where(undamped.squares < 0.0, 0j, 1j) * np.sqrt(np.abs(undamped.squares))
         values += np.sqrt(np.maximum(-undamped.squares, 0.0))
         return _normalize(lin, values, undamped.shapes.astype(complex), count)
-    values, shapes, others = QuadraticProblem(lin, undamped, count).solve(count)
+    problem = QuadraticProblem(lin, undamped, count)
+    values, shapes, others = problem.solve(count, max_damping_ratio)
+    if count is not None and max_damping_ratio < 1.0:
+        # The slowest modes, whatever their damping, and `count` of those that count.
+        order = np.argsort(np.abs(values), kind="stable")
+        values, shapes = values[order], shapes[:, order]
+        is_counted = values.real >= -max_damping_ratio * np.abs(values)
+        selected = is_counted & (np.cumsum(is_counted) <= count)
+        selected[:count] = True
+        values, shapes, count = values[selected], shapes[:, selected], None
     return _normalize(lin, values, shapes, count)._replace(others=others)
 
 

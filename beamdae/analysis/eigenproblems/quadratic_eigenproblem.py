@@ -51,6 +51,9 @@ _MIN_RANDOM_VECTORS = 2
 _MIN_BLOCKS = 3
 # Relative residual that suffices to know on which side of a circle an eigenvalue lies.
 _LOCATION_ACCURACY = 1e-3
+# Number of further blocks that must not change the wanted modes if strongly damped modes are not
+# located: the projection mixes fast and slow decays of stiff motions, which hardly converge.
+_CONFIRMATIONS = 1
 # Relative residual from which inverse iteration takes over, its largest number of steps, and the
 # relative step after which it has converged, because its error is the square of the step.
 _REFINABLE_ACCURACY = 1e-5
@@ -115,6 +118,7 @@ class QuadraticProblem:
         # accuracy.
         rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
+        self._highest_rate = float(rates[-1]) if len(rates) else self.shift
         self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
         self._free = self._find_undamped_free_motions()
         self._weighted_free = self.tangent.mass @ self._free
@@ -161,7 +165,9 @@ class QuadraticProblem:
         zero_rates = quadratic_form_rounding(damping, free) + _ZERO_RATE_RATIO * self.shift
         return free[:, rates <= zero_rates]
 
-    def solve(self, count: int | None) -> tuple[Array, Array, Array]:
+    def solve(
+        self, count: int | None, max_damping_ratio: float = 1.0
+    ) -> tuple[Array, Array, Array]:
         """Return the eigenvalues nearest to the shift, (k,) [1/s], and their mode shapes, (n, k).
 
         The third result contains other motions (n, j), whose stiffness is lost in rounding, but
@@ -170,6 +176,10 @@ class QuadraticProblem:
         The modes are not sorted, and there are usually more than `count`. If `count` is None, only
         modes that are lost in rounding are missing. Each conjugate pair is represented by the
         eigenvalue with positive imaginary part.
+
+        If `max_damping_ratio` is below 1, modes with a larger damping ratio do not count, and may
+        be missing. Sparse matrices then give the other modes up to the highest undamped frequency
+        of interest, which may be fewer than `count`.
 
         Raises
         ------
@@ -185,8 +195,12 @@ class QuadraticProblem:
         # differs from ordering by l.
         number = available if count is None else min(available, 2 * count + 6)
         if count is not None and n > MAX_DENSE_COORDINATES and number < n:
-            solve = self._solve_sparse if self._has_rates else self._solve_sparse_squares
-            solution = solve(count - self._free.shape[1])
+            number = count - self._free.shape[1]
+            solution = (
+                self._solve_sparse(number, max_damping_ratio)
+                if self._has_rates
+                else self._solve_sparse_squares(number)
+            )
             if solution is not None:
                 return self._select(*solution)
             if n > MAX_FALLBACK_COORDINATES:
@@ -207,10 +221,10 @@ class QuadraticProblem:
         order = order[_is_accurate(inverses)[order]]
         return self.shift + 1.0 / inverses[order], shapes[:, order]
 
-    def _solve_sparse(self, count: int) -> tuple[Array, Array] | None:
+    def _solve_sparse(self, count: int, max_damping_ratio: float) -> tuple[Array, Array] | None:
         """Return the `count` eigenvalues with the smallest |l| and their shapes, or None.
 
-        Conjugate eigenvalues count once. The Krylov space begins with the undamped modes, as
+        Conjugate eigenvalues count once; for `max_damping_ratio`, see `solve`. The Krylov space begins with the undamped modes, as
         displacements and as velocities, and with random motions. If rounding permits, it only
         locates the eigenvalues, and inverse iteration refines them. The result is None if it does
         not converge.
@@ -227,16 +241,20 @@ class QuadraticProblem:
             self._apply_inverse, start, metric, is_symmetric=False, blocks=_MIN_BLOCKS
         )
 
-        def find_wanted(inverses: Array) -> tuple[Array, Array]:
-            values = s + 1.0 / inverses
+        is_selective = max_damping_ratio < 1.0
+        limit = self._highest_rate if is_selective else np.inf
+        confirmations = _CONFIRMATIONS if is_selective else 0
+
+        def find_wanted(values: Array) -> tuple[Array, float]:
+            """Return a mask of the wanted eigenvalues, and the largest |l| of interest."""
             sizes = np.abs(values)
-            order = np.argsort(sizes, kind="stable")
+            is_candidate = values.real >= -max_damping_ratio * sizes
             # Either eigenvalue of a conjugate pair counts half.
-            numbers = np.cumsum(np.where(values.imag != 0.0, 0.5, 1.0)[order])
-            last = min(int(np.searchsorted(numbers, count)), len(order) - 1)
-            highest = sizes[order[last]]
-            # No eigenvalue outside this circle about the shift is smaller.
-            return sizes <= highest, np.abs(values - s) <= highest + s
+            numbers = is_candidate * np.where(values.imag != 0.0, 0.5, 1.0)
+            order = np.argsort(sizes, kind="stable")
+            last = min(int(np.searchsorted(np.cumsum(numbers[order]), count)), len(order) - 1)
+            highest = min(float(sizes[order[last]]), limit)
+            return is_candidate & (sizes <= highest), highest
 
         def rounding(inverses: Array, vectors: Array) -> Array:
             shapes = vectors[:n]
@@ -247,17 +265,31 @@ class QuadraticProblem:
         for accuracy in (_REFINABLE_ACCURACY, 0.0) if is_refined else (0.0,):
 
             def required_accuracy(inverses: Array, accuracy: float = accuracy) -> Array:
-                is_wanted, is_near = find_wanted(inverses)
-                return np.where(is_wanted, accuracy, np.where(is_near, _LOCATION_ACCURACY, np.inf))
+                values = s + 1.0 / inverses
+                is_wanted, highest = find_wanted(values)
+                # No eigenvalue outside this circle about the shift is smaller.
+                is_near = np.abs(values - s) <= highest + s
+                ratios = -values.real / np.abs(values)
+                is_near &= ratios <= 0.5 * (1.0 + max_damping_ratio)
+                others = np.where(is_near, _LOCATION_ACCURACY, np.inf)
+                return np.where(is_wanted, accuracy, others)
 
-            if not converge(krylov, required_accuracy, rounding):
+            if not converge(krylov, required_accuracy, rounding, confirmations):
                 return None
-            (wanted,) = np.nonzero(find_wanted(krylov.values)[0])
-            solution = s + 1.0 / krylov.values[wanted], krylov.vectors(wanted)[:n]
+            values = s + 1.0 / krylov.values
+            is_wanted, highest = find_wanted(values)
+            is_other = ~is_wanted & (np.abs(values) <= highest)
+            is_other &= krylov.residuals <= _REFINABLE_ACCURACY
+            (wanted,), (others,) = np.nonzero(is_wanted), np.nonzero(is_other)
+            solution = values[wanted], krylov.vectors(wanted)[:n]
             refined = self._refine_modes(*solution) if accuracy else None
             if refined is not None:
-                return refined
-        return solution
+                solution = refined
+                break
+        return (
+            np.append(solution[0], values[others]),
+            np.hstack([solution[1], krylov.vectors(others)[:n]]),
+        )
 
     def _krylov_metric(self) -> tuple[sp.csr_array, bool]:
         """Return the metric of the Krylov space, and whether it is that of the energy.

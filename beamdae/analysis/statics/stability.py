@@ -22,10 +22,6 @@ from beamdae.analysis.eigenproblems.eigensolution import (
     solve_eigenproblem,
 )
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
-from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
-    MAX_DENSE_COORDINATES,
-    MAX_FALLBACK_COORDINATES,
-)
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import row_sizes
 from beamdae.analysis.statics.saddle_elimination import (
@@ -53,10 +49,8 @@ MAX_DENSE_STIFFNESS = 150
 # Number of modes among which growing ones are counted under loads without a potential.
 _MODE_COUNT = 12
 # Modes with a larger damping ratio are not about to grow. Strong damping slows many modes down to
-# nearly the same rate of decay; they do not count among `_MODE_COUNT`. If the sparse solver gives
-# fewer than this fraction of other modes, all modes are computed.
+# nearly the same rate of decay; they do not count among `_MODE_COUNT`.
 _MAX_GROWTH_DAMPING = 0.5
-_MIN_SPARSE_SHARE = 0.25
 # Rounding errors of zero eigenvalues of dense eigenvalue solvers, relative to the largest entry of
 # the stiffness. For sparse elimination, the reference is the largest diagonal entry.
 _ZERO_TOLERANCE = 1e-15
@@ -303,26 +297,7 @@ def solve_slowest_modes(linearized: LinearizedEquations) -> EigenSolution:
     BeamdaeError
         If the equations are singular, or if they are too many to compute these modes.
     """
-    n = linearized.equations.n
-    if n > MAX_DENSE_COORDINATES:
-        modes = solve_eigenproblem(linearized, _MODE_COUNT)
-        is_complete = len(modes.values) < _MODE_COUNT
-        if is_complete or np.mean(~_decays_strongly(modes)) >= _MIN_SPARSE_SHARE:
-            return modes
-        if n > MAX_FALLBACK_COORDINATES:
-            raise BeamdaeError(
-                "equilibrium: strong damping slows many modes down, so that growing ones may not "
-                "be among the slowest; use fewer elements or less damping."
-            )
-    modes = solve_eigenproblem(linearized, None)
-    is_candidate = ~_decays_strongly(modes)
-    is_slow = np.arange(len(modes.values)) < _MODE_COUNT
-    selected = is_slow | (is_candidate & (np.cumsum(is_candidate) <= _MODE_COUNT))
-    return modes._replace(values=modes.values[selected], shapes=modes.shapes[:, selected])
-
-
-def _decays_strongly(modes: EigenSolution) -> Array:
-    return modes.values.real < -_MAX_GROWTH_DAMPING * np.abs(modes.values)
+    return solve_eigenproblem(linearized, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
 
 
 def _build_stability(
