@@ -72,6 +72,26 @@ def test_invariant_space_is_exact():
     assert_allclose(krylov.values[:6], [6.0, 5.0, 4.0, 3.0, 2.0, 1.0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("contrast", [1e6, 1e8, 1e9])
+def test_regression_rounding_errors_in_stiff_metrics_are_no_new_vectors(contrast):
+    """Similar vectors of rounding errors were appended; false eigenvalues kept spaces growing."""
+    n, rng = 60, np.random.default_rng(0)
+    # Stiff springs tie the coordinates of each pair, x and y = r x.
+    ratios = rng.uniform(0.5, 2.0, n)
+    cosines = 1.0 / np.sqrt(1.0 + ratios**2)
+    ties = sp.hstack([sp.diags_array(ratios), -sp.eye_array(n)])
+    metric = sp.csr_array(contrast * (ties.T @ ties) + sp.eye_array(2 * n))
+    basis = random_basis(n)
+    soft = np.vstack([cosines[:, None] * basis, (ratios * cosines)[:, None] * basis])
+    exact = 1.0 / np.arange(1, n + 1) ** 2
+    krylov = BlockKrylov(lambda x: soft @ (exact * (soft.T @ x)), soft[:, :8], metric, False)
+    while krylov.size < 80 and krylov.expand():
+        pass
+    # The first block is invariant.
+    assert krylov.size == 8
+    assert_allclose(krylov.values, exact[:8], rtol=1e-9)
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_eigenvalues_inside_a_cluster_do_not_converge():
     exact = np.concatenate([[2.0], 1.0 - 0.1 * np.linspace(0.0, 1.0, 999) ** 4])
@@ -178,6 +198,20 @@ def test_problems_that_do_not_converge_use_dense_matrices_or_end_in_one_sentence
         monkeypatch.setattr(module, "MAX_FALLBACK_COORDINATES", 0)
     with pytest.raises(bd.BeamdaeError, match=r"3 lowest modes were not found, .* request fewer"):
         bd.modes(damped_strip(32), n=3, damping=damping)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize(("elements", "count"), [(64, 100), (150, 12)])
+def test_regression_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count):
+    """False eigenvalues kept the space growing: 100 modes of 64 elements took 252 s."""
+    mech = damped_strip(elements)
+    modes = bd.modes(mech, n=count)
+    assert modes.kinds == ("vibration",) * 4 + ("decay",) * (count - 4)
+    assert_allclose(modes.eigenvalues[4:], -1000.0, rtol=1e-3)
+    undamped = np.abs(bd.modes(mech, n=4, damping=False).eigenvalues)
+    # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
+    exact = -0.5e-3 * undamped**2 + 1j * undamped * np.sqrt(1.0 - (0.5e-3 * undamped) ** 2)
+    assert_allclose(modes.eigenvalues[:4], exact, rtol=1e-7)
 
 
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import scipy.linalg as la
+from numpy.testing import assert_allclose
 
 import beamdae as bd
+from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.linear_dynamics.linearization import linearize_about
 from beamdae.analysis.statics import stability
 from beamdae.analysis.statics.stability import Stability
@@ -200,3 +202,37 @@ def test_contradictory_numbers_of_growing_modes_end_the_path(monkeypatch):
         path = bd.equilibrium(column(1e-5), step=0.5)
     assert path.status.kind == "failed"
     assert path.critical == ()
+
+
+def assert_candidates_match_dense_matrices(mech, about):
+    """Compare the modes that may grow with those of dense matrices."""
+    lin = linearize_about("modes", mech, about).linearized_equations
+    modes, every = stability.solve_slowest_modes(lin), solve_eigenproblem(lin, None)
+    undamped = solve_eigenproblem(lin, 12, damped=False)
+    limit = np.max(np.abs(undamped.values))
+    candidates, expected = (
+        values[(values.real >= -0.5 * np.abs(values)) & (np.abs(values) < limit)][:12]
+        for values in (modes.values, every.values)
+    )
+    assert len(candidates) == len(expected)
+    assert_allclose(candidates, expected, rtol=1e-6)
+
+
+@pytest.mark.slow(reason="dense matrices of many elements")
+@pytest.mark.parametrize("options", [EXACT, FLOATING])
+@pytest.mark.parametrize("damping", [1e-6, 1e-4, 1e-3, 1e-2, 1e-1])
+def test_slowest_modes_that_may_grow_are_those_of_dense_matrices(damping, options):
+    for mech in (column(damping, elements=34, options=options), portal(damping, 12)):
+        assert_candidates_match_dense_matrices(mech, "reference")
+
+
+@pytest.mark.slow(reason="many elements")
+def test_regression_flutter_of_a_strongly_damped_column_of_many_elements_is_known():
+    # Of 903 coordinates, "the stability of equilibria cannot be computed" was noted.
+    fine, coarse = (
+        bd.equilibrium(column(damping=0.01, elements=elements), to=36.0, step=18.0)
+        for elements in (100, 16)
+    )
+    (point,), (expected,) = fine.critical, coarse.critical
+    assert point.kind == "flutter point"
+    assert point.factor == pytest.approx(expected.factor, rel=1e-5)

@@ -27,8 +27,12 @@ _STAGNATION_BLOCKS = 3
 # Largest size of a space: number of its first vectors times the first number, plus the second.
 _MAX_BLOCKS = 15
 _MAX_EXTRA_SIZE = 150
-# A vector depends on the basis if orthogonalization leaves less than this fraction of it.
+# A vector depends on the basis if orthogonalization leaves less than this fraction of it, or less
+# than this fraction of its length in the metric of absolute values: subtraction leaves rounding
+# errors, whose lengths in a stiff metric exceed the first fraction. Vectors of rounding errors that
+# are similar would be appended without being orthogonal.
 _DEPENDENCE_RATIO = 1e-13
+_ROUNDING_RATIO = 1e-14
 
 
 class BlockKrylov:
@@ -100,17 +104,17 @@ class BlockKrylov:
         """Append the part of the columns that is independent of the basis, and its images."""
         basis, weighted_basis = self._basis, self._weighted_basis
         columns, weighted = np.empty_like(block), np.empty_like(block)
-        first_lengths, count = self._lengths(block), 0
+        min_lengths, count = self._rounding_lengths(block), 0
         # Once is not enough, twice is (Parlett, The Symmetric Eigenvalue Problem, section 6.9).
         block = block - basis @ (weighted_basis.T @ block)
-        for column, first_length in zip(block.T, first_lengths, strict=True):
+        for column, min_length in zip(block.T, min_lengths, strict=True):
             vector = column
             for _ in range(2):
                 vector = vector - columns[:, :count] @ (weighted[:, :count].T @ vector)
             vector = vector - basis @ (weighted_basis.T @ vector)
             image = self._metric @ vector
             length = np.sqrt(max(vector @ image, 0.0))
-            if length > _DEPENDENCE_RATIO * first_length:
+            if length > min_length:
                 columns[:, count], weighted[:, count] = vector / length, image / length
                 count += 1
         self._block_size = count
@@ -121,8 +125,15 @@ class BlockKrylov:
             images = np.stack([self._operator(column) for column in new.T], axis=1)
             self._images = np.hstack([self._images, images])
 
-    def _lengths(self, block: Array) -> Array:
-        return np.sqrt(np.maximum(np.einsum("ij,ij->j", block, self._metric @ block), 0.0))
+    def _rounding_lengths(self, block: Array) -> Array:
+        """Return the lengths (k,) up to which rests of the columns are rounding errors."""
+        sizes = np.abs(block)
+        squares = np.einsum("ij,ij->j", block, self._metric @ block)
+        bounds = np.einsum("ij,ij->j", sizes, abs(self._metric) @ sizes)
+        return np.maximum(
+            _DEPENDENCE_RATIO * np.sqrt(np.maximum(squares, 0.0)),
+            _ROUNDING_RATIO * np.sqrt(bounds),
+        )
 
     def _project(self) -> None:
         """Compute the eigenpairs of the operator projected onto the basis (Rayleigh-Ritz)."""
