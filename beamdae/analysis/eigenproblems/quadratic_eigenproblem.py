@@ -224,10 +224,10 @@ class QuadraticProblem:
     def _solve_sparse(self, count: int, max_damping_ratio: float) -> tuple[Array, Array] | None:
         """Return the `count` eigenvalues with the smallest |l| and their shapes, or None.
 
-        Conjugate eigenvalues count once; for `max_damping_ratio`, see `solve`. The Krylov space begins with the undamped modes, as
-        displacements and as velocities, and with random motions. If rounding permits, it only
-        locates the eigenvalues, and inverse iteration refines them. The result is None if it does
-        not converge.
+        Conjugate eigenvalues count once; for `max_damping_ratio`, see `solve`. The Krylov space
+        begins with the undamped modes, as displacements and as velocities, and with random motions.
+        If rounding permits, it only locates the eigenvalues, and inverse iteration refines them.
+        The result is None if it does not converge.
         """
         n, s, tangent = self.e.n, self.shift, self.tangent
         n_random = max(count, _MIN_RANDOM_VECTORS)
