@@ -308,12 +308,16 @@ class SumPlan:
         return all(batch.kernel.load_native(compiles) is not None for batch in self.batches)
 
     @cached_property
-    def operations(self) -> int:
-        """Number of operations of CasADi's virtual machine that take as long as an evaluation."""
-        return sum(
+    def operations_per_kernel(self) -> float:
+        """Operations of CasADi's virtual machine that take as long as an evaluation, per kernel.
+
+        Machine code of each kernel has to be compiled.
+        """
+        operations = sum(
             batch.copies * batch.kernel.function.n_instructions() + _OPERATIONS_PER_BATCH
             for batch in self.batches
         )
+        return operations / max(len({id(batch.kernel) for batch in self.batches}), 1)
 
     def sum(self, native: bool, p: Array) -> Sum:
         """Return the sum with new buffers and the data of a model.

@@ -76,7 +76,7 @@ class SumEvaluator:
         """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
         load = partial(self.load_native, len(x), size)
         # Another evaluator of the plan may have loaded the machine code.
-        if self._native is None and self._plan.code.find(self._plan.operations, load):
+        if self._native is None and self._plan.code.find(self._plan.operations_per_kernel, load):
             load(compiles=False)
         if self._native is None:
             result = np.zeros(size)
