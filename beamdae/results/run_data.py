@@ -460,10 +460,14 @@ class RunData:
                 "state": state_hash(end, last.q[-1], last.v[-1]),
                 **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
             },
-            "equations": describe_provenance(self.equations),
+            "equations": self._provenance,
             "versions": self.versions,
             **further,
         }
+
+    @cached_property
+    def _provenance(self) -> dict[str, Any]:
+        return describe_provenance(self.equations)
 
     def _with_checked_rows(self) -> RunData:
         """Return the run with thinned output times, which suffice to check the columns."""

@@ -75,7 +75,10 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
         (["check", str(MODEL)], ("pandas", "matplotlib")),
         (["static", str(MODEL.with_name("pendulum.py"))], ("pandas", "scipy.optimize")),
         (["modes", str(MODEL.with_name("pendulum.py"))], ("scipy.optimize",)),
-        (["draw", str(MODEL)], ("pandas", "scipy.optimize", "beamdae.analysis")),
+        (
+            ["draw", str(MODEL)],
+            ("pandas", "scipy.optimize", "beamdae.analysis", "beamdae.parts.joints.gears"),
+        ),
     ],
 )
 def test_commands_import_only_what_they_need(command, never, tmp_path):

@@ -3,7 +3,7 @@
     python validation/performance/benchmark.py --peer PYTHON --before PATH
     python validation/performance/benchmark.py --quick
     python validation/performance/benchmark.py --linear   dense against sparse factorization
-    python validation/performance/benchmark.py --commands   `beamdae run`, from the shell to its end
+    python validation/performance/benchmark.py --commands   whole processes and that of Exudyn
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`), and PATH is a checkout of beamdae; the
 tables of a missing tool are omitted. "price of Python" is the time of a run without a pilot run,
@@ -16,6 +16,7 @@ processor times, the smallest of several turns where actions take turns.
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import tempfile
@@ -54,7 +55,7 @@ from operations import (
 from pendulum import pendulum
 from slider_crank import slider_crank
 from systems import beam
-from workers import Worker, start_checkout, start_exudyn
+from workers import Worker, has_exudyn, start_checkout, start_exudyn
 
 import beamdae as bd
 from beamdae.equations.formulations.first_order import formulate_first_order
@@ -73,7 +74,19 @@ SYSTEMS: Systems = (
 )
 INTEGRATORS = (bd.GeneralizedAlpha(1e-3), bd.Ida(1e-5), bd.Radau(1e-4))
 # Options of `beamdae run`.
-COMMANDS = ((), ("--no-estimate",), ("--no-picture",), ("--no-estimate", "--no-picture"))
+RUN_OPTIONS = ((), ("--no-estimate",), ("--no-picture",), ("--no-estimate", "--no-picture"))
+# The same run as a script that writes the table.
+SCRIPT = f"""import sys
+
+import beamdae as bd
+
+sys.path.insert(0, {str(MODELS_FOLDER)!r})
+from hub_beam import hub_beam
+
+bd.simulate(hub_beam).to_csv("hub_beam.csv")
+"""
+# Run of Exudyn with errors of 0.1 mm, whose path of the tip is printed.
+EXUDYN_RUN = {"system": "hub beam", "elements": 6, "nodes": 3, "step": 2e-3}
 # Step and rate at which operations are evaluated; the times do not depend on them.
 STEP = 1e-3  # s
 RATE = 2e3  # 1/s
@@ -245,28 +258,41 @@ def time_building() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def time_commands(rounds: int) -> pd.DataFrame:
-    """Return times of `beamdae run` with warm caches, also to the table, which precedes the files.
+def time_commands(rounds: int, peer: str) -> pd.DataFrame:
+    """Return times of commands and of a script with warm caches, from the shell to their end.
 
-    The commands take turns.
+    "table after" is the time of the first output: `beamdae run` prints the table before it writes
+    the page and the picture. The processes, and one of Exudyn if it is installed, take turns.
     """
     best: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
+        model, script = str(MODELS_FOLDER / "hub_beam.py"), Path(folder, "script.py")
+        script.write_text(SCRIPT)
+        processes = {"python script.py": [sys.executable, str(script)]}
+        for options in RUN_OPTIONS:
+            name = " ".join(["run hub_beam.py", *options])
+            processes[name] = [sys.executable, "-m", "beamdae", "run", model, *options]
+        for name in ("check", "draw", "list"):
+            processes[f"{name} hub_beam.py"] = [sys.executable, "-m", "beamdae", name, model]
+        if has_exudyn(peer):
+            peer_script = str(Path(__file__).with_name("exudyn_peer.py"))
+            processes["Exudyn"] = [peer, peer_script, json.dumps(EXUDYN_RUN)]
         for k in range(rounds + 1):
-            for options in COMMANDS:
-                times = _time_command([str(MODELS_FOLDER / "hub_beam.py"), *options], folder)
+            for name, command in processes.items():
+                times = _time_process(command, folder)
                 if k:  # the first turn fills the caches
-                    row = best.setdefault(" ".join(["run hub_beam.py", *options]), times)
-                    row.update({name: min(x, times[name]) for name, x in row.items()})
-    return pd.DataFrame([{"command": name} | times for name, times in best.items()])
+                    row = best.setdefault(name, times)
+                    row.update({x: min(time, times[x]) for x, time in row.items()})
+    table = pd.DataFrame([{"process": name} | times for name, times in best.items()])
+    if "Exudyn" in best:
+        table["processor / Exudyn"] = table["processor [s]"] / best["Exudyn"]["processor [s]"]
+    return table
 
 
-def _time_command(arguments: list[str], folder: str) -> dict[str, float]:
+def _time_process(command: list[str], folder: str) -> dict[str, float]:
     used, begin = processor_time_of_children(), time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", "beamdae", "run", *arguments, "--out", folder],
-        env=environment_of_users(),
-        stdout=subprocess.PIPE,
+        command, cwd=folder, env=environment_of_users(), stdout=subprocess.PIPE
     )
     assert process.stdout is not None
     process.stdout.read1()
@@ -333,7 +359,7 @@ def main() -> None:
         return
     rounds = 2 if options.quick else 6
     if options.commands:
-        write_table(options.out, "commands", time_commands(rounds))
+        write_table(options.out, "commands", time_commands(rounds, options.peer))
         return
     write_table(options.out, "price_of_python", time_runs(rounds))
     peer = start_exudyn(options.peer)
@@ -343,7 +369,7 @@ def main() -> None:
     if options.before is not None:
         write_table(options.out, "beside_before", compare_with_checkout(options.before, rounds))
     write_table(options.out, "building", time_building())
-    write_table(options.out, "commands", time_commands(rounds))
+    write_table(options.out, "commands", time_commands(rounds, options.peer))
 
 
 if __name__ == "__main__":

@@ -6,16 +6,19 @@ The length constants are relative to the symbol size.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae.parts.forces.bushing import Bushing
-from beamdae.parts.forces.contact import Contact
 from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionDamper, TorsionSpring
 from beamdae.parts.forces.surfaces import CircleSurface
 from beamdae.report.scene.joint_symbols import draw_supports, find_travel
 from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import align_points, circle, hatched_line, join_lines
+
+if TYPE_CHECKING:
+    from beamdae.parts.forces.bushing import Bushing
+    from beamdae.parts.forces.contact import Contact
 
 Array = np.ndarray
 

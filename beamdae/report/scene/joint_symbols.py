@@ -7,19 +7,12 @@ The length constants are relative to the symbol size unless stated otherwise.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.beams.sliding import SlidingOnBeam
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.bodies.rigid_body import Ground, RigidBody
-from beamdae.parts.joints.distance import Distance
-from beamdae.parts.joints.drivers import Driver, TranslationalDriver
-from beamdae.parts.joints.gears import Gear, RackAndPinion
-from beamdae.parts.joints.guides import PointOnLine, Prismatic
-from beamdae.parts.joints.joint import Joint, Revolute, Weld
-from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine, Skate
 from beamdae.parts.part import Part
 from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import (
@@ -33,6 +26,15 @@ from beamdae.report.scene.shapes import (
     unit_vector,
     wheel,
 )
+
+if TYPE_CHECKING:
+    from beamdae.beams.sliding import SlidingOnBeam
+    from beamdae.parts.joints.distance import Distance
+    from beamdae.parts.joints.drivers import Driver, TranslationalDriver
+    from beamdae.parts.joints.gears import Gear, RackAndPinion
+    from beamdae.parts.joints.guides import PointOnLine, Prismatic
+    from beamdae.parts.joints.joint import Joint, Revolute, Weld
+    from beamdae.parts.joints.rolling import RollingOnCircle, RollingOnLine, Skate
 
 Array = np.ndarray
 

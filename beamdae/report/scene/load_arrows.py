@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae.beams.beam_loads import DistributedForce, MovingForce
-from beamdae.parts.forces.force_law import ForceLaw
-from beamdae.parts.forces.loads import Force, Moment
-from beamdae.parts.laws import Law
 from beamdae.report.scene.joint_symbols import draw_markers
 from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import arrow_head
+
+if TYPE_CHECKING:
+    from beamdae.beams.beam_loads import DistributedForce, MovingForce
+    from beamdae.parts.forces.force_law import ForceLaw
+    from beamdae.parts.forces.loads import Force, Moment
+    from beamdae.parts.laws import Law
 
 Array = np.ndarray
 
