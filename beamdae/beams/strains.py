@@ -177,10 +177,10 @@ class LargestStress:
         largest = SX(0)
         for stress in stresses:
             largest = ca.fmax(largest, stress)
-        # Without loads, all stresses are zero, and so are the derivatives of the bound.
+        # Without loads, all stresses are zero, and so are the bound and its derivatives.
         scale = ca.fmax(largest, _NEGLIGIBLE)
         total = sum((stress / scale) ** self.exponent for stress in stresses)
-        return ca.vertcat(largest, scale * (total + _NEGLIGIBLE) ** (1.0 / self.exponent))
+        return ca.vertcat(largest, largest * (total + _NEGLIGIBLE) ** (1.0 / self.exponent))
 
 
 def _fiber_magnitude_function(

@@ -86,3 +86,47 @@ def test_invalid_options_are_rejected(here, arguments, message):
     result = run(*arguments)
     assert result.exit_code == 2
     assert message in " ".join(result.output.split())
+
+
+LEAF = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def leaf(height=bd.param(1e-3, "m")):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=height)
+    beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.1, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    law = bd.sine(1e-3, frequency=10.0)
+    target = mech.ground.at(0.1, 0.0)
+    mech.add(bd.TranslationalDriver("drive", target, beam.end, law, direction=(0, 1)))
+    mech.observe("stress", beam.largest_stress())
+    return mech
+"""
+
+
+def test_regression_equilibria_are_at_a_time_and_limits_of_zeros_warn(here):
+    """At t = 0, where the driver is at zero, the search ended at a bound, the stress at 1e-202."""
+    Path("model.py").write_text(LEAF, encoding="utf-8")
+    arguments = ["--by", "height", "--maximize", "height", "--bounds", "height=0.5mm:5mm"]
+    arguments += ["--at-most", "equilibrium:stress.bound=100 MPa", "--no-page"]
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    assert "e-20" not in result.output
+    output = " ".join(result.output.split())
+    assert "stress.bound at equilibrium is zero for every design" in output
+    assert "set --t to a time" in output
+    result = run(*arguments, "--t", "25ms", "--json")
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    # Cantilever with the deflection d at its end: stress = 3 E h d / (2 L^2) at the clamp.
+    height = 1e8 * 2.0 * 0.1**2 / (3.0 * 2.1e11 * 1e-3)
+    assert document["parameters"]["height"] == pytest.approx(height, rel=0.01)
+    assert not document.get("warnings")
+
+
+def test_time_without_an_equilibrium_is_rejected(here):
+    result = run("--by", "mass", "--minimize", "mass", "--t", "1s")
+    assert result.exit_code == 2
+    assert "--t 1: no quantity is of the kind equilibrium:COLUMN" in " ".join(result.output.split())

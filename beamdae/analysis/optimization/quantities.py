@@ -248,6 +248,8 @@ class ParameterFunction(AnalysisQuantity):
         smooth; its derivatives are central differences of fourth order.
     name
         Name in tables.
+    unit
+        Unit of the value in tables and limits; "" if it is unknown.
 
     Examples
     --------
@@ -259,6 +261,7 @@ class ParameterFunction(AnalysisQuantity):
 
     function: Callable[..., float]
     name: str = "function of parameters"
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -526,6 +529,8 @@ def find_unit(quantity: Quantity, columns: Mapping[str, str]) -> str | None:
             return "kg"
         case Frequency():
             return "Hz"
+        case ParameterFunction():
+            return quantity.unit or None
         case EquilibriumValue():
             return columns.get(quantity.column)
         case RunQuantity():

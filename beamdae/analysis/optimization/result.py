@@ -22,6 +22,7 @@ from beamdae.analysis.optimization.problem import (
 from beamdae.analysis.optimization.quantities import (
     MAX_EXPONENT,
     EquilibriumErrors,
+    EquilibriumQuantity,
     EquilibriumValue,
     LargestOf,
     Limit,
@@ -157,8 +158,8 @@ class Optimization:
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
         of `rtol` would change the objective or a constrained quantity by more than 1 %), on
         maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not,
-        on stresses within a limit of their signed value whose magnitude is beyond it, and the
-        warnings of `analyses`.
+        on stresses within a limit of their signed value whose magnitude is beyond it, on quantities
+        that are zero for every design, and the warnings of `analyses`.
     """
 
     parameters: Mapping[str, Any]
@@ -336,7 +337,11 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         messages = tuple(x for x in messages if x not in about_end)
     if not search.was_ended:
         try:
-            own = (*_check_steps(problem, search), *_check_maxima(problem, design))
+            own = (
+                *_check_steps(problem, search),
+                *_check_maxima(problem, design),
+                *_check_zeros(problem, search),
+            )
             messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
         except KeyboardInterrupt:
             acknowledge()
@@ -495,6 +500,27 @@ def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> t
             "Pa in magnitude, because stresses have a sign; to limit the magnitude, add "
             f"{other}(quantity, {-x.limit:.4g}) or limit LargestOf([quantity])."
         )
+    return tuple(messages)
+
+
+def _check_zeros(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
+    """Return a warning for each quantity that is exactly zero for every design.
+
+    It is of a column that nothing moves, for example because an equilibrium is at a time at which
+    a driver is at zero.
+    """
+    values = np.array([x.values for x in search.trials if not x.failure])
+    messages = []
+    for k in np.flatnonzero(~np.any(values, axis=0)).tolist():
+        quantity = problem.quantities[k]
+        is_static = any(isinstance(x, EquilibriumQuantity) for x in quantity.leaves)
+        cause = (
+            "check the loads, and set t= to a time at which drivers are not at zero"
+            if is_static
+            else "check the column and the motion of the model"
+        )
+        effect = "its limit has no effect" if k else "any design minimizes it"
+        messages.append(f"{quantity.label} is zero for every design, so that {effect}; {cause}.")
     return tuple(messages)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 from beamdae.cli.options import (
     Bounds,
     FixedStep,
+    LoadTime,
     ModelName,
     ModelPath,
     Out,
@@ -29,10 +31,11 @@ from beamdae.report.option_names import name_options
 if TYPE_CHECKING:
     from beamdae.analysis.optimization.quantities import Limit, Quantity
     from beamdae.analysis.optimization.result import Optimization
+    from beamdae.model_functions import Model
 
 _KINDS = (
     "mass, frequency:NUMBER[:equilibrium], equilibrium:COLUMN, end:COLUMN, maximum:COLUMN, "
-    "integral:COLUMN"
+    "integral:COLUMN, or the name of a parameter"
 )
 
 
@@ -65,6 +68,7 @@ def optimize_command(
     settings: Settings = None,
     model_name: ModelName = None,
     step: FixedStep = None,
+    t: LoadTime = 0.0,
     start: Starts = None,
     method: Annotated[str, typer.Option(help="SLSQP or trust-constr.")] = "SLSQP",
     max_evaluations: Annotated[
@@ -90,13 +94,16 @@ def optimize_command(
     from beamdae.integrators import GeneralizedAlpha
     from beamdae.results.storage.files import escape_table, write_text
 
+    parser = _QuantityParser(model, t)
     objective = (
-        _parse_quantity("--minimize", minimize)
+        parser.quantity("--minimize", minimize)
         if maximize is None
-        else -_parse_quantity("--maximize", maximize)
+        else -parser.quantity("--maximize", maximize)
     )
-    limits = [_parse_limit("--at-most", x) for x in at_most or []]
-    limits += [_parse_limit("--at-least", x) for x in at_least or []]
+    limits = [parser.limit("--at-most", x) for x in at_most or []]
+    limits += [parser.limit("--at-least", x) for x in at_least or []]
+    if t and not parser.has_equilibria:
+        raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
     result = optimize(
         model,
         objective,
@@ -117,47 +124,59 @@ def optimize_command(
     files.finish(result.status)
 
 
-def _parse_quantity(option: str, text: Any) -> Quantity:
-    """Return the quantity KIND:NAME."""
-    from beamdae.analysis.gradients.objectives import EndValue, SmoothMaximum, TimeIntegral
-    from beamdae.analysis.optimization.quantities import (
-        EquilibriumValue,
-        Frequency,
-        Mass,
-        as_quantity,
-    )
+@dataclass
+class _QuantityParser:
+    """Parser of quantities of `model`, with equilibria at the time `t` [s]."""
 
-    kind, _, name = str(text).partition(":")
-    number, _, about = name.partition(":")
-    is_frequency = number.isdigit() and name in (number, f"{number}:equilibrium")
-    kinds: dict[str, Any] = {
-        "frequency": lambda: Frequency(int(number), about or "reference"),
-        "equilibrium": lambda: EquilibriumValue(name),
-        "end": lambda: EndValue(name),
-        "maximum": lambda: SmoothMaximum(name),
-        "integral": lambda: TimeIntegral(name),
-    }
-    if kind == "mass" and not name:
-        return Mass()
-    is_valid = kind in kinds and (is_frequency if kind == "frequency" else bool(name))
-    if not is_valid:
-        raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
-    return as_quantity(option, kinds[kind]())
+    model: Model
+    t: float
+    has_equilibria: bool = False
 
-
-def _parse_limit(option: str, text: str) -> Limit:
-    """Return the constraint QUANTITY=LIMIT."""
-    from beamdae.analysis.optimization.quantities import at_least, at_most
-    from beamdae.model_parameters import parse_quantity
-
-    quantity, _, limit = text.rpartition("=")
-    if not quantity or parse_quantity(limit) is None:
-        raise BeamdaeError(
-            f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a "
-            "number in SI units, or with a unit, as limit."
+    def quantity(self, option: str, text: Any) -> Quantity:
+        """Return the quantity KIND:NAME, or that of a parameter."""
+        from beamdae.analysis.gradients.objectives import EndValue, SmoothMaximum, TimeIntegral
+        from beamdae.analysis.optimization.quantities import (
+            EquilibriumValue,
+            Frequency,
+            Mass,
+            ParameterFunction,
+            as_quantity,
         )
-    create = at_most if option == "--at-most" else at_least
-    return create(_parse_quantity(option, quantity), limit)
+
+        kind, _, name = str(text).partition(":")
+        number, _, about = name.partition(":")
+        is_frequency = number.isdigit() and name in (number, f"{number}:equilibrium")
+        kinds: dict[str, Any] = {
+            "frequency": lambda: Frequency(int(number), about or "reference"),
+            "equilibrium": lambda: EquilibriumValue(name, t=self.t),
+            "end": lambda: EndValue(name),
+            "maximum": lambda: SmoothMaximum(name),
+            "integral": lambda: TimeIntegral(name),
+        }
+        if kind == "mass" and not name:
+            return Mass()
+        if text in self.model.parameters:
+            unit = self.model.parameter_info[text].unit
+            return ParameterFunction(lambda **parameters: parameters[text], text, unit)
+        is_valid = kind in kinds and (is_frequency if kind == "frequency" else bool(name))
+        if not is_valid:
+            raise BeamdaeError(f"{option} {text}: the quantity must be one of {_KINDS}.")
+        self.has_equilibria |= kind == "equilibrium"
+        return as_quantity(option, kinds[kind]())
+
+    def limit(self, option: str, text: str) -> Limit:
+        """Return the constraint QUANTITY=LIMIT."""
+        from beamdae.analysis.optimization.quantities import at_least, at_most
+        from beamdae.model_parameters import parse_quantity
+
+        quantity, _, limit = text.rpartition("=")
+        if not quantity or parse_quantity(limit) is None:
+            raise BeamdaeError(
+                f"{option} {text}: the constraint must have the form QUANTITY=LIMIT, with a "
+                "number in SI units, or with a unit, as limit."
+            )
+        create = at_most if option == "--at-most" else at_least
+        return create(self.quantity(option, quantity), limit)
 
 
 def _print_results(result: Optimization, name: str) -> None:
