@@ -38,19 +38,18 @@ from beamdae.integrators.radau.coefficients import (
     C,
     T,
 )
+from beamdae.integrators.radau.stages import factorize_both
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
-    eliminate,
-    factorize,
     fill,
     max_norm,
     pick,
     solve,
     split_complex,
 )
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
 from beamdae.symbolic.sparse_operators import transpose_pattern
@@ -209,19 +208,7 @@ def _factorize_transposes(adjoint: RadauAdjoint) -> int:
     run, of, at = adjoint.run, adjoint.entries, adjoint.transposed_entries
     pick(adjoint.real_nonzeros, at, run.real_nonzeros, of, 0, at.size)
     pick(adjoint.complex_nonzeros, at, run.complex_nonzeros, of, 0, at.size)
-    if adjoint.tested == 0:
-        real_code = factorize(adjoint.real_solver, adjoint.real_nonzeros)
-        complex_code = factorize(adjoint.complex_solver, adjoint.complex_nonzeros)
-    else:
-        real_code = eliminate(adjoint.real_solver, adjoint.real_nonzeros)
-        complex_code = eliminate(adjoint.complex_solver, adjoint.complex_nonzeros)
-    if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
-        return NEW_PIVOTS
-    adjoint.real_solver.singular = 0
-    adjoint.complex_solver.singular = 0
-    if real_code == SINGULAR or complex_code == SINGULAR:
-        return SINGULAR
-    return DONE
+    return factorize_both(adjoint, adjoint.tested == 0)
 
 
 def _set_seeds(adjoint: RadauAdjoint, first: int, h: float) -> None:

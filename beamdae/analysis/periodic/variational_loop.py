@@ -20,9 +20,9 @@ from beamdae.integrators.radau.coefficients import (
     TO_COMPLEX,
     T,
 )
+from beamdae.integrators.radau.stages import factorize_both
 from beamdae.native.loop_functions import (
     combine,
-    factorize,
     fill,
     max_norm,
     omit_refinement,
@@ -30,7 +30,7 @@ from beamdae.native.loop_functions import (
     solve,
     split_complex,
 )
-from beamdae.native.return_codes import DONE, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 
 Array = np.ndarray
 
@@ -132,18 +132,12 @@ def _factorize_step(run: VariationalWorkspace) -> int:
     parts = (run.jacobians[1, :size], run.jacobians[1, size:])
     combine(run.real_nonzeros, (1.0, REAL_EIGENVALUE / h), parts)
     combine(run.complex_nonzeros, (1.0, COMPLEX_EIGENVALUE / h), parts)
-    real_code = factorize(run.real_solver, run.real_nonzeros)
-    complex_code = factorize(run.complex_solver, run.complex_nonzeros)
-    if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
-        return NEW_PIVOTS
-    # The iteration of the stages is an iterative refinement itself.
-    omit_refinement(run.real_solver)
-    omit_refinement(run.complex_solver)
-    run.real_solver.singular = 0
-    run.complex_solver.singular = 0
-    if real_code == SINGULAR or complex_code == SINGULAR:
-        return SINGULAR
-    return DONE
+    code = factorize_both(run, True)
+    if code == DONE:
+        # The iteration of the stages is an iterative refinement itself.
+        omit_refinement(run.real_solver)
+        omit_refinement(run.complex_solver)
+    return code
 
 
 def _propagate(run: VariationalWorkspace, h: float, y: Array) -> int:

@@ -36,14 +36,13 @@ from beamdae.integrators.radau.coefficients import T_INVERSE, A, C
 from beamdae.integrators.radau.stages import (
     correct_stages,
     derive_velocities,
-    evaluate_matrices,
-    finish_factors,
+    factorize_matrices,
     predict_stages,
     set_stages,
 )
 from beamdae.integrators.radau.stepper import STABILIZED_FORM, StepTolerance, make_workspace
 from beamdae.integrators.radau.workspace import RadauWorkspace
-from beamdae.native.loop_functions import combine, eliminate, factorize, fill, max_norm
+from beamdae.native.loop_functions import combine, fill, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
@@ -261,7 +260,7 @@ def restore_stages(replay: Any, step: int, h: float) -> int:
         combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
     derive_velocities(run, h)
     set_stages(run, h)
-    code = _factorize_matrices(replay, h)
+    code = factorize_matrices(run, h, replay.tested == 0)
     if code != DONE:
         return code
     for _ in range(_STAGE_ITERATIONS):
@@ -274,18 +273,6 @@ def restore_stages(replay: Any, step: int, h: float) -> int:
         combine(replay.stages[i], (1.0,), (run.stages[i],))
         combine(replay.rates[i], (1.0,), (run.rates[i],))
     return DONE
-
-
-def _factorize_matrices(replay: Any, h: float) -> int:
-    run = replay.run
-    evaluate_matrices(run, h)
-    if replay.tested == 0:
-        real_code = factorize(run.real_solver, run.real_nonzeros)
-        complex_code = factorize(run.complex_solver, run.complex_nonzeros)
-    else:
-        real_code = eliminate(run.real_solver, run.real_nonzeros)
-        complex_code = eliminate(run.complex_solver, run.complex_nonzeros)
-    return finish_factors(run, h, real_code, complex_code)
 
 
 def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:

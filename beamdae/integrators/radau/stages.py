@@ -8,6 +8,7 @@ possible.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from beamdae.integrators.radau.coefficients import (
 from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
+    eliminate,
     factorize,
     fill,
     max_norm,
@@ -66,7 +68,7 @@ def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     h_rounding = h / run.rounding_ratio
     minimum(velocities, run.velocity_weights, h_rounding, run.velocity_rounding_weights)
     if renew:
-        code = factorize_matrices(run, h)
+        code = factorize_matrices(run, h, True)
         if code != DONE:
             return code
     return _iterate_newton(run, h)
@@ -118,15 +120,42 @@ def set_stages(run: RadauWorkspace, h: float) -> None:
         combine(run.rates[i], factors, (w[0], w[1], w[2]))
 
 
-def factorize_matrices(run: RadauWorkspace, h: float) -> int:
-    """Factorize both matrices at the second stage, which lies between the other two."""
-    evaluate_matrices(run, h)
-    real_code = factorize(run.real_solver, run.real_nonzeros)
-    complex_code = factorize(run.complex_solver, run.complex_nonzeros)
-    return finish_factors(run, h, real_code, complex_code)
+def factorize_matrices(run: RadauWorkspace, h: float, is_tested: bool) -> int:
+    """Factorize both matrices at the second stage, which lies between the other two.
+
+    If they succeed, the factors are those of `h`.
+    """
+    _evaluate_matrices(run, h)
+    code = factorize_both(run, is_tested)
+    if code != NEW_PIVOTS:
+        run.jacobians += 1
+    if code == DONE:
+        run.factors_step = h
+    return code
 
 
-def evaluate_matrices(run: RadauWorkspace, h: float) -> None:
+def factorize_both(run: Any, is_tested: bool) -> int:
+    """Factorize the real and the complex matrix; return DONE, NEW_PIVOTS or SINGULAR.
+
+    `run` has the solvers and non-zeros of both, as a `RadauWorkspace`. If `is_tested`, the accuracy
+    of the factors is tested.
+    """
+    if is_tested:
+        real_code = factorize(run.real_solver, run.real_nonzeros)
+        complex_code = factorize(run.complex_solver, run.complex_nonzeros)
+    else:
+        real_code = eliminate(run.real_solver, run.real_nonzeros)
+        complex_code = eliminate(run.complex_solver, run.complex_nonzeros)
+    if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
+        return NEW_PIVOTS
+    run.real_solver.singular = 0
+    run.complex_solver.singular = 0
+    if real_code == SINGULAR or complex_code == SINGULAR:
+        return SINGULAR
+    return DONE
+
+
+def _evaluate_matrices(run: RadauWorkspace, h: float) -> None:
     """Evaluate the non-zeros of both matrices at the second stage."""
     form, t, y, yp = run.form, run.t + C[1] * h, run.stages[1], run.rates[1]
     run.factors_step = 0.0
@@ -135,19 +164,6 @@ def evaluate_matrices(run: RadauWorkspace, h: float) -> None:
     rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
     combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
-
-
-def finish_factors(run: RadauWorkspace, h: float, real_code: int, complex_code: int) -> int:
-    """Return the code of both factorizations; if they succeeded, the factors are those of `h`."""
-    if real_code == NEW_PIVOTS or complex_code == NEW_PIVOTS:
-        return NEW_PIVOTS
-    run.jacobians += 1
-    run.real_solver.singular = 0
-    run.complex_solver.singular = 0
-    if real_code == SINGULAR or complex_code == SINGULAR:
-        return SINGULAR
-    run.factors_step = h
-    return DONE
 
 
 def _jacobian_part(run: RadauWorkspace, power: int) -> Array:
