@@ -66,6 +66,7 @@ from beamdae.results.diagnostics.singular_positions import (
 from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
+from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
@@ -314,6 +315,7 @@ class RunData:
             *moving_load_warnings(self.equations, self.trajectory),
             *growing_loop_warnings(self.equations, self.trajectory),
             *table_range_warnings(self.equations, self.trajectory),
+            *self._start_transient_warnings(),
             *self.resume_warnings,
             *filter(None, (self.start.warning, self._describe_unstable_start())),
             *self._part_warnings(),
@@ -326,6 +328,15 @@ class RunData:
             return ""
         statics = deferred.module("analysis.statics.start_stability")
         return str(statics.describe_unstable_start(self.equations, self.trajectory.start))
+
+    def _start_transient_warnings(self) -> Iterator[str]:
+        """Yield a warning about extremes that a start in equilibrium avoids."""
+        yield from start_transient_warnings(
+            self.equations,
+            self.trajectory,
+            self.step_extremes,
+            lambda rows, state: self._observe(rows, *state),
+        )
 
     @cached_property
     def _is_at_rest(self) -> bool:
