@@ -166,9 +166,9 @@ def follow_path(
     """Extend `path` in place from its end to each target in turn.
 
     If the targets cannot be reached, `path.status` gives the reason. A stop at the requested branch
-    or critical point does not change the status. `direction` is the initial direction of the path for steps by
-    arc length. By default, the load factor changes towards the first target if the targets are load
-    factors, and increases otherwise.
+    or critical point does not change the status. `direction` is the initial direction of the path
+    for steps by arc length. By default, the load factor changes towards the first target if the
+    targets are load factors, and increases otherwise.
     """
     path.step, initial_count = np.inf, len(path.branch_points)
     control = settings.target_control

@@ -429,9 +429,7 @@ def follow_to_critical_point(corrector: Corrector, begin: EquilibriumPoint, to: 
     """
     path, control = StagePath([begin]), LoadControl()
     settings = PathSettings("", (to,), ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
-    steps = replace(
-        _choose_steps(corrector, begin, settings, control), stop_at_critical_point=True
-    )
+    steps = replace(_choose_steps(corrector, begin, settings, control), stop_at_critical_point=True)
     follow_path(corrector, path, steps, settings.targets)
     return path
 
