@@ -287,7 +287,7 @@ def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: flo
     of an arch.
     """
     path = follow_to_critical_point(corrector, begin, _SEARCH_RATIO * first)
-    warnings = []
+    warnings: list[str] = []
     if path.critical:
         critical = path.critical[0]
         point = path.points[critical.row]
