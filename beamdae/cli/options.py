@@ -248,7 +248,8 @@ PlottedColumns = Annotated[
     typer.Option(
         "--plot",
         metavar="NAME",
-        help="Column or observable in the picture; repeatable. Defaults to the columns that vary.",
+        help="Column or observable in the picture, or several separated by commas; repeatable. "
+        "The page opens on them. Defaults to the columns that vary.",
     ),
 ]
 HorizontalColumn = Annotated[

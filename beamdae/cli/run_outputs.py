@@ -23,6 +23,7 @@ from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
     from beamdae.model_functions import Model
+    from beamdae.report.pictures.time_plots import PlotSelection
     from beamdae.results.certificate import Certificate
     from beamdae.results.outcome import Status
     from beamdae.results.solution import Solution
@@ -69,6 +70,9 @@ class Run:
         True if an interrupt ended the integration or a later step.
     plot
         Contents of the picture.
+    charts
+        Columns of `plot` over time with the measured values, which the page shows first; None if
+        the picture shows the columns that vary.
     """
 
     model: Model
@@ -82,6 +86,7 @@ class Run:
     certificate: Certificate | None = None
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
+    charts: PlotSelection | None = None
 
     @property
     def picture(self) -> Path:
@@ -110,19 +115,24 @@ class Run:
             self.interrupted = True
 
 
-def require_plot(run: Run, is_drawn: bool, is_resumed: bool) -> None:
-    """Reject options of the picture before the run; a run may take hours.
+def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) -> None:
+    """Select the contents of the picture and of the page before the run, which may take hours.
 
     Raises
     ------
     BeamdaeError
-        If no picture is drawn, the model does not have a column, the data do not fit, or a resumed
-        run is to plot a coordinate.
+        If neither a picture nor a page shows them, the model does not have a column, the data do
+        not fit, or a resumed run is to plot a coordinate.
     """
     if run.plot.is_default:
         return
-    if not is_drawn:
-        raise BeamdaeError("run: --plot, --x and --data require the picture; omit --no-picture.")
+    if not is_drawn and run.plot.x is not None:
+        raise BeamdaeError("run: --x requires the picture; omit --no-picture.")
+    if not (is_drawn or has_page):
+        raise BeamdaeError(
+            "run: --plot and --data require the picture or the page; omit --no-picture or "
+            "--no-page."
+        )
     from beamdae.equations.measures import LEDGER_COLUMNS, TIME
     from beamdae.report.pictures.time_plots import select_plot
     from beamdae.results.run_data import coordinate_headers
@@ -132,7 +142,9 @@ def require_plot(run: Run, is_drawn: bool, is_resumed: bool) -> None:
     observed = equations.observed_headers
     headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
     in_table = [TIME, *observed, *LEDGER_COLUMNS]
-    selection = select_plot(list(headers), in_table, *run.plot)
+    columns, x, data = run.plot
+    selection = select_plot(list(headers), in_table, columns, x, data)
+    run.charts = select_plot(list(headers), in_table, columns, None, data) if x else selection
     missing = [c for c in (selection.abscissa, *selection.columns) if c not in in_table]
     if is_resumed and missing:
         raise BeamdaeError(
@@ -322,7 +334,13 @@ def write_page(run: Run, solution: Solution) -> None:
     def write() -> list[Path]:
         facts = {} if run.certificate is None else run.certificate.facts()
         page = build_run_page(
-            solution, run.model.name, run.columns, run.errors, _warnings(run, solution), facts
+            solution,
+            run.model.name,
+            run.columns,
+            run.errors,
+            _warnings(run, solution),
+            facts,
+            run.charts,
         )
         return [page_file.write_page(run.page, page)]
 

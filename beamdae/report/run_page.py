@@ -8,6 +8,7 @@ from typing import Any
 
 from beamdae.equations.measures import TIME
 from beamdae.report.page.page_data import compute_row_limit, select_curves
+from beamdae.report.pictures.time_plots import PlotSelection, find_time_window
 from beamdae.report.scene.frame_export import export_run_frames
 from beamdae.report.terminal import text_tables as terminal
 from beamdae.report.terminal.responsive_table import ResponsiveTable
@@ -15,7 +16,8 @@ from beamdae.results.columns import is_derivative, observed_columns
 from beamdae.results.event_records import format_event_times
 from beamdae.results.solution import Solution
 
-_ID = "run"  # id of the only case and of its group
+_ID = "run"  # id of the case of the run and of its group
+_TIME_CHARTS = ("observed", "energy", "error", "drift")  # charts that share their time axis
 _HASH_DIGITS = 12  # displayed digits of the equation hash, enough to distinguish runs
 _PARAMETER_DIGITS = 6
 
@@ -27,6 +29,7 @@ def build_run_page(
     errors: Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     certificate: Mapping[str, str] | None = None,
+    charts: PlotSelection | None = None,
 ) -> dict[str, Any]:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
@@ -46,6 +49,9 @@ def build_run_page(
         Warnings to show. Defaults to those of the run.
     certificate
         Facts of the certificate of the run.
+    charts
+        Columns that the charts show first, with measured values over time. Defaults to the columns
+        that vary.
     """
     table = solution.all_columns() if columns is None else dict(columns)
     # The drift is available only for the rows of this run.
@@ -54,6 +60,10 @@ def build_run_page(
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
     tables = [x for x in _build_tables(solution, table, errors, certificate) if x["rows"]]
+    limit = compute_row_limit(len(table))
+    measured = [] if charts is None else _list_measured(charts, limit)
+    points = {} if charts is None else charts.points
+    window = find_time_window(points, float(table[TIME][0]), float(table[TIME][-1]))
     return {
         "title": title,
         "subtitle": f"{method}: {status.sentence}",
@@ -68,10 +78,31 @@ def build_run_page(
                 "label": title,
                 "family": method,
                 "status": "ok" if status.success else status.sentence,
-                "curves": select_curves(table, compute_row_limit(len(table))),
-            }
+                "curves": select_curves(table, limit),
+            },
+            *measured,
         ],
+        "featured": [] if charts is None else charts.columns,
+        "noun": "curves" if measured else "cases",
+        "axes": None if measured else {},
+        "views": {} if window is None else {key: {"x": list(window)} for key in _TIME_CHARTS},
     }
+
+
+def _list_measured(charts: PlotSelection, limit: int) -> list[dict[str, Any]]:
+    """Return a case for the measured values of each column and experiment."""
+    return [
+        {
+            "id": f"data {column} {experiment}",
+            "group": _ID,
+            "label": f"data of {column}" + (f", {experiment}" if experiment else ""),
+            "family": "data",
+            "points": True,
+            "curves": select_curves({TIME: times, column: values}, limit),
+        }
+        for column, by_experiment in charts.points.items()
+        for experiment, (times, values) in by_experiment.items()
+    ]
 
 
 def _build_tables(

@@ -145,6 +145,10 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
     result = CliRunner().invoke(app, ["run", str(path), *plot, *options])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out/column.png").stat().st_size > 5000
+    options = ["--no-estimate", "--no-picture", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["run", str(path), "--data", str(data), *options])
+    assert result.exit_code == 0, result.output
+    assert "data of tip.x [m]" in (tmp_path / "out/column.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -153,7 +157,8 @@ def test_run_draws_the_selected_columns_over_another_one_and_measured_data(tmp_p
         (["--plot", "tip.z"], "there is no column 'tip.z' (did you mean"),
         (["--x", "tip"], "'tip' selects several columns"),
         (["--data", "none.csv"], "'none.csv' cannot be read"),
-        (["--x", "tip.x", "--no-picture"], "--plot, --x and --data require the picture"),
+        (["--x", "tip.x", "--no-picture"], "run: --x requires the picture; omit --no-picture."),
+        (["--plot", "tip.x", "--no-picture", "--no-page"], "require the picture or the page;"),
     ],
 )
 def test_invalid_options_of_the_picture_are_refused_before_the_run(tmp_path, options, message):

@@ -7,6 +7,7 @@ from pages import find_violations, selected_options
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
+from beamdae.report.pictures.time_plots import PlotSelection
 from beamdae.report.run_page import build_run_page
 
 
@@ -132,3 +133,30 @@ def test_the_page_has_no_violations(run, open_page, size, scheme):
     tab = open_page(page, viewport={"width": width, "height": height}, color_scheme=scheme)
     assert find_violations(tab) == []
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_measured_values_are_points_and_the_page_opens_on_their_column(run):
+    times, values = np.array([0.1, 0.2]), np.array([-0.05, -0.2])
+    points = {"tip.y [m]": {"": (times, values), "second": (times, -values)}}
+    page = build_run_page(run, "arm", charts=PlotSelection("t [s]", ["tip.y [m]"], points))
+    assert page["featured"] == ["tip.y [m]"]
+    _, first, second = page["cases"]
+    assert (first["label"], second["label"]) == ("data of tip.y [m]", "data of tip.y [m], second")
+    assert_allclose(first["curves"]["t"], times)
+    assert_allclose(second["curves"]["observed"]["tip.y [m]"], -values)
+    assert first["points"]
+    assert_allclose(page["views"]["observed"]["x"], [0.075, 0.225])
+    late = {"tip.y [m]": {"": (np.array([0.1, 0.6]), values)}}
+    page = build_run_page(run, "arm", charts=PlotSelection("t [s]", ["tip.y [m]"], late))
+    assert_allclose(page["views"]["energy"]["x"], [0.0, 0.6])
+
+
+@pytest.mark.slow(reason="opens a browser")
+def test_the_page_of_a_run_with_data_in_a_browser(run, show):
+    points = {"tip.y [m]": {"": (np.array([0.1, 0.2]), np.array([-0.05, -0.2]))}}
+    tab = show(build_run_page(run, "arm", charts=PlotSelection("t [s]", ["tip.y [m]"], points)))
+    assert tab.locator("[data-chart=observed] path.curve.data").count() == 1
+    assert tab.locator("[data-chart=energy] path.curve").count() > 1
+    choices = tab.locator("#panels [data-panel] select")
+    assert [selected_options(choices.nth(k)) for k in range(2)] == [["tip.y [m]"], ["all in J"]]
+    assert find_violations(tab) == []

@@ -111,8 +111,8 @@ def run_command(
         Path | None,
         typer.Option(
             metavar="DATA.csv",
-            help="Measured values, shown as markers in the picture: a column of times, such as "
-            "'t [ms]', and columns of the model, such as 'tip.y [mm]'.",
+            help="Measured values, shown as markers in the picture and on the page: a column of "
+            "times, such as 't [ms]', and columns of the model, such as 'tip.y [mm]'.",
         ),
     ] = None,
     checkpoint: Annotated[
@@ -178,7 +178,7 @@ def run_command(
     names = None if sensitivities is None else [x.strip() for x in sensitivities.split(",")]
     _require_differentiable(names, required_accuracy, resume_from)
     run = Run(model, method, out / f"{model.name}.csv", plot=RunPlot(plot or (), x, data))
-    run_outputs.require_plot(run, picture, resume_from is not None)
+    run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
     files += [path for path, is_written in ((run.page, page), (run.picture, picture)) if is_written]

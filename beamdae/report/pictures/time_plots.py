@@ -64,6 +64,7 @@ _PANEL_LEGEND_LETTERS = 14  # of an entry in the legend of a panel
 _PANEL_LEGEND_COLUMNS = 4
 _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
+_MARGIN_OF_DATA = 0.25  # of their duration, before and after them
 _DATA_MARKERS = "osD^v"  # of experiments
 
 
@@ -96,7 +97,8 @@ def plot(
     data
         Measured values, plotted as markers: a table or the path of a CSV file, as in `fit`. Columns
         such as "t [ms]" and "tip.y [mm]" are converted to the units of the run. Columns that the
-        runs do not contain are ignored.
+        runs do not contain are ignored. The time axis covers the data, extended by a quarter of
+        their duration before and after them, or at most the whole run.
 
     Returns
     -------
@@ -156,6 +158,12 @@ def _create_figure(
         columns = characteristic_columns({c: first[c] for c in candidates})
         columns = columns or candidates[:_MAX_FALLBACK_COLUMNS]
     is_over_time = abscissa == TIME
+    window = None
+    if is_over_time:
+        ends = [np.asarray(table[TIME])[[0, -1]] for table in tables.values()]
+        window = find_time_window(points, float(np.min(ends)), float(np.max(ends)))
+    if window is not None:
+        tables = {label: _select_rows(table, window) for label, table in tables.items()}
     figure, axes = create_panels(len(columns), title, x_label=TIME if is_over_time else None)
     experiments = dict.fromkeys(name for measured in points.values() for name in measured)
     markers = {name: _marker_style(k) for k, name in enumerate(experiments)}
@@ -171,6 +179,8 @@ def _create_figure(
                 axis.plot(values[:1], masked[vertical][:1], **start)
         for experiment, measured in points.get(column, {}).items():
             axis.plot(*measured, **markers[experiment])
+        if window is not None:
+            axis.set_xlim(*window)
         header = Header.of(column)
         name = column.removesuffix(f" [{header.unit}]")
         format_axis(axis, shorten_text(name, _TITLE_LETTERS), f"[{header.unit}]")
@@ -187,6 +197,32 @@ def _create_figure(
     if entries:
         add_legend(figure, entries)
     return figure
+
+
+def find_time_window(
+    points: Mapping[str, Mapping[str, tuple[Array, Array]]], begin: float, end: float
+) -> tuple[float, float] | None:
+    """Return the limits [s] of plots of a run from `begin` to `end` [s] with measured values.
+
+    None if there are no values, values of a single time, or none during the run. `points` are those
+    of a `PlotSelection` over time.
+    """
+    times = [t for measured in points.values() for t, _ in measured.values() if len(t)]
+    if not times:
+        return None
+    first, last = float(min(map(np.min, times))), float(max(map(np.max, times)))
+    margin = _MARGIN_OF_DATA * (last - first)
+    if margin == 0.0 or first > end or last < begin:
+        return None
+    return max(first - margin, min(first, begin)), min(last + margin, max(last, end))
+
+
+def _select_rows(table: Mapping[str, Any], window: tuple[float, float]) -> Mapping[str, Any]:
+    """Return the rows of a table within a time window, and the next ones outside."""
+    t = np.asarray(table[TIME])
+    first = max(int(np.searchsorted(t, window[0], side="right")) - 1, 0)
+    last = int(np.searchsorted(t, window[1], side="left"))
+    return {header: np.asarray(values)[first : last + 1] for header, values in table.items()}
 
 
 def _candidates(observed: Sequence[str], abscissa: str) -> list[str]:

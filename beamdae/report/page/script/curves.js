@@ -98,7 +98,8 @@ function createPanel(panel) {
   // All energies of a single run share a chart.
   const together = choices.find(({ names }) => names.length > 1);
   const single = choices.find((choice) => !choice.isMinor) ?? choices[0];
-  const initial = (page.cases.length === 1 && key === "energy" && together) || single;
+  const runs = page.cases.filter((run) => !run.points);
+  const initial = (runs.length === 1 && key === "energy" && together) || single;
   panel.choice = choices.find(({ label }) => label === state.choices[key]) ?? initial;
   panel.holder = html("div");
   const controls = [html("h3", {}, title)];
@@ -154,17 +155,17 @@ function drawPanel(panel) {
 }
 
 // One line per selected case and name. Color distinguishes cases and dashes distinguish names. With a single
-// case, both distinguish names; with a single name, both distinguish cases.
+// case besides measured data, both distinguish names; with a single name, both distinguish cases.
 function collectLines({ key, choice: { names } }) {
   const cases = selectedCases();
-  const [hasCases, hasNames] = [cases.length > 1, names.length > 1];
+  const [hasCases, hasNames] = [cases.filter(({ run }) => !run.points).length > 1, names.length > 1];
   const curvesOf = state.differences[key] ? (run) => run.curves?.difference?.[key] : (run) => run.curves?.[key];
   return cases
     .flatMap(({ run, number, color }) =>
       names.map((name, k) => ({
         run,
         name,
-        label: !hasNames ? run.label : hasCases ? `${name}, ${run.label}` : name,
+        label: !hasNames || run.points ? run.label : hasCases ? `${name}, ${run.label}` : name,
         style: {
           ...lineStyle(hasCases || !hasNames ? color : `color-${k % COLOR_COUNT}`, hasNames ? k : number - 1),
           isData: run.points,
