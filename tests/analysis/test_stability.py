@@ -230,3 +230,33 @@ def test_sparse_matrices_count_negative_eigenvalues_next_to_zero(monkeypatch):
         lowest = point.stability.eigenvalues
         assert point.stability.negative_count == np.sum(lowest < 0.0)
         assert abs(lowest[0]) < 1e-6 * lowest[1]
+
+
+def swaying_portal(side):
+    """Return a clamped portal frame of 1 m in floating frames, with EI / L^2 on both columns."""
+    mech, section = bd.Mechanism(), rectangle(1e-2)
+    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    left, beam, right = (
+        mech.add(bd.Beam(name, bd.Line(*points[k : k + 2]), section, 8))
+        for k, name in enumerate(("left", "beam", "right"))
+    )
+    mech.add(bd.Weld("left foot", mech.ground.at(0.0, 0.0), left.start))
+    mech.add(bd.Weld("left corner", left.end, beam.start))
+    mech.add(bd.Weld("right corner", beam.end, right.start))
+    mech.add(bd.Weld("right foot", mech.ground.at(1.0, 0.0), right.end))
+    mech.add(bd.Force("first", left.end, (side * section.EI, -section.EI)))
+    mech.add(bd.Force("second", right.start, (0.0, -section.EI)))
+    return mech
+
+
+@pytest.mark.slow(reason="one second")
+def test_regression_portal_of_default_strain_ends_in_few_points():
+    """A portal frame ran for 264 s and ended at the load factor -1.9e6."""
+    path = bd.equilibrium(swaying_portal(0.0), to=20.0)
+    (point,) = path.critical
+    # Bazant & Cedolin: k L / tan(k L) = -6.
+    assert point.factor == pytest.approx(7.379, rel=1e-3)
+    path = bd.equilibrium(swaying_portal(0.01), to=20.0)
+    assert "use control='arc length'" in path.status.sentence
+    assert 7.0 < path.factor < 20.0
+    assert len(path.q) < 60

@@ -92,6 +92,16 @@ def test_an_output_step_longer_than_the_run_gives_two_rows():
     assert_allclose(solution.t, [0.0, 0.5], rtol=0.0, atol=0.0)
 
 
+def test_regression_columns_are_in_a_solution():
+    """The operator "in" raised an error."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0)))
+    mech.observe("ball", ball.point)
+    solution = bd.simulate(mech, t_end=0.1)
+    assert "ball.x" in solution
+    assert "ball.z" not in solution
+
+
 def test_the_default_output_step_is_a_thousandth_of_the_run():
     solution = bd.simulate(pushed(1.0), bd.GeneralizedAlpha(step=0.1), 0.3)
     assert_allclose(solution.t, np.linspace(0.0, 0.3, 1001), rtol=0.0, atol=1e-15)
