@@ -39,11 +39,6 @@ def buckling_mesh_warnings(
 ) -> list[str]:
     """Return a warning if the elements of beams are too long for buckling modes; otherwise [].
 
-    The wave number k of a mode in an element is that of a column under its axial force N,
-    EI k^2 = -N, and at most that of the bending of the mode, k^2 = int kappa^2 ds / int phi^2 ds
-    with the curvature kappa and the rotation phi without its mean, which is smaller on elastic
-    supports. The share of a beam in the error is that in the bending energy of the mode.
-
     Parameters
     ----------
     equations, q
@@ -53,43 +48,106 @@ def buckling_mesh_warnings(
     factors, shapes
         Load factors (k,) and mode shapes (n, k).
     """
-    zero = np.zeros(equations.n)
 
-    def differentiate(beam: Beam, s: Array, direction: Array) -> Array:
-        """Return the derivatives of (N, Q, M) at arc lengths (k,) along a direction, (3, k)."""
-        largest = float(np.max(np.abs(direction) / equations.position_scales))
-        step = _DIFFERENCE / largest if largest > 0.0 else 1.0
-        forward, backward = (
-            elastic_section_forces(
-                beam, equations, State(q + x * direction, zero, zero, np.zeros(equations.m)), s
-            )
-            for x in (step, -step)
-        )
-        return np.asarray((forward - backward) / (2.0 * step))
-
-    beams = beams_of(equations.mechanism)
-    modes = [_bending(equations, beam, differentiate, shapes) for beam in beams]
-    total = np.sum([energies for energies, _ in modes], axis=0)
-    errors = np.zeros((len(beams), len(factors)))
-    for row, beam, (energies, largest_numbers) in zip(errors, beams, modes, strict=True):
+    def axial_forces(beam: Beam) -> Array:
         middles = element_middles(beam)
-        (stiffness,) = section_values(beam, "EI")
-        state = State(q, zero, zero, np.zeros(equations.m))
-        initial = elastic_section_forces(beam, equations, state, middles)[0]
-        forces = initial + factors[:, None] * differentiate(beam, middles, response)[0]
-        numbers = np.sqrt(np.maximum(-forces, 0.0) / stiffness)
-        numbers = np.minimum(numbers, largest_numbers[:, None])
-        with np.errstate(invalid="ignore"):
-            row[:] = np.nan_to_num(buckling_errors(beam, numbers) * energies / total)
-    reported = np.flatnonzero(errors.sum(axis=0) > _MIN_REPORTED_ERROR)
-    return [_describe(beams, factors, errors, reported)] if len(reported) else []
+        initial = _section_forces(equations, beam, middles, q)[0]
+        change = _differentiate(equations, beam, middles, q, response)[0]
+        return np.asarray(initial + factors[:, None] * change)
+
+    errors = _estimate_errors(equations, q, shapes, axial_forces)
+    (reported,) = np.nonzero(errors.sum(axis=0) > _MIN_REPORTED_ERROR)
+    if not len(reported):
+        return []
+    k = int(reported[0])
+    cause, size, remedy = _describe(beams_of(equations.mechanism), errors[:, k])
+    more = f" and {len(reported) - 1} more" if len(reported) > 1 else ""
+    return [
+        f"{cause} mode {k + 1}{more}, whose load factor of {factors[k]:.4g} has an error of "
+        f"{size}; {remedy} or more, or fewer modes."
+    ]
 
 
-def _bending(
+def critical_point_mesh_note(
+    equations: EquationsOfMotion, kind: str, factor: float, q: Array, mode: Array
+) -> str:
+    """Return a remark if the elements of beams are too long for a critical point; otherwise "".
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    kind, factor
+        Kind and load factor of the critical point.
+    q, mode
+        Its positions and its mode shape, (n,).
+    """
+
+    def axial_forces(beam: Beam) -> Array:
+        return _section_forces(equations, beam, element_middles(beam), q)[:1]
+
+    errors = _estimate_errors(equations, q, mode[:, None], axial_forces)[:, 0]
+    if not errors.sum() > _MIN_REPORTED_ERROR:
+        return ""
+    cause, size, remedy = _describe(beams_of(equations.mechanism), errors)
+    return (
+        f"{cause} the {kind} at load factor {factor:.6g}, whose error is {size}; {remedy} or more."
+    )
+
+
+def _section_forces(equations: EquationsOfMotion, beam: Beam, s: Array, q: Array) -> Array:
+    """Return (N, Q, M) at arc lengths (k,) of a beam at rest, (3, k)."""
+    zero = np.zeros(equations.n)
+    return elastic_section_forces(beam, equations, State(q, zero, zero, np.zeros(equations.m)), s)
+
+
+def _differentiate(
+    equations: EquationsOfMotion, beam: Beam, s: Array, q: Array, direction: Array
+) -> Array:
+    """Return the derivatives of (N, Q, M) at arc lengths (k,) along a direction (n,), (3, k)."""
+    largest = float(np.max(np.abs(direction) / equations.position_scales))
+    step = _DIFFERENCE / largest if largest > 0.0 else 1.0
+    forward, backward = (
+        _section_forces(equations, beam, s, q + x * direction) for x in (step, -step)
+    )
+    return np.asarray((forward - backward) / (2.0 * step))
+
+
+def _estimate_errors(
     equations: EquationsOfMotion,
-    beam: Beam,
-    differentiate: Callable[[Beam, Array, Array], Array],
+    q: Array,
     shapes: Array,
+    axial_forces: Callable[[Beam], Array],
+) -> Array:
+    """Return the relative error of the load of each mode (n, k) by each beam, (beams, k).
+
+    The wave number k of a mode in an element is that of a column under its axial force N,
+    EI k^2 = -N, and at most that of the bending of the mode, k^2 = int kappa^2 ds / int phi^2 ds
+    with the curvature kappa and the rotation phi without its mean, which is smaller on elastic
+    supports. The share of a beam in the error is that in the bending energy of the mode.
+    `axial_forces` returns the axial forces in the elements of a beam for each mode, (k, elements).
+    """
+    beams, count = beams_of(equations.mechanism), shapes.shape[1]
+    numbers = []
+    for beam in beams:
+        (stiffness,) = section_values(beam, "EI")
+        numbers.append(np.sqrt(np.maximum(-axial_forces(beam), 0.0) / stiffness))
+    pairs = list(zip(beams, numbers, strict=True))
+    # The bending of modes, which takes longer, only reduces these errors.
+    if all(np.all(buckling_errors(*pair) <= _MIN_REPORTED_ERROR) for pair in pairs):
+        return np.zeros((len(beams), count))
+    bending = [_measure_bending(equations, beam, q, shapes) for beam in beams]
+    total = np.sum([energies for energies, _ in bending], axis=0)
+    errors = np.zeros((len(beams), count))
+    for row, (beam, by_load), (energies, largest) in zip(errors, pairs, bending, strict=True):
+        error = buckling_errors(beam, np.minimum(by_load, largest[:, None]))
+        with np.errstate(invalid="ignore"):
+            row[:] = np.nan_to_num(error * energies / total)
+    return errors
+
+
+def _measure_bending(
+    equations: EquationsOfMotion, beam: Beam, q: Array, shapes: Array
 ) -> tuple[Array, Array]:
     """Return twice the bending energy and the wave number of each mode in a beam, (k,) each."""
     points, weights = gauss_points(_SECTIONS)
@@ -97,7 +155,7 @@ def _bending(
     s = (bounds[:-1, None] + 0.5 * lengths[:, None] * (1.0 + points)).ravel()
     ds = (0.5 * lengths[:, None] * weights).ravel()
     stiffness = np.repeat(section_values(beam, "EI")[0], _SECTIONS)
-    moments = np.array([differentiate(beam, s, shape)[2] for shape in shapes.T])
+    moments = np.array([_differentiate(equations, beam, s, q, shape)[2] for shape in shapes.T])
     (part,) = (x for x in equations.parts if x.name == beam.name)
     rows = range(part.rigid.stop, part.rows.stop)
     rotations = shapes[[k for k in rows if equations.coordinates[k].unit == "rad"]]
@@ -107,22 +165,17 @@ def _bending(
     return moments**2 / stiffness @ ds, np.nan_to_num(numbers, posinf=np.inf)
 
 
-def _describe(beams: Sequence[Beam], factors: Array, errors: Array, reported: Array) -> str:
-    """Return the warning about these modes; `errors` are the parts of beams (beams, k)."""
-    k = int(reported[0])
-    error = float(errors[:, k].sum())
+def _describe(beams: Sequence[Beam], errors: Array) -> tuple[str, str, str]:
+    """Return cause, size and remedy of the error of a mode by each beam (beams,), as text."""
+    error = float(errors.sum())
     size = f"about {100.0 * error:.2g} %"
     if error > _MAX_ESTIMATE:
         size = f"more than {100.0 * _MAX_ESTIMATE:g} %"
     # Equal beams differ by rounding only.
-    order = np.argsort(-np.round(errors[:, k] / error, 3), kind="stable")
+    order = np.argsort(-np.round(errors / error, 3), kind="stable")
     worst = beams[order[0]]
-    others = [beams[j].name for j in order[1:] if errors[j, k] > _MIN_NAMED_SHARE * error]
+    others = [beams[j].name for j in order[1:] if errors[j] > _MIN_NAMED_SHARE * error]
     also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     ratio = min(error, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
     count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
-    more = f" and {len(reported) - 1} more" if len(reported) > 1 else ""
-    return (
-        f"{worst.name}{also}: the elements are too long for mode {k + 1}{more}, whose load factor "
-        f"of {factors[k]:.4g} has an error of {size}; use elements={count} or more, or fewer modes."
-    )
+    return f"{worst.name}{also}: the elements are too long for", size, f"use elements={count}"

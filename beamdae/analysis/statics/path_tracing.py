@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdae.analysis.statics.buckling_mesh_errors import critical_point_mesh_note
 from beamdae.analysis.statics.continuation import (
     ContinuationSettings,
     StagePath,
@@ -276,7 +277,7 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         if system.has_scaled_loads:
             notes += _zero_load_notes(path) + _unknown_notes(path) + _rounding_notes(path)
             notes += _damping_notes(path)
-            notes += _range_notes(path) + jump_notes
+            notes += _range_notes(path) + jump_notes + _mesh_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, control)
         if not status.success:
@@ -366,6 +367,21 @@ def _range_notes(path: StagePath) -> list[str]:
         for low, high in ranges
         if high - low > _SAME_LOAD_RATIO * abs(high)
     ]
+
+
+def _mesh_notes(path: StagePath) -> list[str]:
+    """Return a remark on the first critical point for which the elements of beams are too long."""
+    for one in path.critical:
+        point = path.points[one.row]
+        e = point.system.equations
+        note = (
+            ""
+            if one.kind == FLUTTER
+            else critical_point_mesh_note(e, one.kind, point.mu, point.x[: e.n], one.mode)
+        )
+        if note:
+            return [f"equilibrium: {note}"]
+    return []
 
 
 def _jump_notes(corrector: Corrector, path: StagePath) -> list[str]:
