@@ -279,7 +279,7 @@ class SumPlan:
     code: CodeOnDemand[bool] = field(
         default_factory=CodeOnDemand, init=False, compare=False, repr=False
     )
-    idle_evaluators: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
+    idle_buffers: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def with_weights(self, decode: Callable[[Array], Array]) -> SumPlan:
         """Return the plan for other weights of operators.

@@ -40,49 +40,55 @@ def run_evaluation(evaluation: Evaluation) -> int:
     return DONE
 
 
+@dataclass
+class _Buffers:
+    """Sum of an evaluator, and its machine code if it is in use; kept by plans for later models."""
+
+    total: Sum
+    native: tuple[Evaluation, CompiledLoop] | None = None
+
+
 class SumEvaluator:
     """Evaluates a sum at single states for one model; only one thread may use it at a time."""
 
-    def __init__(self, plan: SumPlan, p: Array) -> None:
+    def __init__(self, plan: SumPlan, p: Array, buffers: _Buffers | None = None) -> None:
         self._plan, self._p = plan, p
-        self._total = plan.sum(False, p)
-        self._native: tuple[Evaluation, CompiledLoop] | None = None
+        self._buffers = buffers or _Buffers(plan.sum(False, p))
 
     @classmethod
     def borrow(cls, plan: SumPlan, p: Array, borrower: Any) -> SumEvaluator:
         """Return an evaluator with the numbers p of a model, for one object.
 
-        The evaluator is reused after `borrower` has been deleted, because creating one takes as
+        Its buffers are reused after `borrower` has been deleted, because creating them takes as
         long as several evaluations.
         """
         try:
             # Not a test of the length, because a concurrent thread may take the last one.
-            evaluator: SumEvaluator = plan.idle_evaluators.pop()
+            evaluator = cls(plan, p, plan.idle_buffers.pop())
         except IndexError:
             evaluator = cls(plan, p)
         else:
-            evaluator._p = p
-            plan.set_data(evaluator._total, p)
+            plan.set_data(evaluator._buffers.total, p)
         if plan.n_local <= _MAX_IDLE_NUMBERS:
-            finalize(borrower, plan.idle_evaluators.append, evaluator).atexit = False
+            finalize(borrower, plan.idle_buffers.append, evaluator._buffers).atexit = False
         return evaluator
 
     @property
     def shared(self) -> Array:
         """Inputs common to all copies, see `Sum.shared`; set before an evaluation."""
-        return self._total.shared
+        return self._buffers.total.shared
 
     def __call__(self, x: Array, size: int) -> Array:
         """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
-        load = partial(self.load_native, len(x), size)
+        buffers, load = self._buffers, partial(self.load_native, len(x), size)
         # Another evaluator of the plan may have loaded the machine code.
-        if self._native is None and self._plan.code.find(self._plan.operations_per_kernel, load):
+        if buffers.native is None and self._plan.code.find(self._plan.operations_per_kernel, load):
             load(compiles=False)
-        if self._native is None:
+        if buffers.native is None:
             result = np.zeros(size)
-            evaluate_sum(self._total, x, result)
+            evaluate_sum(buffers.total, x, result)
             return result
-        evaluation, loop = self._native
+        evaluation, loop = buffers.native
         evaluation.x[:] = x
         loop.call_loaded()
         return evaluation.result.copy()
@@ -92,7 +98,7 @@ class SumEvaluator:
 
         Only machine code in the cache is used if `compiles` is False.
         """
-        if self._native is not None:
+        if self._buffers.native is not None:
             return True
         if not self._plan.load_native(compiles):
             return False
@@ -103,5 +109,5 @@ class SumEvaluator:
             loop = CompiledLoop(run_evaluation, evaluation, compiles=compiles)
         except MachineCodeError:
             return False
-        self._total, self._native = total, (evaluation, loop)
+        self._buffers.total, self._buffers.native = total, (evaluation, loop)
         return True
