@@ -208,3 +208,47 @@ def test_regression_profile_that_ends_at_rejected_values_names_them(exact):
         profile = result.profile("damping")
     assert profile.interval[1] == np.inf
     assert "stiffness must not be negative" in profile.warnings[0]
+
+
+def test_regression_wrong_first_values_are_the_first_suspect(exact):
+    """Large residuals of a search far from the minimum were blamed on the unit of sigma."""
+    values = exact + 1e-3 * white()
+    with pytest.warns(bd.BeamdaeWarning, match="start from other values"):
+        result = fit(values, sigma=1e-3, parameters={"stiffness": 900.0}, max_evaluations=3)
+    assert "local minimum" in " ".join(result.warnings)
+
+
+@pytest.mark.parametrize("delay", [0.02, -0.02])
+@pytest.mark.parametrize("sigma", [1e-3, None])
+def test_regression_delays_of_the_data_are_named(delay, sigma):
+    times = np.linspace(0.1, 1.8, 120)
+    run = bd.simulate(oscillator(stiffness=40.0), METHOD, t_end=2.0).at_times(times - delay)
+    late = run["mass.x"].to_numpy() + 1e-5 * np.cos(np.arange(120) ** 2.0)
+    data = {"t [s]": times, "mass.x": late}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        result = bd.fit(oscillator, data, ["stiffness"], METHOD, sigma=sigma and {"mass.x": sigma})
+    (sentence,) = (x for x in result.warnings if "shift=" in x)
+    side, _, _, number = sentence.partition("data that are ")[2].split()[:4]
+    assert side == ("late" if delay > 0.0 else "early")
+    assert float(number) == pytest.approx(abs(delay), rel=0.3)
+
+
+@bd.model(t_end=2.0)
+def stiff_pair(stiffness=30.0, damping=0.5, stiff=1e7):
+    mech = oscillator(stiffness=stiffness, damping=damping)
+    other = mech.add(bd.PointMass("other", 0.01, at=(2.0, 0.0), velocity=(0.2, 0.0)))
+    mech.add(bd.SpringDamper("link", mech.parts["mass"].point, other.point, stiff, 1e3))
+    return mech
+
+
+def test_regression_parameters_without_effect_keep_their_first_values(exact):
+    """One that the data do not determine moved to 1e30 and was said to be correlated."""
+    data = {"t [s]": TIMES, "mass.x": exact + white()}
+    with pytest.warns(bd.BeamdaeWarning, match="The data do not determine stiff"):
+        result = bd.fit(
+            stiff_pair, data, ["stiffness", "damping", "stiff"], METHOD, sigma={"mass.x": 1e-3}
+        )
+    assert result.parameters["stiff"] == 1e7
+    assert result.standard_deviations[2] > 1e7
+    assert not any("hardly distinguish" in x for x in result.undetermined)

@@ -304,6 +304,16 @@ class FitProblem:
                 return False
         return True
 
+    def weighted_rates(self, evaluation: Evaluation) -> Array:
+        """Return the time derivatives (N,) of the model at the data, over the sigma of the data."""
+        rates = {x: column_rates(run.solution) for x, run in evaluation.runs.items()}
+        result = np.empty(len(self._times))
+        for k, (series, header) in enumerate(zip(self.data.series, self.headers, strict=True)):
+            run, rows = evaluation.runs[series.experiment], slice(self._ends[k], self._ends[k + 1])
+            at = np.minimum(np.searchsorted(run.t, self._times[rows]), len(run.t) - 1)
+            result[rows] = rates[series.experiment][header][at]
+        return result * self._weights
+
     def step_errors(self, evaluation: Evaluation) -> Array:
         """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
 

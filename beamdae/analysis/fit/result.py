@@ -61,6 +61,11 @@ _MIN_USUAL_PROBABILITY = 1e-3
 _MAX_SIGMA_RATIO = 1.4
 # Larger shares of the variance that a fit without known errors leaves are reported.
 _MAX_UNEXPLAINED_SHARE = 0.5
+# Share of the variation of the data that the residuals of a known sigma leave at a local minimum.
+_MIN_LOCAL_SHARE = 0.2
+# Share of the squares of the residuals that a delay of the data explains where it is reported. A
+# wrong frequency, whose errors grow linearly over time, is a delay for 0.75 of them.
+_MIN_SHIFT_SHARE = 0.85
 # Correlation of consecutive residuals up to which these are noise.
 _MIN_CORRELATION = 0.5
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
@@ -676,11 +681,14 @@ class Information:
         """Return the members (k,) of combinations with nearly dependent effects."""
         jacobian = self.singular[:, None] * self.directions
         lengths = np.linalg.norm(jacobian, axis=0)
-        lengths[lengths == 0.0] = 1.0
-        _, singular, directions = np.linalg.svd(jacobian / lengths)
+        # The direction of a negligible effect is arbitrary.
+        kept = np.flatnonzero(lengths * _MAX_RELATIVE_DEVIATION >= 1.0)
+        _, singular, directions = np.linalg.svd(jacobian[:, kept] / lengths[kept])
+        shares = np.zeros((len(kept), len(lengths)))
+        shares[:, kept] = np.abs(directions)
         groups = [
-            np.abs(x) > _MIN_NAMED_SHARE * np.abs(x).max()
-            for s, x in zip(singular, directions, strict=True)
+            x > _MIN_NAMED_SHARE * x.max()
+            for s, x in zip(singular, shares, strict=True)
             if s < _MIN_INDEPENDENCE
         ]
         return [x for x in groups if x.sum() > 1]
@@ -716,7 +724,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
     if search.status.success or not search.invalid:
-        doubts = _check_residuals(problem, evaluation.residuals, residuals, len(all_names))
+        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -736,6 +744,11 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             # Invalid values and bounds may be the cause of large residuals.
             *([search.invalid] if search.invalid and (doubts or not search.status.success) else []),
             *_check_bounds(problem, scaling, search, estimates),
+            *(
+                f"The data do not determine {name}, which would move far away and keeps its first "
+                "value; omit it from by, or pass bounds=."
+                for name in search.held
+            ),
             *doubts,
             *_check_intervals(problem, information),
             *steps,
@@ -767,17 +780,17 @@ def _check_bounds(
 
 
 def _check_residuals(
-    problem: FitProblem, weighted: Array, residuals: Array, count: int
+    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
 ) -> tuple[str, ...]:
     """Return the first kind of warnings about the residuals that applies.
 
-    `weighted` are those in units of the weights, and `residuals` those in standard deviations.
+    The residuals of the evaluation are in units of the weights, `residuals` in standard deviations.
     """
     return (
-        _check_chi_square(problem, residuals, count)
-        or _check_variation(problem, weighted)
+        _check_chi_square(problem, evaluation, residuals, count)
+        or _check_variation(problem, evaluation.residuals)
         or _check_sigma(problem, residuals, count)
-        or _check_noise(problem, weighted)
+        or _check_noise(problem, evaluation)
         or _check_probability(problem, residuals, count)
     )
 
@@ -809,7 +822,9 @@ def _check_probability(problem: FitProblem, residuals: Array, count: int) -> tup
     )
 
 
-def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
+def _check_chi_square(
+    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+) -> tuple[str, ...]:
     """Return a warning if the sum of the squared residuals is improbable for the given sigma."""
     freedom = residuals.size - count
     if not problem.data.is_sigma_known or freedom < 1:
@@ -825,8 +840,19 @@ def _check_chi_square(problem: FitProblem, residuals: Array, count: int) -> tupl
     outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
     if outliers @ outliers > _MIN_OUTLIERS_SHARE * (residuals @ residuals):
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
+    variation = sum(
+        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
+    )
+    if residuals @ residuals > _MIN_LOCAL_SHARE * variation:
+        return (
+            f"{sentence}; start from other values, or pass bounds= and starts= to search from "
+            f"several, because the search may have ended at a local minimum, "
+            f"{_suggest_offset(problem, residuals)}check the unit of sigma, which is that of its "
+            "column, or add what the model lacks.",
+        )
+    delay = _suggest_shift(problem, evaluation)
     return (
-        f"{sentence}; check the unit of sigma, which is "
+        f"{sentence}; {delay}check the unit of sigma, which is "
         f"that of its column, {_suggest_offset(problem, residuals)}or add what the model lacks.",
     )
 
@@ -885,6 +911,34 @@ def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
     return f"estimate a constant error of the sensor with offset=[{columns}], "
 
 
+def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
+    """Return the beginning of a remedy if a delay of all data explains most of the residuals.
+
+    To first order, a delay d changes the residuals by d times the rates of the columns, of which
+    other estimates compensate a part.
+    """
+    if problem.sensors.shifts or problem.sensors.scales:
+        return ""
+    residuals, rates = evaluation.residuals, problem.weighted_rates(evaluation)
+    basis = np.linalg.qr(evaluation.jacobian / _column_lengths(evaluation.jacobian))[0]
+    rates = rates - basis @ (basis.T @ rates)
+    work, square = float(residuals @ rates), float(rates @ rates)
+    if not work**2 > _MIN_SHIFT_SHARE * square * float(residuals @ residuals):
+        return ""
+    delay = work / square
+    side = "late" if delay > 0.0 else "early"
+    return (
+        f"estimate an error of the times with shift=, because data that are {side} by about "
+        f"{abs(delay):.2g} s would explain most of the residuals, "
+    )
+
+
+def _column_lengths(matrix: Array) -> Array:
+    """Return the Euclidean lengths of columns; 1 for those that are zero."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    return np.where(lengths == 0.0, 1.0, lengths)
+
+
 def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     """Return a warning if most of the variation of the data about their means is left.
 
@@ -922,8 +976,9 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     )
 
 
-def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
+def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]:
     """Return warnings if the residuals of a good fit are not white noise of known relative size."""
+    residuals = evaluation.residuals
     parts = _split_by_series(problem, residuals)
     variation = sum(
         float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
@@ -936,7 +991,8 @@ def _check_noise(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
         factor = np.sqrt((1.0 + correlation) / (1.0 - correlation))
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "
-            f"deviations are too small, by a factor of up to {factor:.2g}; use fewer data per "
+            f"deviations are too small, by a factor of up to {factor:.2g}; "
+            f"{_suggest_shift(problem, evaluation)}use fewer data per "
             "second if the noise is slow, other first values or starts= if another minimum may be "
             "lower, or add what the model lacks, such as shift= or offset=.",
         )

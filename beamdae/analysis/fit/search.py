@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ _MAX_BOUND_DISTANCE = 1e-2
 # Length of the next Gauss-Newton step, in standard deviations of the estimates, up to which the end
 # of a search is a minimum.
 _MAX_NEXT_STEP = 0.1
+# Logarithm of the ratio to its first value from which a parameter without effect ran away.
+_MIN_RUNAWAY = np.log(10.0)
 # Residuals below this ratio to the data are rounding errors, whose next step is arbitrary.
 _MIN_RELATIVE_RESIDUAL = 1e-6
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
@@ -47,6 +49,8 @@ class SearchResult:
         True (K,) for variables at a bound.
     invalid
         Sentence on parameters whose values the model rejected during the search, or "".
+    held
+        Names of parameters that keep their first values, see `hold_runaways`.
     """
 
     evaluation: Evaluation
@@ -54,6 +58,7 @@ class SearchResult:
     status: Status
     at_bounds: Array
     invalid: str = ""
+    held: tuple[str, ...] = ()
 
     @property
     def chi_square(self) -> float:
@@ -183,6 +188,44 @@ def search(
         sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
         status = Status(status.kind, sentence)
     return SearchResult(last, evaluations, status, at_bounds, invalid)
+
+
+def hold_runaways(
+    problem: FitProblem, scaling: Scaling, end: SearchResult, max_evaluations: int
+) -> SearchResult:
+    """Return the end of a search, repeated with the first values of parameters that ran away.
+
+    The steps of parameters with a negligible effect are arbitrary. Such a parameter has no bounds,
+    is far from its first value, and doubling it changes the residuals by less than one standard
+    deviation. The result is `end` if there is none, or if the data prefer its value.
+
+    Raises
+    ------
+    Interrupted
+        See `search`.
+    """
+    evaluation, count = end.evaluation, len(problem.names)
+    first, values = scaling.values(scaling.first), evaluation.values
+    variance = 1.0
+    if not problem.data.is_sigma_known:
+        variance = end.chi_square / max(evaluation.residuals.size - len(values), 1)
+    effects = np.sum((evaluation.projected_jacobian * values) ** 2, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_far = np.abs(np.log(np.abs(values / first))) > _MIN_RUNAWAY
+    is_runaway = is_far & (effects < variance) & np.isinf(scaling.limits[1]) & (first != 0.0)
+    is_runaway[count:] = False
+    remaining = max_evaluations - end.evaluations
+    if remaining < 1 or not is_runaway.any():
+        return end
+    begin = np.where(is_runaway, scaling.first, scaling.variables(values))
+    try:
+        again = search(problem, scaling, begin, remaining, ~is_runaway)
+    except BeamdaeError:
+        return end
+    if again.chi_square - end.chi_square > variance:
+        return end
+    names = tuple(np.array(problem.names)[is_runaway[:count]].tolist())
+    return replace(again, evaluations=end.evaluations + again.evaluations, held=names)
 
 
 def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> str:
