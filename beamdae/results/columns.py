@@ -21,6 +21,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.model_parameters import split_unit
+from beamdae.read_only import ReadOnlyDict
 
 # Units of the columns that a certificate covers by default.
 _CONTROLLED_UNITS = ("m", "rad")
@@ -183,6 +184,35 @@ def select_column(part: str, headers: Iterable[str], name: Any) -> str:
         if len(matches) == 1:
             return matches[0]
     return require_choice(part, "column", name, headers)
+
+
+def can_select(select: Callable[[Any], Any], name: object) -> bool:
+    """Return True if `select(name)` does not raise BeamdaeError, for `name in results`."""
+    try:
+        select(name)
+    except BeamdaeError:
+        return False
+    return True
+
+
+class ColumnDict(ReadOnlyDict):
+    """Values by header, which may be looked up by name: `values["spring"]` is "spring [N]".
+
+    Names without units are accepted by `[]`, `in` and `get`; iteration yields the headers.
+    """
+
+    def __missing__(self, name: Any) -> Any:
+        return self[self._select(name)]
+
+    def __contains__(self, name: object) -> bool:
+        return can_select(self._select, name)
+
+    def get(self, name: Any, default: Any = None) -> Any:
+        """Return the value of a column, or `default` if no column has this name."""
+        return self[name] if name in self else default  # noqa: SIM401
+
+    def _select(self, name: Any) -> str:
+        return select_column("results", self, name)
 
 
 def require_column_names(part: str, value: Any) -> tuple[str, ...]:

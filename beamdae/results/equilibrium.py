@@ -13,10 +13,10 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.table_arguments import list_arguments_outside
-from beamdae.errors import BeamdaeError, require_count
+from beamdae.errors import require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
-from beamdae.results.columns import Header, merge_columns, select_columns
+from beamdae.results.columns import Header, can_select, merge_columns, select_columns
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges,
@@ -294,11 +294,7 @@ class Equilibrium(HasPage):
 
     def __contains__(self, name: object) -> bool:
         """Return True if `equilibrium[name]` selects columns."""
-        try:
-            self._select(name)
-        except BeamdaeError:
-            return False
-        return True
+        return can_select(self._select, name)
 
     def _select(self, name: Any) -> tuple[dict[str, Any], list[str]]:
         """Return all columns, and the headers of those selected by a name."""

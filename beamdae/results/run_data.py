@@ -24,7 +24,7 @@ from beamdae.equations.part_warnings import (
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
-from beamdae.results.columns import Header
+from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
@@ -47,8 +47,6 @@ from beamdae.results.diagnostics.long_steps import long_step_warnings
 from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.missed_peaks import (
     UNITS_OF_MOTIONS,
-    ExtremesByColumn,
-    MissedPeak,
     StepExtremes,
     find_missed_peaks,
     measure_step_extremes,
@@ -165,7 +163,7 @@ class RunData:
         return rows
 
     @cached_property
-    def step_extremes(self) -> ExtremesByColumn:
+    def step_extremes(self) -> ColumnDict:
         """Extremes of the observed columns over all steps and rows, by header or name of a column.
 
         They include peaks between the rows. Accelerations are omitted in models without abrupt
@@ -184,10 +182,10 @@ class RunData:
         return self.integrator.get("rtol") is None
 
     @cached_property
-    def missed_peaks(self) -> dict[str, MissedPeak]:
+    def missed_peaks(self) -> ColumnDict:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
         if self._is_at_rest:
-            return {}
+            return ColumnDict()
         extremes: Mapping[str, StepExtremes] = self.step_extremes
         if is_motionless(self.equations, self.trajectory):
             items = extremes.items()

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, short_repr
-from beamdae.results.columns import merge_columns, observed_columns, select_columns
+from beamdae.results.columns import can_select, merge_columns, observed_columns, select_columns
 from beamdae.results.displays import Plot, load_views
 from beamdae.results.storage.files import atomic_write, require_file_path
 
@@ -97,11 +97,7 @@ class TimeSeries:
 
     def __contains__(self, name: object) -> bool:
         """Return True if `solution[name]` selects columns."""
-        try:
-            self._select(name)
-        except BeamdaeError:
-            return False
-        return True
+        return can_select(self._select, name)
 
     def table(self) -> pd.DataFrame:
         """Return time, observed columns and energies as a table; headers contain units."""

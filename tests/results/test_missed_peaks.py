@@ -200,6 +200,16 @@ def test_regression_peaks_of_smooth_motions_between_rows_are_reported():
     assert run["ball.x"].min() > 0.06
     columns = {"ball.x [m]", "ball.x_dot [m/s]", "acceleration.ax [m/s^2]", "spring.Fx [N]"}
     assert columns <= set(run.missed_peaks)
+    # Names without units selected values, but were not `in` the dictionary.
+    for values in (run.missed_peaks, run.step_extremes):
+        assert "ball.x" in values
+        assert "ball" not in values
+        assert 3 not in values
+        assert values.get("ball.x") is values["ball.x"] is values["ball.x [m]"]
+        assert values.get("ball.z") is None
+        with pytest.raises(bd.BeamdaeError, match="did you mean"):
+            values["ball.x_dt"]
+    assert pickle.loads(pickle.dumps(run.step_extremes)).get("ball.x").min < 0.06
     assert_allclose(run.step_extremes["ball.x [m]"].min, -0.1, rtol=0.05)
     assert_allclose(run.step_extremes["spring.Fx [N]"].min, -40.0, rtol=0.05)
     # Accelerations of models without beams were omitted.
@@ -227,9 +237,7 @@ def test_regression_extremes_at_steps_accept_names_without_units():
     extremes = bd.simulate(mech, t_end=0.1).step_extremes
     assert extremes["ball.y"] is extremes["ball.y [m]"]
     assert pickle.loads(pickle.dumps(extremes))["ball.y"] == extremes["ball.y"]
-    with pytest.raises(
-        bd.BeamdaeError, match=r"step_extremes: column must be .*ball\.y \[m\].*'bal'"
-    ):
+    with pytest.raises(bd.BeamdaeError, match=r"results: column must be .*ball\.y \[m\].*'bal'"):
         extremes["bal"]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.errors import list_first
-from beamdae.read_only import ReadOnlyDict
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
+    ColumnDict,
     Header,
     drift_limits,
     largest_of_kind,
@@ -23,7 +23,6 @@ from beamdae.results.columns import (
     mark_resting_columns,
     mark_vanishing_columns,
     remove_unit,
-    select_column,
 )
 from beamdae.results.trajectory import Interval, Trajectory
 
@@ -65,14 +64,6 @@ class StepExtremes:
     rms: float
     roughness: float = 0.0
     delay: float = 0.0
-
-
-class ExtremesByColumn(ReadOnlyDict):
-    """`StepExtremes` by header; `extremes["spring"]` is that of "spring [N]"."""
-
-    def __missing__(self, name: Any) -> StepExtremes:
-        extremes: StepExtremes = self[select_column("step_extremes", self, name)]
-        return extremes
 
 
 @dataclass(frozen=True)
@@ -151,7 +142,7 @@ def measure_step_extremes(
     row_times: Array,
     observed: Callable[[], Mapping[str, Array]],
     has_fixed_steps: bool = False,
-) -> ExtremesByColumn:
+) -> ColumnDict:
     """Return the extremes of the observed columns over the steps and the output rows.
 
     Columns that are not finite at a step are omitted, and so are accelerations in models with beams
@@ -171,7 +162,7 @@ def measure_step_extremes(
     """
     headers = equations.observed_headers
     if not headers:
-        return ExtremesByColumn()
+        return ColumnDict()
     has_transients = bool(beams_of(equations.mechanism)) and not may_have_short_peaks(equations)
     omitted_units = _UNITS_OF_ACCELERATIONS if has_transients else ()
     begin, end = row_times[0], row_times[-1]
@@ -200,7 +191,7 @@ def measure_step_extremes(
                 of_block = _find_extremes(*(np.concatenate(pair) for pair in pairs))
             extremes = of_block
     if extremes is None:
-        return ExtremesByColumn()
+        return ColumnDict()
     # Rows between steps may exceed both; rows that are not finite are no extremes.
     numbers = rows_of_table[:, 1:]
     numbers = np.where(np.isfinite(numbers), numbers, extremes[1][0])
@@ -208,7 +199,7 @@ def measure_step_extremes(
     pairs = zip(extremes, of_rows, strict=True)
     times, values = _find_extremes(*(np.concatenate(pair) for pair in pairs))
     roughness, delay = differences.finish()
-    return ExtremesByColumn(
+    return ColumnDict(
         {
             header: StepExtremes(low, low_time, high, high_time, *others)
             for header, (low, high), (low_time, high_time), *others in zip(
@@ -374,7 +365,7 @@ def find_missed_peaks(
     rtol: float = 0.0,
     find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
     magnitudes: Collection[str] = (),
-) -> dict[str, MissedPeak]:
+) -> ColumnDict:
     """Return the missed peak of each column whose largest or smallest value the rows miss.
 
     Differences of at most 1 % of the range of the column are not considered, and neither are
@@ -397,7 +388,7 @@ def find_missed_peaks(
     """
     names = [x for x in extremes if np.isfinite(observed[x]).all()]
     if not names:
-        return {}
+        return ColumnDict()
     rows = np.array([[np.min(observed[x]), np.max(observed[x])] for x in names]).T
     steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
@@ -413,7 +404,7 @@ def find_missed_peaks(
     if is_missed.any():
         is_missed &= half_range > drift_limits(names, length, *find_drift())
     largest = largest_of_kind(names, half_range, length)
-    peaks = {}
+    peaks: dict[str, MissedPeak] = {}
     for k in np.flatnonzero(is_missed):
         column, side = names[k], int(np.argmax(misses[:, k]))
         extreme = extremes[column]
@@ -426,7 +417,7 @@ def find_missed_peaks(
             half_range=float(half_range[k]),
             largest_half_range=float(largest[k]),
         )
-    return peaks
+    return ColumnDict(peaks)
 
 
 def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
