@@ -216,6 +216,55 @@ def test_regression_unstable_loops_that_reach_the_end_have_a_warning(law, is_uns
     assert len(found) == is_unstable
 
 
+def hold_mass(every, limit, step, gain=20e3):
+    """Return a mass on a spring that a sampled PD law with a limit moves by `step`."""
+
+    def law(sample):
+        (position,) = sample.reads
+        (last,) = sample.state
+        sample.state[0] = position
+        force = gain * (step - position) - 120.0 * (position - last) / every
+        return min(max(force, -limit), limit)
+
+    mech = bd.Mechanism()
+    mass = mech.add(bd.RigidBody("mass", 0.3, 1.0))
+    ground = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Prismatic("guide", ground, mass.at(0.0, 0.0), direction=(1.0, 0.0)))
+    # The spring becomes stiffer, which limits the vibration.
+    spring = bd.ForceLaw("spring", mass.at(0.0, 0.0), lambda p, t: (-1e9 * p.position[0] ** 3, 0.0))
+    mech.add(spring)
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("actuator", mass.at(0.0, 0.0), (force, 0.0)))
+    position = mech.sensor("position", mass.at(0.0, 0.0), "x")
+    mech.add(bd.Controller("servo", every, [position], [force], law, state=[0.0]))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("every", "limit", "step", "problem"),
+    [
+        (4e-3, 20.0, 1e-3, "switches between its limits, -20 and 20, within"),
+        (4e-3, 1e6, 1e-6, "grows exponentially, by a factor of"),
+        (1e-3, 20.0, 1e-3, ""),
+        (1e-3, 3.0, 1e-3, ""),
+    ],
+    ids=["saturated", "limited by the motion", "stable", "stable and saturated"],
+)
+def test_regression_unstable_loops_at_a_limit_have_a_warning(every, limit, step, problem):
+    """Vibrations that limits kept from growing further were "ok"."""
+    run = bd.simulate(hold_mass(every, limit, step), bd.Radau(1e-5), t_end=0.4)
+    found = [x for x in run.warnings if "its loop seems to be unstable" in x]
+    assert len(found) == bool(problem)
+    assert all(x.startswith(f"servo: force {problem}") for x in found)
+
+
+def test_switches_between_two_values_have_no_warning():
+    """A law of two values, such as that of a relay, switches as intended."""
+    mech = build_servo(lambda sample: 1.0 if sample.reads[0] < 0.5 else -1.0)
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=20.0)
+    assert not [x for x in run.warnings if "its loop seems to be unstable" in x]
+
+
 def test_regression_unstable_loops_of_states_have_a_warning():
     mech = build_servo(lambda sample: 0.0)
     error = 1.0 - mech.sensor("angle again", mech.parts["wheel"].at(0.0, 0.0), "angle")

@@ -1,8 +1,8 @@
-"""Warnings about control loops that grow exponentially until the end of a run."""
+"""Warnings about control loops that grow exponentially or switch between their limits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -25,6 +25,18 @@ _MIN_GROWTH = 30.0
 _LEAST_EXPONENT, _LARGEST_EXPONENT = 0.75, 1.33
 # Changes below this fraction of the largest value are rounding errors.
 _ROUNDING = 1e-9
+# Held values may grow earlier and stop to grow at a limit of the law or of the motion: ends of such
+# growth, which lasts from half of this time on, as fractions of the run.
+_ENDS_OF_GROWTH = tuple(2.0 ** (-k / 4) for k in range(1, 13))
+# Smallest changes in the last quarter of the run, relative to those at the end of the growth.
+_MIN_REMAINING_CHANGE = 0.5
+# A loop switches between its limits if a held value is at both of them in turn at least this often
+# in the last samples of the run, at least once per this number of samples, ...
+_MAX_LAST_SAMPLES = 256
+_MIN_REVERSALS = 6
+_MAX_SAMPLES_PER_REVERSAL = 6
+# ... and if it has at least this number of other values, unlike a switch.
+_MIN_VALUES_BETWEEN = 3
 
 
 def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -43,9 +55,13 @@ def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     rows = _describe_rows(equations)
     if not rows or not trajectory.end > trajectory.start:
         return
-    middle = 0.5 * (trajectory.start + trajectory.end)
-    times = np.linspace(middle, trajectory.end, _INTERVALS + 1)
-    growth = _exponential_growth(trajectory.at(times)[1].q[:, list(rows)])
+    start, duration = trajectory.start, trajectory.end - trajectory.start
+
+    def values(begin: float, end: float) -> Array:
+        times = start + duration * np.linspace(begin, end, _INTERVALS + 1)
+        return trajectory.positions_at(times)[:, list(rows)]
+
+    growth = _exponential_growth(values(0.5, 1.0))
     k = int(np.argmax(growth))
     if growth[k] > 0.0:
         name, remedy = list(rows.values())[k]
@@ -53,6 +69,81 @@ def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
             f"{name} grows exponentially, by a factor of {growth[k]:.2g} in the second half of the "
             f"run, so its loop seems to be unstable; check the signs and sizes of its {remedy}."
         )
+    elif equations.controllers:
+        yield from _limited_growth_warnings(equations, trajectory, rows, values)
+
+
+def _limited_growth_warnings(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    rows: dict[int, tuple[str, str]],
+    values: Callable[[float, float], Array],
+) -> Iterator[str]:
+    """Yield a warning if limits stop the growth of a held value, which does not decay again.
+
+    `values` returns the rows of the coordinates `rows` at times from one fraction of the run to
+    another one.
+    """
+    every = {
+        term.rows.start + k: term.controller.every
+        for term in equations.controllers
+        for k in range(len(term.controller.drives))
+    }
+    is_held = np.array([row in every for row in rows])
+    remaining = np.abs(np.diff(values(0.75, 1.0), axis=0)).max(axis=0)
+    for end in _ENDS_OF_GROWTH:
+        growing = values(0.5 * end, end)
+        changes = np.abs(np.diff(growing, axis=0)).max(axis=0)
+        goes_on = is_held & (remaining >= _MIN_REMAINING_CHANGE * changes)
+        growth = np.where(goes_on, _exponential_growth(growing), 0.0)
+        k = int(np.argmax(growth))
+        if growth[k] > 0.0:
+            name, remedy = list(rows.values())[k]
+            begin, last = (
+                trajectory.start + x * (trajectory.end - trajectory.start) for x in (0.5 * end, end)
+            )
+            yield (
+                f"{name} grows exponentially, by a factor of {growth[k]:.2g} from t = {begin:.3g} "
+                f"to {last:.3g} s, and does not decay again, so its loop seems to be unstable; "
+                f"check the signs and sizes of its {remedy}."
+            )
+            return
+    if equations.laws:  # which may excite the loop until the end
+        return
+    for row, period in every.items():
+        name, remedy = rows[row]
+        limits = _find_switched_limits(trajectory, row, period)
+        if limits is not None:
+            yield (
+                f"{name} switches between its limits, {limits[0]:.4g} and {limits[1]:.4g}, within "
+                "a few samples until the end of the run, so its loop seems to be unstable, or to "
+                f"amplify noise; check the signs and sizes of its {remedy}."
+            )
+            return
+
+
+def _find_switched_limits(
+    trajectory: Trajectory, row: int, every: float
+) -> tuple[float, float] | None:
+    """Return the limits of a held value that switches between them, or None if it does not."""
+    count = int((trajectory.end - trajectory.start) / every)
+    if count < 2 * _MIN_REVERSALS:
+        return None
+    at = trajectory.start + every * (np.arange(count) + 0.5)
+    held = trajectory.positions_at(at[-2 * _MAX_LAST_SAMPLES :])[:, row]
+    last = held[len(held) // 2 :]
+    low, high = float(last.min()), float(last.max())
+    rounding = _ROUNDING * max(abs(low), abs(high))
+    is_low, is_high = last <= low + rounding, last >= high - rounding
+    sides = is_high[is_low | is_high]
+    reversals = int(np.count_nonzero(np.diff(sides)))
+    between = held[(held > low + rounding) & (held < high - rounding)]
+    if (
+        reversals < max(_MIN_REVERSALS, len(last) / _MAX_SAMPLES_PER_REVERSAL)
+        or len(np.unique(between)) < _MIN_VALUES_BETWEEN
+    ):
+        return None
+    return low, high
 
 
 def _describe_rows(equations: EquationsOfMotion) -> dict[int, tuple[str, str]]:
