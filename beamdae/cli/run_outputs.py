@@ -53,6 +53,8 @@ class Run:
         Model with the parameters of the run, and integrator.
     table
         Path of the table of all parts of the run; other files are named after it.
+    parts
+        Files of this run and of those that it resumes; None if it does not resume a run.
     columns
         Columns of the table by header; empty until the table is written.
     files
@@ -78,6 +80,7 @@ class Run:
     model: Model
     integrator: Any
     table: Path
+    parts: RunParts | None = None
     columns: dict[str, Any] = field(default_factory=dict)
     files: WrittenFiles = field(default_factory=WrittenFiles)
     checkpoint: Path | None = None
@@ -87,6 +90,11 @@ class Run:
     interrupted: bool = False
     plot: RunPlot = field(default_factory=RunPlot)
     charts: PlotSelection | None = None
+
+    @property
+    def latest_table(self) -> Path:
+        """Path of the table of this run alone."""
+        return self.table if self.parts is None else self.parts.latest
 
     @property
     def picture(self) -> Path:
@@ -253,15 +261,20 @@ def certify_run(
     return certificate.solution
 
 
-def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path | None) -> None:
+def write_tables(run: Run, solution: Solution, checkpoint: Path | None) -> None:
     """Write the table, and a checkpoint if it is requested or the run can be resumed."""
     from beamdae.results.storage.files import write_metadata
 
     with signals.defer_interrupts():
-        run.columns, files = parts.write(solution)
+        if run.parts is None:
+            table = solution.to_csv(run.table)
+            run.columns, files = solution.all_columns(), [table, table.with_suffix(".json")]
+        else:
+            run.columns, files = run.parts.write(solution)
         run.files.paths += files
         if run.certificate is not None:
-            write_metadata(parts.latest, solution.metadata(**_certificate_results(run, solution)))
+            metadata = solution.metadata(**_certificate_results(run, solution))
+            write_metadata(run.latest_table, metadata)
         if checkpoint is not None or can_resume(solution.status):
             default = run.table.with_name(f"{run.table.stem}_end.json")
             path = checkpoint or default
@@ -271,11 +284,11 @@ def write_tables(run: Run, parts: RunParts, solution: Solution, checkpoint: Path
     run.interrupted = signals.is_interrupted()
 
 
-def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> None:
+def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     """Estimate the errors by a second run or, with `verify`, compare with a different method.
 
-    The errors of the observed columns are stored in `run` and in the metadata of the file `table`,
-    unless the second run is interrupted. Without observed columns, nothing is done.
+    The errors of the observed columns are stored in `run` and in the metadata of its table, unless
+    the second run is interrupted. Without observed columns, nothing is done.
     """
     from beamdae import verification
     from beamdae.results.storage.files import write_metadata
@@ -297,7 +310,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool, table: Path) -> 
     with signals.defer_interrupts():
         warnings = _run_warnings(run, solution)
         results = {"errors": _errors_by_column(run, solution), "warnings": warnings}
-        write_metadata(table, solution.metadata(**results))
+        write_metadata(run.latest_table, solution.metadata(**results))
 
 
 def _certificate_results(run: Run, solution: Solution) -> dict[str, Any]:

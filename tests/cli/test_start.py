@@ -35,6 +35,7 @@ NEVER |= {"beamdae.integrators.alpha.generalized_alpha"}
 # Modules of parts, starts and results that the model does not have.
 NEVER |= {"beamdae.beams.exact.kinematics"}
 NEVER |= {"beamdae.equations.starts.initial_conditions", "beamdae.results.equilibrium"}
+NEVER |= {"beamdae.results.storage.checkpoint", "beamdae.results.storage.reader"}
 # Packages of beamdae for other tasks.
 UNUSED = tuple(f"beamdae.{name}" for name in ("analysis", "studies", "export", "live", "sundials"))
 

@@ -184,7 +184,8 @@ def run_command(
     files += [path for path, is_written in ((run.page, page), (run.picture, picture)) if is_written]
     checkpoints = () if checkpoint is None else (checkpoint,)
     require_writable(("--out", files), ("--checkpoint", checkpoints))
-    parts = _previous_parts(run.table, resume_from)
+    if resume_from is not None:
+        run.parts = _find_parts(run.table, resume_from)
     initial_state = parse_start(start, model) if resume_from is None else resume_from
     # The tables are written before anything is printed; the page and the picture are last, because
     # they take longer than most runs.
@@ -197,11 +198,11 @@ def run_command(
             solution = run_outputs.certify_run(
                 run, required_accuracy, columns, t_end, output_step, initial_state, time_limit
             )
-        run_outputs.write_tables(run, parts, solution, checkpoint)
+        run_outputs.write_tables(run, solution, checkpoint)
     has_estimate = run.certificate is None and (estimate or verify)
     if not run.interrupted and solution.status.kind != "interrupted" and has_estimate:
         with run.continue_after_interrupt():
-            run_outputs.estimate_errors(run, solution, verify, parts.latest)
+            run_outputs.estimate_errors(run, solution, verify)
     run_outputs.print_results(run, solution)
     with run.continue_after_interrupt():
         if not signals.is_terminated():
@@ -212,12 +213,10 @@ def run_command(
     _report_end(run, solution.status)
 
 
-def _previous_parts(table: Path, checkpoint: Path | None) -> RunParts:
+def _find_parts(table: Path, checkpoint: Path) -> RunParts:
     from beamdae.results.storage.checkpoint import Checkpoint
     from beamdae.results.storage.continued_runs import RunParts
 
-    if checkpoint is None:
-        return RunParts(table)
     return RunParts.ending_at(table, Checkpoint.read(checkpoint))
 
 
