@@ -8,7 +8,6 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 from beamdae.errors import BeamdaeError, list_first
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
@@ -125,6 +124,9 @@ def _later_extremes(
 
 def _find_rest(equations: EquationsOfMotion, time: Array) -> State | None:
     """Return the state at the start of a run in equilibrium, or None if there is none."""
+    # Imported here because few runs need a start in equilibrium.
+    from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+
     try:
         resting = apply_initial_conditions(equations, EQUILIBRIUM, float(time[0]))
         return ConsistencySolver(resting).start_state(time, resting.q0, resting.v0)
