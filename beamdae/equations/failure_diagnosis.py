@@ -13,6 +13,8 @@ from beamdae.errors import list_first
 
 Array = np.ndarray
 
+# Steps at the start in which high-frequency vibrations decay that a law excites there: 10 to 20.
+STARTING_STEPS = 30
 _NEARLY_SINGULAR = 5e-2  # smallest singular value of the scaled G, with rows of length one
 # That value, relative to its value at the start: linkages with short bars have small values.
 _NEARLY_SINGULAR_RATIO = 0.25
@@ -66,12 +68,34 @@ def diagnose_failure(
             return not_finite
         causes = [
             describe_singular_position(equations, time, state),
+            _describe_start(equations, time, state, step),
             _describe_sticking(equations, time, state, step),
             _describe_abrupt_forces(equations, time, state, step),
             _describe_largest_residual(equations, state, residual),
             _describe_fastest_coordinate(equations, state),
         ]
     return "; ".join(filter(None, causes))
+
+
+def list_moving_drivers(equations: EquationsOfMotion, time: Array, q: Array) -> list[str]:
+    """Return the names of drivers whose laws change at (t, branch), so that not all can rest."""
+    rates = StateEvaluator(equations).constraint_levels(time, q, np.zeros(equations.n))[1]
+    names = (equations.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(rates))
+    return list(dict.fromkeys(names))
+
+
+def _describe_start(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
+    """Return a phrase naming the drivers that move at the start if the run failed there, or ""."""
+    if time[0] > STARTING_STEPS * step:
+        return ""
+    names = list_moving_drivers(e, time, state.q)
+    if not names:
+        return ""
+    return (
+        f"{list_first(names, _MAX_NAMES)} starts with a velocity, which excites vibrations if the "
+        "mechanism is at rest before; start the law smoothly, as bd.run_up does, or use an "
+        "integrator with rtol"
+    )
 
 
 def _describe_non_finite(e: EquationsOfMotion, time: Array, state: State) -> str:

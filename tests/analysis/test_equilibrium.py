@@ -336,3 +336,15 @@ def test_regression_loads_reverse_where_a_snapping_truss_meets_a_stop(stiffness,
     peak = max(load(np.linspace(0.0, height, 100_001)))
     assert [x.factor for x in path.critical] == pytest.approx([peak, load(stop)], rel=1e-4)
     assert path.stable
+
+
+def test_regression_positions_that_a_driver_prescribes_are_refused_with_the_time_as_remedy():
+    """The message advised a load, although a driver moves the mechanism."""
+    mech = bd.Mechanism()
+    slider = mech.add(bd.PointMass("slider", 1.0, at=(1.0, 0.0)))
+    law = bd.run_up(speed=0.1, duration=1.0)
+    mech.add(bd.TranslationalDriver("drive", mech.ground.at(0.0, 0.0), slider.point, law))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), slider.point))
+    mech.observe("slider", slider.point)
+    with pytest.raises(bd.BeamdaeError, match=r"and drive moves the mechanism; set t= to the time"):
+        bd.equilibrium(mech, to={"slider.x": 1.05})

@@ -33,6 +33,7 @@ from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    list_first,
     require_choice,
     require_count,
     require_finite,
@@ -42,6 +43,7 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.interrupts import acknowledge
+from beamdae.parts.joints.drivers import DrivenJoint
 from beamdae.results.equilibrium import CriticalPoint
 from beamdae.results.outcome import Status
 
@@ -94,6 +96,7 @@ _MAX_CHECK_POINTS = 100
 _SAME_END_RATIO = 1e-4
 # Relative difference up to which two coordinates of a mode have equal amplitudes.
 _EQUAL_MOTION_TOLERANCE = 1e-6
+_MAX_DRIVERS = 3  # in a message
 
 
 @dataclass(frozen=True)
@@ -225,10 +228,14 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
         column that is not an observed position, or no load is scaled to reach them.
     """
     if not loading.stages and settings.column:
-        raise BeamdaeError(
-            f"equilibrium: {settings.column} cannot be prescribed because no load is "
-            "scaled; add a load to the mechanism and to loads=."
-        )
+        cause = f"equilibrium: {settings.column} cannot be prescribed because no load is scaled"
+        drivers = _list_drivers(loading.full_equations)
+        if drivers:
+            raise BeamdaeError(
+                f"{cause}, and {list_first(drivers, _MAX_DRIVERS)} moves the mechanism; set t= to "
+                "the time of the wanted position and omit to=, or replace the driver by a load."
+            )
+        raise BeamdaeError(f"{cause}; add a load to the mechanism and to loads=.")
     points: list[EquilibriumPoint] = []
     factors: list[Array] = []
     critical: list[CriticalPoint] = []
@@ -284,6 +291,16 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
     return EquilibriumPath(points, all_factors, tuple(critical), status, iterations, tuple(notes))
+
+
+def _list_drivers(equations: EquationsOfMotion) -> list[str]:
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return []
+    parts = mechanism.parts.values()
+    return [
+        x.name for x in parts if isinstance(x, DrivenJoint) and x.name not in mechanism.inactive
+    ]
 
 
 def _zero_load_notes(path: StagePath) -> list[str]:

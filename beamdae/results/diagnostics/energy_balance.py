@@ -208,6 +208,13 @@ class EnergyLedger:
         )
         return Imbalance(imbalance, max(exchanged, rounding), largest)
 
+    def imbalance_after(self, steps: int) -> float:
+        """Return the largest energy imbalance from a number of steps on, see `Imbalance.ratio`."""
+        later = self._step_imbalances[steps:]
+        if not len(later):
+            return self.energy.ratio
+        return float(np.max(np.abs(later - later[0]))) / max(self.energy.scale, _TINY)
+
     @cached_property
     def local_energy(self) -> LocalImbalance:
         """Largest change of the energy imbalance over a few steps, as in an impact.
