@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from beamdae.integrators.integrator import Progress, require_integrator
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import (
     Header,
+    largest_of_kind,
     mark_resting_columns,
     mark_unresolved_columns,
     measure_amplitudes,
@@ -53,6 +54,7 @@ _MIN_MAX_STEPS = 10_000
 _ALLOWED_ERROR = 100.0
 _ALLOWED_ERROR_OF_DAMPED_BEAMS = 30.0
 _ALLOWED_ERROR_WITHOUT_RTOL = 1e-3
+_NEGLIGIBLE_SHARE = 1e-3  # half range of a column relative to the largest one of its kind
 _RTOL_FOR_FIXED_STEPS = 1e-6  # of the second run, if the first run has fixed steps
 
 # Columns of the tables.
@@ -253,11 +255,14 @@ def _with_accuracy(integrator: Integrator, value: float, max_steps: int | None =
     return replace(integrator, **changes)  # type: ignore[type-var]
 
 
-def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
+def accuracy_warning(
+    solution: Solution, errors: Mapping[str, Any], requested: Collection[str] = ()
+) -> str:
     """Return a warning if the error of a position, angle or deflection exceeds the bound, else "".
 
     The bound on the error relative to half the range is 30 rtol if the mechanism has beams and all
-    of them have material damping, otherwise 100 rtol.
+    of them have material damping, otherwise 100 rtol. Columns whose half range is below a
+    thousandth of the largest one of their kind are negligible and have no warning.
 
     Parameters
     ----------
@@ -266,6 +271,8 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
         the bound refers to the range of the whole motion.
     errors
         The result of `estimate_errors` or `error_estimate`.
+    requested
+        Headers of columns that have a warning even if they are negligible.
 
     Raises
     ------
@@ -276,11 +283,21 @@ def accuracy_warning(solution: Solution, errors: Mapping[str, Any]) -> str:
     if not solution.status.success or name != "rtol":
         return ""
     bound = _guaranteed_ratio(solution)
-    rows = zip(np.asarray(errors[RELATIVE_ERROR]).tolist(), solution.columns, strict=True)
+    half_range = np.asarray(errors[HALF_RANGE])
+    largest_half_range = largest_of_kind(solution.columns, half_range, solution.equations.length)
+    is_negligible = half_range < _NEGLIGIBLE_SHARE * largest_half_range
+    rows = zip(
+        np.asarray(errors[RELATIVE_ERROR]).tolist(),
+        solution.columns,
+        is_negligible.tolist(),
+        strict=True,
+    )
     excessive = [
         (error, column)
-        for error, column in rows
-        if _is_controlled(column) and error > bound * value
+        for error, column, is_small in rows
+        if _is_controlled(column)
+        and error > bound * value
+        and (column in requested or not is_small)
     ]
     if not excessive:
         return ""

@@ -106,6 +106,26 @@ def test_errors_of_damped_beams_above_30_rtol_are_reported(reference):
     assert "more than 30 times rtol" in accuracy_warning(solution, errors)
 
 
+def test_regression_negligible_columns_have_no_warning_unless_requested():
+    """A column of 1e-8 rad beside others of 1e-4 rad was the reason to reduce rtol."""
+    mech = bd.Mechanism()
+    for name, amplitude in (("large", 1.0), ("small", 1e-4)):
+        wheel = mech.add(bd.RigidBody(name, 1.0, 1.0, angular_velocity=amplitude))
+        ground, hub = mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)
+        mech.add(bd.Revolute(f"{name} bearing", ground, hub))
+        mech.add(bd.TorsionSpring(f"{name} spring", ground, hub, 1.0))
+        mech.observe(name, hub)
+    solution = bd.simulate(mech, bd.Radau(1e-5), t_end=10.0)
+    errors = bd.error_estimate(solution)
+    errors[RELATIVE_ERROR] = 0.0
+    errors.loc["small.angle [rad]", RELATIVE_ERROR] = 0.01
+    assert accuracy_warning(solution, errors) == ""
+    requested = accuracy_warning(solution, errors, ["small.angle [rad]"])
+    assert requested.startswith("small.angle [rad]: the estimated error is 0.01")
+    errors.loc["large.angle [rad]", RELATIVE_ERROR] = 0.01
+    assert accuracy_warning(solution, errors).startswith("large.angle [rad]")
+
+
 def _oscillator(q0=1.0, center=0.0, **kwargs):
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q"), ca.SX.sym("v")
     observe = {name: function(q) for name, function in kwargs.items()}

@@ -45,9 +45,11 @@ from beamdae.parts.forces.friction import Friction
 from beamdae.parts.mechanism import Mechanism, require_start
 from beamdae.results.certificate import MAX_ACCURACY, Certificate, CertificateRun, ErrorBudget
 from beamdae.results.columns import (
+    Header,
     drift_limits,
     mark_required_columns,
     mark_resting_columns,
+    mark_vanishing_columns,
     measure_amplitudes,
     remove_unit,
     require_certified_columns,
@@ -371,13 +373,17 @@ class _Run:
 
     @cached_property
     def is_at_rest(self) -> Array:
-        """True for columns whose half range is at the level of rounding errors.
+        """True for columns that are noise, at the level of rounding errors or compared with others.
 
         Constant columns are exempt, because they may have another value on another mesh.
         """
         headers, length = list(self.solution.columns), self.solution.equations.length
         amplitude, is_constant = self._amplitudes
-        return mark_resting_columns(headers, self.rows, amplitude, length) & ~is_constant
+        is_noise = mark_resting_columns(headers, self.rows, amplitude, length)
+        # Travel does not make the vibration of a vehicle noise.
+        is_placement = np.array([Header.of(x).unit in ("m", "rad") for x in headers], bool)
+        is_noise |= mark_vanishing_columns(headers, amplitude, length) & ~is_placement
+        return is_noise & ~is_constant
 
     @cached_property
     def _amplitudes(self) -> tuple[Array, Array]:

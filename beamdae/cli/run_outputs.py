@@ -291,6 +291,7 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     the second run is interrupted. Without observed columns, nothing is done.
     """
     from beamdae import verification
+    from beamdae.results.columns import Header, remove_unit
     from beamdae.results.storage.files import write_metadata
 
     if not solution.columns:
@@ -306,7 +307,12 @@ def estimate_errors(run: Run, solution: Solution, verify: bool) -> None:
     if signals.is_interrupted():
         return
     run.errors = errors
-    run.accuracy_warning = verification.accuracy_warning(solution, errors)
+    requested = [
+        header
+        for header in solution.columns
+        if {header, remove_unit(header), Header.of(header).name}.intersection(run.plot.columns)
+    ]
+    run.accuracy_warning = verification.accuracy_warning(solution, errors, requested)
     with signals.defer_interrupts():
         warnings = _run_warnings(run, solution)
         results = {"errors": _errors_by_column(run, solution), "warnings": warnings}

@@ -232,7 +232,7 @@ def test_discrete_model_rejects_invalid_intervals():
 
 @pytest.mark.parametrize("about", ["reference", bd.rotation(10.0)], ids=["rest", "rotation"])
 def test_regression_largest_magnitudes_are_no_outputs(about):
-    """The transfer function of the largest stress was zero, without a warning."""
+    """The transfer function of the largest stress was zero."""
     mech = bd.Mechanism()
     blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.5, 0.0)), STRIP, elements=1))
     hub = mech.add(bd.RigidBody("hub", 8.0, 0.08))
@@ -241,8 +241,8 @@ def test_regression_largest_magnitudes_are_no_outputs(about):
     mech.add(bd.Moment("drive", hub.at(0.0, 0.0), 0.0))
     mech.observe("largest", blade.largest_stress())
     mech.observe("root", blade.stress(0.0, "top"))
-    with pytest.warns(bd.BeamdaeWarning, match=r"largest: .* observe beam.stress\(\.\.\.\)"):
-        linear = bd.linearize(mech, about)
+    linear = bd.linearize(mech, about)
+    assert not linear.warnings  # no outputs are requested
     assert [x.header for x in linear.outputs] == ["root [Pa]"]
     assert linear.C.shape[0] == linear.D.shape[0] == len(linear.output_values) == 1
     assert not bd.linearize(mech, about, outputs=["root"]).warnings

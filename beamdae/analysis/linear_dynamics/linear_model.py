@@ -26,7 +26,6 @@ from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
-    list_first,
     require_finite,
     require_positive,
     require_sequence,
@@ -56,7 +55,6 @@ _MAX_COORDINATES = 2000
 _POLE_SHIFT = 0.618034
 # Poles whose magnitudes differ less than this may be a conjugate pair.
 _PAIR_TOLERANCE = 1e-6
-_MAX_NAMES = 3  # of observables in a warning
 # Fewer frequencies are single values rather than a curve whose peaks are read.
 _MIN_GRID_SIZE = 20
 # A resonance is missed if the response at the frequencies beside it is below this fraction of its
@@ -95,7 +93,7 @@ class LinearModel(HasPage):
         Description of the state.
     warnings
         Warnings if the state is at rest but not an equilibrium, or if it is the end of an
-        equilibrium path or a run that ended early, and of omitted outputs.
+        equilibrium path or a run that ended early.
     """
 
     A: Array
@@ -356,8 +354,6 @@ def linearize(
     lin = linearize_about("linearize", model, about, require_finite("linearize", "t", t))
     model_inputs = _resolve_inputs(model, lin, inputs)
     observables, columns = _resolve_outputs(lin, outputs)
-    if outputs is None:
-        lin = replace(lin, warnings=(*lin.warnings, *_magnitude_warnings(lin)))
     if lin.equations.n > _MAX_COORDINATES:
         raise BeamdaeError(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
@@ -509,17 +505,6 @@ def _resolve_outputs(
             )
         headers += selected[name]
     return list({id(owners[x]): owners[x] for x in headers}.values()), headers
-
-
-def _magnitude_warnings(lin: Linearization) -> tuple[str, ...]:
-    """Return a warning that names the observables that are magnitudes, or nothing."""
-    names = [o.name for o in lin.full_equations.observables if o.is_magnitude]
-    if not names:
-        return ()
-    return (
-        f"{list_first(names, _MAX_NAMES)}: largest magnitudes are omitted from the outputs because "
-        "their derivatives jump; observe beam.stress(...) at one section instead.",
-    )
 
 
 def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:
