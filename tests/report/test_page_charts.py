@@ -68,6 +68,23 @@ def test_regression_constants_but_for_rounding_errors_are_drawn_as_constants(sho
     assert high - low == pytest.approx(0.011)
 
 
+def test_regression_rounding_noise_does_not_choose_a_logarithmic_axis(show):
+    """One case of 2e-12 N m beside 1172 and 1250 N m made the axis logarithmic from 1e-12."""
+    tab = show(study_page())
+    values = {
+        (2e-12, 1172.0, 1250.0): False,
+        (1e-12, 3e-12, 1250.0): False,
+        (0.0, 1.0, 1000.0): False,
+        (-1.0, 1000.0): False,
+        (100.0, 1172.0, 1250.0): False,
+        (): False,
+        (1.0, 1172.0, 1250.0): True,
+        (1e-4, 1.0, 1e4, 1e8): True,  # a parameter over twelve decades
+    }
+    needs = "needsLogAxis({ kind: 'number', value: (x) => x }, values)"
+    assert [tab.evaluate(f"values => {needs}", list(x)) for x in values] == [*values.values()]
+
+
 def test_values_are_read_at_the_pointer_and_by_keys(show):
     tab = show(study_page())
     select_only(tab, 2)

@@ -2,6 +2,7 @@
 // a reserved word.
 
 const MIN_LOG_RATIO = 50; // ratio of largest to smallest value that requires a logarithmic axis
+const NOISE_RATIO = 1e-9; // to the next larger value; smaller values are zero but for rounding
 
 function groupCases() {
   return page.cases.filter((run) => run.group === state.group.id);
@@ -51,8 +52,11 @@ function listQuantities() {
 
 // Axes of error and wall time are logarithmic; other axes only if their values span a large range.
 function needsLogAxis({ kind, value }, cases) {
-  const [low, high] = findExtent([cases.map(value)]);
-  return low > 0 && (kind !== "number" || high / low > MIN_LOG_RATIO);
+  const values = removeMissing(cases.map(value)).sort((a, b) => a - b);
+  const [low, high] = [values[0], values.at(-1)];
+  if (kind !== "number") return low > 0;
+  const hasNoise = values.some((x, k) => k > 0 && values[k - 1] < NOISE_RATIO * x);
+  return low > 0 && high / low > MIN_LOG_RATIO && !hasNoise;
 }
 
 function isPlottable(run, quantity) {
