@@ -18,6 +18,7 @@ from beamdae.errors import (
 # ASM Handbook vol. 2 (1990).
 # Shorter beginnings of names are probably typing errors.
 _MIN_BEGINNING = 4
+_OTHER_SPELLINGS = {"aluminium": "aluminum"}
 _TABLE = {
     "steel": (210e9, 0.3, 7850.0),
     "stainless steel": (200e9, 0.3, 7900.0),
@@ -96,7 +97,8 @@ class Material:
         Parameters
         ----------
         name
-            One of the names in the table, or its beginning if it is unique.
+            One of the names in the table, "aluminium", or a beginning of at least four letters if
+            it is unique.
 
         Raises
         ------
@@ -110,8 +112,9 @@ class Material:
         210000000000.0
         """
         if isinstance(name, str) and len(name) >= _MIN_BEGINNING and name not in _TABLE:
-            matches = [x for x in _TABLE if x.startswith(name)]
-            name = matches[0] if len(matches) == 1 else name
+            beginnings = {**{x: x for x in _TABLE}, **_OTHER_SPELLINGS}
+            matches = {x for spelling, x in beginnings.items() if spelling.startswith(name)}
+            name = matches.pop() if len(matches) == 1 else name
         if not isinstance(name, str) or name not in _TABLE:
             raise BeamdaeError(
                 f"Material.of: the name must be one of {', '.join(map(repr, _TABLE))}, "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -155,7 +155,8 @@ Loads = Annotated[
     typer.Option(
         "--load",
         metavar="NAME",
-        help="Load to scale, or 'gravity'; repeatable. Defaults to all loads.",
+        help="Load to scale, or 'gravity', or several separated by commas; repeatable. Defaults to "
+        "all loads.",
     ),
 ]
 LoadTime = Annotated[
@@ -293,6 +294,7 @@ def select_plotted_columns(
 
     observables = as_equations(command, model).observables
     headers = [header for observable in observables for header in observable.headers]
+    names = split_names(names, model)
     return list(dict.fromkeys(select_observed_columns(command, names, headers)))
 
 
@@ -359,6 +361,28 @@ def create_integrator(command: str, name: str, options: Mapping[str, Any], file:
 
 def _field_names(integrator: Any) -> list[str]:
     return [field.name for field in fields(integrator)] if is_dataclass(integrator) else []
+
+
+def split_names(texts: str | Sequence[str] | None, model: Model | None = None) -> list[str]:
+    """Return the names in the values of an option, which are separated by commas.
+
+    Names of parts, observables and columns of the `model` may contain commas.
+    """
+    names = []
+    for text in [texts] if isinstance(texts, str) else texts or ():
+        is_name = model is not None and "," in text and text in _list_names(model)
+        names += [text] if is_name else [x.strip() for x in text.split(",") if x.strip()]
+    return names
+
+
+def _list_names(model: Model) -> set[str]:
+    from beamdae.results.columns import remove_unit
+    from beamdae.simulation import as_equations
+
+    equations = as_equations("model", model, sampled=True)
+    headers = equations.observed_headers
+    parts = () if equations.mechanism is None else equations.mechanism.parts
+    return {*parts, *(x.name for x in equations.observables), *headers, *map(remove_unit, headers)}
 
 
 def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict[str, str]:

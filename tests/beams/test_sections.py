@@ -203,6 +203,8 @@ def test_invalid_sections_and_materials_are_rejected(make, message):
 
 def test_regression_the_beginning_of_the_name_of_a_material_suffices():
     assert bd.Material.of("titanium") == bd.Material.of("titanium Ti-6Al-4V")
+    for name in ("aluminium", "alumini", "alum"):
+        assert bd.Material.of(name) == bd.Material.of("aluminum")
     assert bd.Material.of("steel").nu == 0.3
     for name in ("ti", "st", "", 3):
         with pytest.raises(bd.BeamdaeError, match=r"^Material\.of: the name must be one of"):

@@ -10,9 +10,10 @@ import typer
 from typer.core import TyperCommand
 from typer.testing import CliRunner
 
+import beamdae as bd
 from beamdae.cli import option_values
-from beamdae.cli.app import create_app
-from beamdae.cli.options import parse_number, parse_seconds
+from beamdae.cli.app import app, create_app
+from beamdae.cli.options import parse_number, parse_seconds, split_names
 
 
 def test_values_have_the_types_of_the_options(monkeypatch):
@@ -101,3 +102,57 @@ def test_several_speeds_with_units_give_a_campbell_diagram(tmp_path, monkeypatch
     options = ["--speed", "60rpm", "--speed", "4", "--out", str(tmp_path)]
     CliRunner().invoke(create_app("modes"), ["modes", "example:governor", *options])
     assert received == [pytest.approx([2.0 * np.pi, 4.0])]
+
+
+def test_names_are_separated_by_commas_unless_a_name_contains_one():
+    """`--by k,e` was a list of names, `--plot tip.y,tip.x` one unknown column."""
+
+    @bd.model(t_end=1.0)
+    def masses():
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        mech.add(bd.Force("push, right", mass.point, (1.0, 0.0)))
+        mech.observe("a, b", mass.point)
+        return mech
+
+    assert split_names(None) == split_names([]) == split_names("") == split_names(" , ") == []
+    assert split_names("k, e") == split_names(["k", "e"]) == split_names(["k,e"]) == ["k", "e"]
+    texts = ["a, b", "a, b.x", "a, b.y [m]", "push, right", "c,d"]
+    assert split_names(texts, masses) == [*texts[:-1], "c", "d"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "--plot", "tip.x,tip.y", "--no-page"],
+        ["static", "--plot", "tip.x, tip.y", "--load", "pull,gravity", "--no-page"],
+        ["buckling", "--load", "pull,gravity", "--no-page"],
+        ["run", "--plot", "tip.x,tip.z"],
+    ],
+)
+def test_lists_of_names_are_accepted_by_all_commands(arguments, tmp_path):
+    path = tmp_path / "leaf.py"
+    path.write_text(LEAF)
+    command, *options = arguments
+    result = CliRunner().invoke(app, [command, str(path), *options, "--out", str(tmp_path)])
+    if "tip.z" in options[-1]:
+        assert result.exit_code == 2
+        assert "there is no column 'tip.z'" in " ".join(result.output.split())
+    else:
+        assert result.exit_code == 0, result.output
+
+
+LEAF = """
+import beamdae as bd
+
+
+@bd.model(t_end=0.01)
+def leaf():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.002)
+    beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, 0.3)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("pull", beam.end, (0.0, -1.0)))
+    mech.observe("tip", beam.end)
+    return mech
+"""

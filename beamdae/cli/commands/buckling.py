@@ -19,6 +19,7 @@ from beamdae.cli.options import (
     Starts,
     load_configured_model,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -57,7 +58,7 @@ def buckling_command(
     from beamdae.report.terminal import text_tables
     from beamdae.results.storage.files import escape_table, write_text
 
-    result = buckling(model, number, load, t, parse_start(start, model))
+    result = buckling(model, number, split_names(load, model) or None, t, parse_start(start, model))
     table = result.table()
     text = escape_table(table).to_csv(index=False)
     files = WrittenFiles([write_text(table_path, text)], (page_path, picture_path))

@@ -16,6 +16,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_seconds,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import WrittenFiles, create_console, record_results
 from beamdae.cli.output_paths import require_writable
@@ -99,13 +100,13 @@ def export_command(
         step=step,
         integrator=integrator,
         rtol=rtol,
-        inputs=_split_names(inputs),
-        outputs=_split_names(outputs),
-        parameters=_split_names(parameters) or (),
+        inputs=None if inputs is None else split_names(inputs),
+        outputs=None if outputs is None else split_names(outputs, model),
+        parameters=split_names(parameters),
         fmi=fmi,
         rho_inf=rho_inf,
         start=parse_start(start, model),
-        platforms=() if platforms == "none" else _split_names(platforms),
+        platforms=_parse_platforms(platforms),
         real_time=real_time,
         timed_steps=timed_steps,
     )
@@ -114,10 +115,11 @@ def export_command(
     files.finish()
 
 
-def _split_names(text: str | None) -> list[str] | None:
+def _parse_platforms(text: str | None) -> list[str] | None:
+    """Return the platforms of --platforms: none for "none", and None without this option."""
     if text is None:
         return None
-    return [name.strip() for name in text.split(",") if name.strip()]
+    return [] if text == "none" else split_names(text)
 
 
 def _print_results(result: ExportedFmu, name: str) -> None:

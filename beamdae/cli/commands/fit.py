@@ -25,6 +25,7 @@ from beamdae.cli.options import (
     parse_assignments,
     parse_bounds,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -81,12 +82,15 @@ def fit_command(
         typer.Option(
             metavar="COLUMN",
             help="Column, or EXPERIMENT:COLUMN, with an unknown scale; '*' for all columns; "
-            "repeatable.",
+            "several are separated by commas; repeatable.",
         ),
     ] = None,
     offset: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN", help="Column with an unknown offset; repeatable."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Column with an unknown offset, or several separated by commas; repeatable.",
+        ),
     ] = None,
     shift: Annotated[
         list[str] | None,
@@ -133,13 +137,13 @@ def fit_command(
     integrator = integrator or ("radau" if step is None else "generalized-alpha")
     method = create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file)
     options: dict[str, Any] = {
-        "by": _split_names(by),
+        "by": split_names(by),
         "sigma": _parse_sigma(sigma),
         "experiments": _parse_experiments(experiment),
         "bounds": parse_bounds(model, bounds),
-        "log": _split_names(log),
-        "scale": scale or [],
-        "offset": offset or [],
+        "log": split_names(log),
+        "scale": split_names(scale, model),
+        "offset": split_names(offset, model),
         "shift": _parse_shifts(shift),
         "start": parse_start(start, model),
         "max_evaluations": max_evaluations,
@@ -175,10 +179,6 @@ def _finish(result: Fit, files: WrittenFiles, page: Path | None, picture: Path |
     if picture is not None:
         files.write(picture.name, lambda: [result.plot().save(picture)])
     files.finish(result.status)
-
-
-def _split_names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _assign(option: str, texts: list[str] | None) -> list[tuple[str, str]]:

@@ -21,6 +21,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_bounds,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.output_paths import require_writable
@@ -107,7 +108,7 @@ def optimize_command(
     result = optimize(
         model,
         objective,
-        [name.strip() for name in by.split(",") if name.strip()],
+        split_names(by),
         limits,
         parse_bounds(model, bounds),
         None if step is None else GeneralizedAlpha(step=step),

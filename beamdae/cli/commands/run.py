@@ -28,6 +28,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_accuracy,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import create_console, print_error, record_results
 from beamdae.cli.output_paths import require_writable
@@ -94,8 +95,8 @@ def run_command(
         typer.Option(
             "--columns",
             metavar="NAME",
-            help="Column or observable that must reach --accuracy, such as a stress; repeatable. "
-            "Defaults to positions, angles and deflections.",
+            help="Column or observable that must reach --accuracy, such as a stress, or several "
+            "separated by commas; repeatable. Defaults to positions, angles and deflections.",
         ),
     ] = None,
     page: Annotated[
@@ -175,9 +176,11 @@ def run_command(
             f"run: --start {start[0]} and --continue {resume_from} are mutually "
             "exclusive; omit one."
         )
-    names = None if sensitivities is None else [x.strip() for x in sensitivities.split(",")]
+    names = None if sensitivities is None else split_names(sensitivities)
     _require_differentiable(names, required_accuracy, resume_from)
-    run = Run(model, method, out / f"{model.name}.csv", plot=RunPlot(plot or (), x, data))
+    run = Run(
+        model, method, out / f"{model.name}.csv", plot=RunPlot(split_names(plot, model), x, data)
+    )
     run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]
@@ -196,7 +199,13 @@ def run_command(
             )
         else:
             solution = run_outputs.certify_run(
-                run, required_accuracy, columns, t_end, output_step, initial_state, time_limit
+                run,
+                required_accuracy,
+                split_names(columns, model) or None,
+                t_end,
+                output_step,
+                initial_state,
+                time_limit,
             )
         run_outputs.write_tables(run, solution, checkpoint)
     has_estimate = run.certificate is None and (estimate or verify)

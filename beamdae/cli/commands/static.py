@@ -26,6 +26,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_named_number,
     parse_start,
+    split_names,
 )
 from beamdae.cli.output import (
     WrittenFiles,
@@ -90,7 +91,8 @@ def static_command(
     from beamdae.cli.model_files.model_file import ModelFile
 
     model = load_configured_model(ModelFile(path), model_name, settings)
-    _require_plot(model, plot or [], x, picture)
+    plotted = split_names(plot, model)
+    _require_plot(model, plotted, x, picture)
     name = f"{model.name}_static"
     table, page_path = out / f"{name}.csv", out / f"{name}.html"
     picture_path = out / f"{name}.png"
@@ -106,7 +108,7 @@ def static_command(
     with signals.defer_interrupts(immediate=1):
         result = equilibrium(
             model,
-            load,
+            split_names(load, model) or None,
             targets,
             control,
             size,
@@ -127,7 +129,7 @@ def static_command(
         title = f"{model.name}, equilibria{suffix}"
         files.write(
             picture_path.name,
-            lambda: [save_path_figure(picture_path, result, title, plot or (), x)],
+            lambda: [save_path_figure(picture_path, result, title, plotted, x)],
         )
     files.finish(result.status)
 

@@ -29,6 +29,7 @@ from beamdae.cli.options import (
     TimeLimit,
     create_integrator,
     parse_assignments,
+    split_names,
 )
 from beamdae.cli.output import create_console, print_warnings, record_results
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
@@ -80,8 +81,8 @@ def sweep_command(
         list[str] | None,
         typer.Option(
             metavar="COLUMN",
-            help="Observed column to evaluate, for example tip.y; repeatable. Defaults to all, of "
-            "which the terminal shows up to three.",
+            help="Observed column to evaluate, for example tip.y, or several separated by commas; "
+            "repeatable. Defaults to all, of which the terminal shows up to three.",
         ),
     ] = None,
     modes: Annotated[
@@ -130,11 +131,12 @@ def sweep_command(
         file = ModelFile(path)
         method = create_integrator("sweep", integrator, {"rtol": rtol, "step": step}, file)
         model = file.model(model_name)
-        sweep = _sweep_from_options(model, over, settings, None, of, method)
+        sweep = _sweep_from_options(model, over, settings, None, split_names(of, model), method)
     else:
         _require_no_sweep_options(settings, integrator, rtol, step)
         sweep = _sweep_of_file(ModelFile(path), model_name)
-        sweep = replace(sweep, columns=tuple(of)) if of else sweep
+        columns = tuple(split_names(of, sweep.cases[0].model))
+        sweep = replace(sweep, columns=columns) if columns else sweep
     from beamdae.studies.execution.executors import create_executor
 
     study = apply_run_options("sweep", sweep, time_limit, t_end, output_step, start)
