@@ -12,7 +12,7 @@ from beamdae.analysis.optimization import search
 from beamdae.analysis.optimization.analyses import RunSettings
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
-from beamdae.analysis.optimization.search import Search
+from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
 
 STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 LENGTH, WIDTH, LOAD, SAG = 1.0, 0.02, 50.0, 0.01
@@ -796,3 +796,11 @@ def test_bound_of_the_largest_stress_in_a_run_states_the_largest_stress():
     (constraint,) = result.constraints
     assert constraint.largest == run.columns["stress.largest [Pa]"].max()
     assert result.constraint_table()["largest"].tolist() == [constraint.largest]
+
+
+def test_regression_line_searches_that_noise_misleads_are_counted():
+    """A search evaluated 39 of 45 designs next to each other and was said to have converged."""
+    values = [(1.0, 0.5), *[(0.8 + 1e-5 * (k % 3), 0.05 - 1e-5 * (k % 2)) for k in range(20)]]
+    trials = [Trial(np.zeros(1), np.array([x]), violation) for x, violation in values]
+    trials.insert(5, Trial(np.zeros(1), np.array([np.nan]), np.nan, "failed"))
+    assert count_idle_trials(trials) == 19
