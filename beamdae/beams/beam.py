@@ -530,7 +530,10 @@ class Beam(Part):
         """Return displacement and rotation at `s` relative to the undeformed beam in its frame.
 
         The undeformed beam moves with the frame: the floating frame, or `frame` of an exact beam.
-        For the displacement relative to a clamp, use `deflection`.
+        For a beam that turns, such as a connecting rod, use `axes="frame"`: for a straight beam
+        with a chord frame, u is then the shortening and v the bending. In the inertial axes of the
+        default, both contain shares of shortening and bending that change as the beam turns. For
+        the displacement relative to a clamp, use `deflection`.
 
         Parameters
         ----------

@@ -119,3 +119,16 @@ def test_missing_data(here):
     result = run("none.csv", "--by", "stiffness")
     assert result.exit_code == 2
     assert "'none.csv' cannot be read: No such file or directory" in result.stderr
+
+
+@pytest.mark.parametrize("option", ["--t-end", "--output-step"])
+def test_options_that_the_data_replace_are_refused_with_the_reason(option):
+    """The parser proposed --seed and --step instead."""
+    result = CliRunner().invoke(app, ["fit", "model.py", "data.csv", "--by", "k", option, "1ms"])
+    assert result.exit_code == 2
+    message = " ".join(result.output.split())
+    assert message.startswith(f"error: beamdae fit: {option} is not needed, because ")
+    assert message.endswith("; see beamdae fit --help.")
+    assert "--seed" not in message
+    text = CliRunner().invoke(app, ["fit", "--help"]).output
+    assert "The data determine the end time" in " ".join(text.split())

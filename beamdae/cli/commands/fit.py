@@ -124,6 +124,8 @@ def fit_command(
 ) -> None:
     """Estimate parameters of a model from measured data; write estimates, residuals and a page.
 
+    The data determine the end time of the runs.
+
     With several starts, finished searches are stored in the results folder: run the same command
     again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
     if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C (the best
