@@ -148,7 +148,8 @@ def buckling(
     derivative with respect to the load factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
-    equilibrium path, `Buckling.warnings` contains a warning; use `equilibrium` instead.
+    equilibrium path, `Buckling.warnings` contains a warning; use `equilibrium` instead. This is not
+    checked for loads without a potential, which have a warning.
 
     Parameters
     ----------
@@ -214,8 +215,10 @@ def buckling(
     try:
         path = _linearize_along_path(corrector, begin)
         factors, vectors, reversed_factor = _solve(path, count)
+        asymmetry = abs(path.rate - path.rate.T).max()
+        has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
         warnings = []
-        if len(factors):
+        if len(factors) and has_potential:
             warnings = _check_prebuckling(corrector, begin, float(factors[0]))
     except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
         raise BeamdaeError(
@@ -230,12 +233,15 @@ def buckling(
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
-    asymmetry = abs(path.rate - path.rate.T).max()
-    has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
     if not has_potential:
+        # The path, whose flutter points take long, is left to the recommended call.
+        if len(factors):
+            buckled = begin.x + float(factors[0]) * path.response.x
+            warnings += buckling_warnings(e, buckled[: e.n])
         warnings.append(
             f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
-            "buckling does not show; use equilibrium."
+            "buckling does not show, and displacements before buckling are not checked; use "
+            "equilibrium."
         )
     warn_of_result(warnings, e.build_warnings)
     if has_potential and len(factors) < count:
