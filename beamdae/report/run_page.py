@@ -79,6 +79,7 @@ def build_run_page(
                 "family": method,
                 "status": "ok" if status.success else status.sentence,
                 "curves": select_curves(table, limit),
+                "extremes": {k: [x.min, x.max] for k, x in solution.step_extremes.items()},
             },
             *measured,
         ],

@@ -14,7 +14,9 @@ from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import CurveBlock
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
+from beamdae.studies.case import Case
 from beamdae.studies.case_table import ERROR_COLUMN
+from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.definition import Study
 from beamdae.studies.deviations import compute_deviations, count_common_rows
 from beamdae.studies.execution.study_run import StudyResults
@@ -298,11 +300,20 @@ def _create_cases(
                 )
                 if k in with_curves
                 else None,
+                "extremes": _list_extremes(results, case),
                 "file": row["trajectory"] if is_stored else "",
                 **({"block": blocks[k]} if k in blocks else {}),
             }
         )
     return cases
+
+
+def _list_extremes(results: StudyResults, case: Case) -> dict[str, list[float]]:
+    """Return the smallest and the largest value of each column over the steps of a run."""
+    smallest, largest = (list(MEASURES).index(name) for name in ("min", "max"))
+    measures = shared_measures(results.outcome(case)).items()
+    extremes = {header: [x[smallest], x[largest]] for header, x in measures}
+    return {header: pair for header, pair in extremes.items() if np.isfinite(pair).all()}
 
 
 def _rank_cases(study: Study) -> list[int]:

@@ -160,3 +160,18 @@ def test_the_page_of_a_run_with_data_in_a_browser(run, show):
     choices = tab.locator("#panels [data-panel] select")
     assert [selected_options(choices.nth(k)) for k in range(2)] == [["tip.y [m]"], ["all in J"]]
     assert find_violations(tab) == []
+
+
+@pytest.mark.slow(reason="opens a browser")
+@pytest.mark.parametrize("largest", [0.0, -0.001, 0.5])
+def test_charts_say_that_curves_miss_peaks_between_rows(run, show, largest):
+    """Curves without these peaks contradicted the maxima in tables."""
+    page = build_run_page(run, "arm")
+    (case,) = page["cases"]
+    low = float(run["tip.y"].min())
+    assert_allclose(case["extremes"]["tip.y [m]"], [low, 0.0], atol=1e-3)
+    case["extremes"]["tip.y [m]"] = [low, largest]
+    tab = show(page | {"featured": ["tip.y [m]"]})
+    hints = tab.locator("#panels p.missed").all_text_contents()
+    expected = "The curves miss peaks between their rows: arm reaches 0.5."
+    assert hints == ([expected] if largest == 0.5 else [])

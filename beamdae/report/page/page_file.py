@@ -220,12 +220,14 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
         - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
           example the integrator; "series" (cases of the same series are connected by a line;
           default None); "rank", a number that orders the cases of a series and the table by label;
-          "status" ("ok" or a sentence); "values" by column; "error"; "cost" [s]; "below" (True if
-          the error is below the resolution of the reference); "limited" (True if a limit stopped
-          the run); "dashed" (True if lines to it are dashed); "at" (index of its value for each
-          slider); "frames", its own animation, or None; "points" (True for measured data, which are
-          drawn as points and selected with their model when the page opens); "file" (name of the
-          file with its rows); and "curves", as returned by
+          "status" ("ok" or a sentence); "values" by column; "extremes", pairs of the smallest and
+          the largest value of observed columns over all steps, by header (optional); "error";
+          "cost" [s]; "below" (True if the error is below the resolution of the reference);
+          "limited" (True if a limit stopped the run); "dashed" (True if lines to it are dashed);
+          "at" (index of its value for each slider); "frames", its own animation, or
+          None; "points" (True for measured data, which are drawn as points and
+          selected with their model when the page opens); "file" (name of the file with its rows);
+          and "curves", as returned by
           `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
           "curve_files", from which the curves are loaded when the case is selected.
           Entries of "curves": "t" [s]; at these times "observed" by name, "magnitude" and "phase"

@@ -10,6 +10,7 @@ const NOISE_MAGNITUDE = 1e-14; // [SI units]
 // No chart opens on a column whose range is smaller than this part of the largest one with its unit, such as the
 // shortening of a beam that bends.
 const MINOR_RANGE = 0.2;
+const MISSED_SHARE = 0.01; // of the range of a curve
 const PANELS = [
   { key: "observed", title: "Observed", section: "panels" },
   { key: "energy", title: "Energy [J]", section: "panels", unit: "J" },
@@ -150,7 +151,7 @@ function drawPanel(panel) {
   const chart = createChart(describeCurveChart(panel, lines));
   addCursor(chart);
   state.charts.set(key, chart);
-  holder.replaceChildren(...createNameLegend(panel, lines), chart.element);
+  holder.replaceChildren(...createNameLegend(panel, lines), chart.element, ...describeMissedPeaks(panel, lines));
   drawChart(chart);
 }
 
@@ -175,6 +176,24 @@ function collectLines({ key, choice: { names } }) {
       })),
     )
     .filter(({ values }) => values && removeMissing(values).length);
+}
+
+// A hint if the drawn rows miss a peak between them by more than 1 % of the range.
+function describeMissedPeaks({ key, choice: { names, isConstant } }, lines) {
+  if (key !== "observed" || state.differences[key] || names.length > 1 || isConstant) return [];
+  const misses = lines.flatMap(({ run, name, values }) => {
+    const [low, high] = findExtent([values]);
+    const [least, most] = getOwn(run.extremes, name) ?? [low, high];
+    const range = Math.max(high, most) - Math.min(low, least);
+    return [[(most - high) / range, run.label, most], [(low - least) / range, run.label, least]];
+  });
+  return misses
+    .filter(([share]) => share > MISSED_SHARE)
+    .sort(([x], [y]) => y - x)
+    .slice(0, 1)
+    .map(([, label, peak]) =>
+      html("p", { class: "missed" }, `The curves miss peaks between their rows: ${label} reaches ${formatValue(peak)}.`),
+    );
 }
 
 // Legend of a panel with several names; clicking an entry hides or shows its lines.
