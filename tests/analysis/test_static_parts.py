@@ -165,7 +165,7 @@ def test_inertia_count_by_pivots_matches_eigenvalues(factor, monkeypatch):
     path = bd.equilibrium(mech, to=factor)
     state = np.append(path.q[-1], path.lam[-1])
     dense = assess_stability(system, state, factor)
-    monkeypatch.setattr(stability, "MAX_DENSE_COORDINATES", 0)
+    monkeypatch.setattr(stability, "MAX_DENSE_STIFFNESS", 0)
     sparse = assess_stability(system, state, factor)
     assert sparse.negative_count == dense.negative_count == {0.5: 0, 1.5: 1, 12.0: 2}[factor]
     for index in range(dense.negative_count, dense.negative_count + 2):
