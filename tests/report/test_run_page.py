@@ -173,5 +173,5 @@ def test_charts_say_that_curves_miss_peaks_between_rows(run, show, largest):
     case["extremes"]["tip.y [m]"] = [low, largest]
     tab = show(page | {"featured": ["tip.y [m]"]})
     hints = tab.locator("#panels p.missed").all_text_contents()
-    expected = "The curves miss peaks between their rows: arm reaches 0.5."
+    expected = "The curves miss peaks between rows: arm reaches 0.5."
     assert hints == ([expected] if largest == 0.5 else [])

@@ -192,7 +192,7 @@ function describeMissedPeaks({ key, choice: { names, isConstant } }, lines) {
     .sort(([x], [y]) => y - x)
     .slice(0, 1)
     .map(([, label, peak]) =>
-      html("p", { class: "missed" }, `The curves miss peaks between their rows: ${label} reaches ${formatValue(peak)}.`),
+      html("p", { class: "missed" }, `The curves miss peaks between rows: ${label} reaches ${formatValue(peak)}.`),
     );
 }
 
