@@ -215,7 +215,7 @@ def test_limit_point_of_lees_frame_is_no_branch_point(elements, formulation, set
 @pytest.mark.slow(reason="one second")
 def test_sparse_matrices_count_negative_eigenvalues_next_to_zero(monkeypatch):
     # The signs of pivots are rounding if the matrix is singular up to rounding.
-    monkeypatch.setattr(stability_module, "MAX_DENSE_COORDINATES", 0)
+    monkeypatch.setattr(stability_module, "MAX_DENSE_STIFFNESS", 0)
     mech = lee_frame(4)
     path = bd.equilibrium(mech, to={"ld.y": 55.0}, step=14.0)
     (limit,) = path.critical
