@@ -9,7 +9,7 @@ from typing import Any
 import lazy_loader
 
 from beamdae.catalog import attributes_by_module
-from beamdae.garbage_collection import exempt_modules_of_script, paused_collection
+from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
@@ -25,7 +25,6 @@ def __getattr__(name: str) -> Any:
             return _load(name)
         with paused_collection():
             value = _import(name)
-            exempt_modules_of_script()
         _imported.add(name)
         return value
     # Python uses these two arguments to suggest the nearest public name.

@@ -10,12 +10,11 @@ use is cached like the code of kernels. numba is imported only to compile a loop
 from __future__ import annotations
 
 import ctypes
-import gc
 import hashlib
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.errors import format_exception
+from beamdae.garbage_collection import paused_collection
 from beamdae.linear import lane_operations
 from beamdae.native import linear_solver, loop_functions
 from beamdae.native.llvm import LoadedObject, MachineCodeError
@@ -368,7 +368,7 @@ def _load_entries(entries: _EntryPoints, kind: Any, compiles: bool) -> dict[str,
 
 def _compile_entries(entries: _EntryPoints, functions: tuple[FunctionType, ...], kind: Any) -> str:
     """Return LLVM IR of the loops of one object and of all functions they call."""
-    with _pause_garbage_collection():
+    with paused_collection():  # numba creates millions of objects
         try:
             from beamdae.native import numba_compiler
         except ImportError as problem:
@@ -376,15 +376,3 @@ def _compile_entries(entries: _EntryPoints, functions: tuple[FunctionType, ...],
                 f"numba cannot be imported ({format_exception(problem)})"
             ) from problem
         return numba_compiler.compile_loops(dict(entries), functions, kind)
-
-
-@contextmanager
-def _pause_garbage_collection() -> Iterator[None]:
-    """Pause garbage collection: numba creates millions of objects, most of which persist."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
