@@ -89,6 +89,8 @@ _TARGET_SHARE = 0.4
 _MIN_REDUCTION = 1.5
 _MAX_STAGNATIONS = 2
 _MAX_NAMES = 3  # of columns in a sentence
+# Small motions matter next to large ones, such as vibrations of a vehicle that travels.
+_UNITS_OF_MOTION = ("m", "rad", "m/s", "rad/s")
 
 # Error estimate. Errors decrease in a geometric sequence: if a refinement multiplies them by q, the
 # error of the finer of two runs is q / (1 - q) times their difference.
@@ -380,9 +382,8 @@ class _Run:
         headers, length = list(self.solution.columns), self.solution.equations.length
         amplitude, is_constant = self._amplitudes
         is_noise = mark_resting_columns(headers, self.rows, amplitude, length)
-        # Travel does not make the vibration of a vehicle noise.
-        is_placement = np.array([Header.of(x).unit in ("m", "rad") for x in headers], bool)
-        is_noise |= mark_vanishing_columns(headers, amplitude, length) & ~is_placement
+        is_motion = np.array([Header.of(x).unit in _UNITS_OF_MOTION for x in headers], bool)
+        is_noise |= mark_vanishing_columns(headers, amplitude, length) & ~is_motion
         return is_noise & ~is_constant
 
     @cached_property
