@@ -110,6 +110,28 @@ def test_invalid_arguments_are_rejected():
         bd.frequency_response(duffing, "omega", (1.0, 1.0))
 
 
+@pytest.mark.parametrize(
+    ("damping", "ratio", "load", "accuracy"),
+    [
+        (1e-4, 1.0, 1.0, 3e-6),
+        (1e-6, 1.0, 1.0, 1e-4),
+        (0.0, 1.0001, 1.0, 3e-5),
+        (1e-2, 1.0, 1e3, 1e-6),
+    ],
+)
+def test_regression_amplitudes_far_beyond_the_size_are_found(damping, ratio, load, accuracy):
+    """Corrections of at most 3 times the size of the model failed after 25 iterations."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    force = load * ca.sin(ratio * t) - 2.0 * damping * v - x
+    system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
+    motion = bd.periodic(system, 2.0 * np.pi / ratio)
+    assert motion.status.success
+    assert motion.stable
+    amplitude = load / abs(1.0 - ratio**2 + 2.0j * damping * ratio)
+    half = 0.5 * np.ptp(motion.solution.trajectory.intervals[0].state.q[:, 0])
+    assert half == pytest.approx(amplitude, rel=accuracy)
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_failed_search_is_a_result_with_a_reason():
     # Undamped at resonance, the amplitude grows without bound.

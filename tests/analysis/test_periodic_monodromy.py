@@ -123,6 +123,42 @@ def test_undamped_beam_converges_quadratically():
     assert half == pytest.approx(amplified, rel=0.01)
 
 
+@pytest.mark.slow(reason="half a second and more")
+@pytest.mark.parametrize("ratio", [0.55, 0.97])
+def test_regression_undamped_strip_takes_few_periods(monkeypatch, ratio):
+    """Vibrations after the start took 100 periods at rtol 1e-8, and any time next to a resonance.
+
+    The steps of all runs add up to fewer than 20 periods of the motion.
+    """
+    steps, run = [], PeriodMap.run
+
+    def counted(*arguments, **keywords):
+        solution = run(*arguments, **keywords)
+        steps.append(sum(len(x.t) for x in solution.trajectory.intervals))
+        return solution
+
+    monkeypatch.setattr(PeriodMap, "run", counted)
+    length, load = 0.5, 1e-4
+    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3)
+    wave_number = 1.8751041 * np.sqrt(ratio) / length
+    frequency = wave_number**2 * np.sqrt(section.EI / section.rhoA) / (2.0 * np.pi)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (length, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=4, strain="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, bd.sine(load, frequency))))
+    mech.observe("tip", beam.deflection(length))
+    motion = bd.periodic(mech, 1.0 / frequency)
+    assert motion.status.success
+    assert sum(steps) < 20 * steps[-1]
+    # Harmonic response of a clamped Euler-Bernoulli beam to a force at its tip.
+    x = wave_number * length
+    gain = np.sin(x) * np.cosh(x) - np.cos(x) * np.sinh(x)
+    stiffness = section.EI * wave_number**3 * (1.0 + np.cos(x) * np.cosh(x))
+    half = motion.amplitudes().loc["tip.transverse [m]", "half range"]
+    assert half == pytest.approx(load * gain / stiffness, rel=1e-3)
+
+
 def test_expected_range_spares_a_second_pass():
     random = np.random.default_rng(3)
     size, rank = 60, 4

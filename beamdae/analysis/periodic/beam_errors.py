@@ -86,15 +86,15 @@ class _TransferredLinearization(Linearization):
 
     prolongation: Array
 
-    def newton_step(self, run: PeriodRun) -> tuple[Array, float]:
-        """Return the changes of (q, v), (2 n',), and of the period, relative to the period.
+    def newton_step(self, run: PeriodRun, largest: float) -> tuple[Array, float, float]:
+        """Return the changes of (q, v), (2 n',), and of the period, and their share.
 
         Motions that the model does not have are those of short waves; they are left to the run.
         """
         deviation = run.period_map.deviation(run.solution)
         coarse = np.linalg.lstsq(self.prolongation, deviation, rcond=None)[0]
         change, stretch = self.solve(coarse)
-        return self.limit(run, self.prolongation @ (change - coarse) + deviation, stretch)
+        return self.limit(run, largest, self.prolongation @ (change - coarse) + deviation, stretch)
 
 
 class BeamErrorEstimator:

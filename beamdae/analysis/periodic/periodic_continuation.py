@@ -20,6 +20,7 @@ from beamdae.analysis.periodic.shooting import (
     PeriodRun,
     Tolerance,
     build_periodic_equations,
+    equalize_deformations,
     solve_shooting,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import configure_model
@@ -320,16 +321,7 @@ class CurvePoint:
         deformations with the same unit. Relative to the far smaller amplitudes of axial
         deformations, errors of the integrator would dominate the length.
         """
-        equations = self.run.solution.equations
-        is_angle = np.array([c.unit == "rad" for c in equations.coordinates])
-        scales = self.run.scales.reshape(2, -1).copy()
-        for part in equations.parts:
-            deformations = np.arange(part.deformations.start, part.deformations.stop)
-            for rows in (
-                deformations[is_angle[deformations]],
-                deformations[~is_angle[deformations]],
-            ):
-                scales[:, rows] = np.max(scales[:, rows], axis=1, initial=0.0)[:, None]
+        scales = equalize_deformations(self.run.solution.equations, self.run.scales.reshape(2, -1))
         states = np.sqrt(np.mean(np.square(direction[:-1] / scales.ravel())))
         return float(np.hypot(states, direction[-1]))
 

@@ -42,6 +42,11 @@ _FIXED_STEP_TOLERANCE = 1e-6
 # Adaptive steps change with the start, and with them the errors of a run. An iteration that
 # stagnates at them succeeds up to this multiple of the default tolerance.
 _STAGNATION_ALLOWANCE = 10.0
+# Relative tolerance of the runs that settle and of the first iterations. Vibrations that are not
+# part of the periodic motion take most of the time of accurate runs, and more with every
+# disturbance of the variational equations. At most this fraction of it is more accurate.
+_COARSE_RTOL = 1e-4
+_COARSENING_RATIO = 1e-1
 
 # Motions within the tolerance are corrected until the next correction is below this fraction of the
 # tolerance, or the last one left more than this fraction of the deviation.
@@ -66,10 +71,13 @@ _LATER_PERIODS = 2.0 ** np.arange(1.0, 64.0)
 _PERIOD_STEP = 1e-5
 _MAX_PERIOD_CHANGE = 0.05
 _MAX_SECANT_STEPS = 12
-# Maximum number of Newton iterations, and largest permitted correction relative to the amplitudes,
-# unless the deviation is larger.
+# Maximum number of Newton iterations, and largest permitted first correction relative to the
+# amplitudes, unless the deviation is larger. It grows by this factor with each shortened correction
+# that changes the deviation as predicted: near a resonance with little damping, the amplitude is
+# thousands of times that of the first run.
 _MAX_ITERATIONS = 25
 _MAX_CHANGE = 3.0
+_CHANGE_GROWTH = 10.0
 _MAX_STRETCH = 0.2  # largest permitted change of an unknown period, relative to the period
 # A run has returned to its final state where it differs by at most this fraction of the range of
 # each coordinate and velocity; coordinates with a far smaller range than others are at rest. Number
@@ -84,10 +92,10 @@ _STAGNATION_DEVIATION = 1e-4
 _STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
-# A matrix is kept for the next Newton step if the last step reduced the deviation to at most this
-# fraction: another step with the same matrix then gains as much again at the cost of one period,
-# whereas a new matrix costs as much as two to four periods.
-_KEPT_MATRIX_CONTRACTION = 0.1
+# A matrix is kept for the next Newton step if the last step reduced the deviation as predicted
+# within this fraction: another step with the same matrix then gains as much again at the cost of
+# one period, whereas a new matrix costs as much as two to four periods.
+_MAX_PREDICTION_ERROR = 0.1
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
@@ -216,6 +224,8 @@ class PeriodMap:
         Start and duration of the period [s].
     variational
         Equations linearized along runs.
+    is_coarse
+        Whether deformations of a beam are resolved relative to the largest one with the same unit.
     """
 
     equations: EquationsOfMotion
@@ -223,6 +233,7 @@ class PeriodMap:
     begin: float
     period: float
     variational: VariationalEquations
+    is_coarse: bool = False
 
     @classmethod
     def from_equations(
@@ -233,6 +244,18 @@ class PeriodMap:
         independent = equations if reduction is None else reduction.equations
         return cls(independent, integrator, begin, period, VariationalEquations(independent))
 
+    def coarsen(self) -> PeriodMap:
+        """Return the map for approaching a motion: with a larger rtol, unless steps are fixed.
+
+        Corrections of large deflections disturb axial deformations, whose vibrations would take
+        thousands of steps of a run that resolves them relative to their small amplitudes.
+        """
+        name, value = self.integrator.accuracy
+        if name != "rtol" or value > _COARSENING_RATIO * _COARSE_RTOL:
+            return self
+        integrator: Any = self.integrator
+        return replace(self, integrator=replace(integrator, rtol=_COARSE_RTOL), is_coarse=True)
+
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
 
@@ -241,6 +264,8 @@ class PeriodMap:
         IncompleteRunError
             If the run ends early.
         """
+        if self.is_coarse and scales is not None:
+            scales = equalize_deformations(self.equations, scales)
         equations = replace(self.equations, q0=q, v0=v, scales=scales)
         count = periods * (_OUTPUT_TIMES - 1) + 1
         times = self.begin + self.period * np.linspace(0.0, periods, count)
@@ -267,7 +292,7 @@ class PeriodMap:
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
         if not periods:
             return state.q, state.v
-        return self.end_state(self.run(state.q, state.v, periods=periods))
+        return self.end_state(self.coarsen().run(state.q, state.v, periods=periods))
 
     def end_state(self, solution: Solution) -> tuple[Array, Array]:
         """Return the consistent state (q, v) at the end of a run, without full revolutions."""
@@ -415,6 +440,17 @@ class PeriodMap:
         amplitudes = Amplitudes.from_trajectory(solution.equations, solution.trajectory)
         scales = np.minimum(amplitudes.scales, self.equations.position_scales)
         return np.concatenate([scales, max(_FULL_TURN / self.period, amplitudes.rate) * scales])
+
+
+def equalize_deformations(equations: EquationsOfMotion, scales: Array) -> Array:
+    """Return scales (..., n) with the largest of the deformations of a part with the same unit."""
+    is_angle = np.array([c.unit == "rad" for c in equations.coordinates])
+    scales = scales.copy()
+    for part in equations.parts:
+        rows = np.arange(part.deformations.start, part.deformations.stop)
+        for group in (rows[is_angle[rows]], rows[~is_angle[rows]]):
+            scales[..., group] = np.max(scales[..., group], axis=-1, initial=0.0, keepdims=True)
+    return scales
 
 
 @dataclass(frozen=True, eq=False)
@@ -571,6 +607,15 @@ class PeriodRun:
         start, end = (self.period_map.period * (self.projection @ x) for x in rates)
         return start, end
 
+    def prediction_error(self, last: PeriodRun, share: float) -> float:
+        """Return the error of the deviation predicted for a share of the Newton step of `last`.
+
+        It is relative to the predicted change of the deviation.
+        """
+        before, after = (x.period_map.deviation(x.solution) / last.scales for x in (last, self))
+        error = np.max(np.abs(after - (1.0 - share) * before))
+        return float(error / max(share * np.max(np.abs(before)), _TINY))
+
     def relative_size(self, change: Array) -> float:
         """Return the largest entry of a change (2 n,) of (q, v), relative to `scales`."""
         return float(np.max(np.abs(change) / self.scales))
@@ -601,6 +646,32 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
+    coarse, iterations = period_map.coarsen(), 0
+    if linearization is None and coarse is not period_map:
+        limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
+        with suppress(LinearizationError):
+            run, iterations, linearization = _iterate(coarse, q, v, limits, free_period)
+            if run.relative_deviation <= limits.accepted:
+                period_map = replace(run.period_map, integrator=period_map.integrator)
+                q, v = np.split(run.state, 2)
+            else:
+                linearization = None
+    run, count, _ = _iterate(
+        period_map, q, v, tolerance, free_period, linearization, max_difference
+    )
+    return run, iterations + count
+
+
+def _iterate(
+    period_map: PeriodMap,
+    q: Array,
+    v: Array,
+    tolerance: Tolerance,
+    free_period: bool,
+    linearization: Linearization | None = None,
+    max_difference: float = np.inf,
+) -> tuple[PeriodRun, int, Linearization | None]:
+    """Return the best result of Newton's method, the number of iterations and the last matrix."""
     try:
         result = PeriodRun.from_state(period_map, q, v)
     except IncompleteRunError as error:
@@ -611,30 +682,36 @@ def solve_shooting(
     if linearization is None:
         period_map.require_valid_loads(result.solution, free_period)
     best, last_halving, contraction = result, 0, np.inf
+    largest_change, prediction_error = _MAX_CHANGE, 0.0
     for iteration in range(1, _MAX_ITERATIONS + 1):
         if linearization is None:
             if result.relative_deviation <= tolerance.target:
-                return result, iteration - 1
+                return result, iteration - 1, linearization
             linearization = Linearization.from_run(result, free_period)
-        change, stretch = linearization.newton_step(result)
+        change, stretch, share = linearization.newton_step(result, largest_change)
         correction = max(result.relative_size(change), abs(stretch))
         if tolerance.is_met(result.relative_deviation, correction, contraction):
-            return result, iteration - 1
-        if _KEPT_MATRIX_CONTRACTION < contraction < np.inf:
+            return result, iteration - 1, linearization
+        if prediction_error > _MAX_PREDICTION_ERROR:
             linearization = Linearization.from_run(result, free_period)
-            change, stretch = linearization.newton_step(result)
+            change, stretch, share = linearization.newton_step(result, largest_change)
             correction = max(result.relative_size(change), abs(stretch))
         if max(correction, result.relative_deviation) > max_difference:
-            return best, iteration - 1
+            return best, iteration - 1, linearization
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
         contraction = result.relative_deviation / last.relative_deviation
+        prediction_error = result.prediction_error(last, share)
+        if prediction_error > _MAX_PREDICTION_ERROR:
+            largest_change = _MAX_CHANGE
+        elif share < 1.0:
+            largest_change *= _CHANGE_GROWTH
         if result.relative_deviation < 0.5 * best.relative_deviation:
             last_halving = iteration
         best = min(best, result, key=lambda x: x.relative_deviation)
         is_near = best.relative_deviation < _STAGNATION_DEVIATION
         if is_near and iteration - last_halving >= _STAGNATION_ITERATIONS:
-            return best, iteration
-    return best, _MAX_ITERATIONS
+            return best, iteration, linearization
+    return best, _MAX_ITERATIONS, linearization
 
 
 @dataclass(frozen=True, eq=False)
@@ -672,9 +749,13 @@ class Linearization:
             matrix = np.vstack([np.column_stack([matrix, end]), phase])
         return cls(run, matrix, run.persistent_disturbances(monodromy))
 
-    def newton_step(self, run: PeriodRun) -> tuple[Array, float]:
-        """Return the changes of (q, v), (2 n,), and of the period, relative to the period."""
-        return self.limit(run, *self.solve(run.period_map.deviation(run.solution)))
+    def newton_step(self, run: PeriodRun, largest: float) -> tuple[Array, float, float]:
+        """Return the changes of (q, v), (2 n,), and of the period, relative to the period.
+
+        They are this share of those that remove the deviation, the third value, because changes of
+        (q, v) are limited to `largest` times the amplitudes or to the deviation.
+        """
+        return self.limit(run, largest, *self.solve(run.period_map.deviation(run.solution)))
 
     def solve(self, deviation: Array) -> tuple[Array, float]:
         """Return the changes that remove a deviation (2 n,) of (q, v)."""
@@ -685,13 +766,15 @@ class Linearization:
         return change, float(np.sum(solution[len(reduced) :]))
 
     @staticmethod
-    def limit(run: PeriodRun, change: Array, stretch: float) -> tuple[Array, float]:
-        """Return the changes, shortened if they are too large for the run."""
+    def limit(
+        run: PeriodRun, largest: float, change: Array, stretch: float
+    ) -> tuple[Array, float, float]:
+        """Return the changes, shortened if they are too large for the run, and their share."""
         # Disturbances that decay within the period are corrected by their whole deviation.
         deviations = np.abs(run.period_map.deviation(run.solution))
-        largest = np.maximum(_MAX_CHANGE * run.scales, deviations)
-        factor = max(1.0, float(np.max(np.abs(change) / largest)), abs(stretch) / _MAX_STRETCH)
-        return change / factor, stretch / factor
+        limits = np.maximum(largest * run.scales, deviations)
+        factor = max(1.0, float(np.max(np.abs(change) / limits)), abs(stretch) / _MAX_STRETCH)
+        return change / factor, stretch / factor, 1.0 / factor
 
 
 def _shoot_from(
