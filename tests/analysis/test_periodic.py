@@ -132,6 +132,17 @@ def test_regression_amplitudes_far_beyond_the_size_are_found(damping, ratio, loa
     assert half == pytest.approx(amplitude, rel=accuracy)
 
 
+def test_regression_small_loads_are_periodic():
+    """A load of 1e-6 N "differed by 3.3e+35 of the largest force" after 1e18 periods."""
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3, damping=1e-3)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (0.5, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, bd.sine(1e-6, 3.3454))))
+    assert bd.periodic(mech, 1.0 / 3.3454, bd.Radau(1e-6)).status.success
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_failed_search_is_a_result_with_a_reason():
     # Undamped at resonance, the amplitude grows without bound.
