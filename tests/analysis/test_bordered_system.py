@@ -109,12 +109,12 @@ def test_machine_code_agrees_with_the_virtual_machine(formulation, monkeypatch):
     e = system.equations
     x, gradient = random_unknowns(e)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    interpreted = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
+    interpreted = BorderedSystem(system.unloaded.equations, e, np.zeros(2), system.scales)
     expected = newton_change(interpreted, x, 0.3, gradient, 0.02)
     assert not interpreted.is_native
     matrix = interpreted.tangent(x, 0.3)
     compile_now(monkeypatch)
-    native = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
+    native = BorderedSystem(system.unloaded.equations, e, np.zeros(2), system.scales)
     native.correct(LoadControl(), 0.3, x, 0.3)
     assert native.is_native
     change = newton_change(native, x, 0.3, gradient, 0.02)
@@ -186,7 +186,9 @@ def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_
     compile_now(monkeypatch)
     other = cubic_spring().equations
     # The loop is loaded before the cache is replaced, because compiling it takes seconds.
-    BorderedSystem(other, other, np.zeros(2)).correct(LoadControl(), 0.0, np.zeros(1), 0.0)
+    BorderedSystem(other, other, np.zeros(2), other.position_scales).correct(
+        LoadControl(), 0.0, np.zeros(1), 0.0
+    )
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(bordered_system, "_OTHER_COORDINATES", 9)
     monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", 1e-3)
@@ -196,7 +198,7 @@ def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_
     iterations = 0
     while iterations < 20:
         # A new system each time, as in repeated calls of `equilibrium`.
-        bordered = BorderedSystem(e, e, np.zeros(2))
+        bordered = BorderedSystem(e, e, np.zeros(2), e.position_scales)
         iterations += bordered.correct(LoadControl(), 0.0, np.array([0.6]), 0.0).iterations
         # An iteration counts as 0.01 s, and both kernels as 0.105 s.
         assert bordered.is_native == (iterations > 10)
@@ -217,7 +219,7 @@ def test_singular_systems_are_reported_and_later_systems_solved(native, monkeypa
     compile_now(monkeypatch)
     monkeypatch.setenv("BEAMDAE_NATIVE", native)
     e = cubic_spring().equations
-    bordered, x = BorderedSystem(e, e, np.zeros(2)), np.array([0.5])
+    bordered, x = BorderedSystem(e, e, np.zeros(2), e.position_scales), np.array([0.5])
     with pytest.raises(SingularMatrixError):
         newton_change(bordered, x, 0.0, (np.zeros(1), 0.0), 0.0)
     change = newton_change(bordered, x, 0.0, (np.zeros(1), 1.0), 0.0)

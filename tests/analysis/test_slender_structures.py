@@ -339,3 +339,70 @@ def test_damping_near_rounding_errors_has_a_note(ratio, has_note):
     assert path.stable
     messages = [str(note.message) for note in notes]
     assert any("compared with the damping ratio" in message for message in messages) == has_note
+
+
+def columns_of_sizes(lengths, shares, **options):
+    """Return clamped columns, 50 times as long as thick, with shares of their Euler loads."""
+    mech = bd.Mechanism()
+    for k, (length, share) in enumerate(zip(lengths, shares, strict=True)):
+        section = bd.Section.rectangle(
+            bd.Material(2.1e11, 0.3, 7850.0), 0.02 * length, 0.02 * length
+        )
+        x = k * max(lengths)
+        curve = bd.Line((x, 0), (x, length))
+        column = mech.add(bd.Beam(f"column{k}", curve, section, elements=2, **options))
+        mech.add(bd.Weld(f"clamp{k}", mech.ground.at(x, 0), column.start))
+        load = share * np.pi**2 * section.EI / (2.0 * length) ** 2
+        mech.add(bd.Force(f"load{k}", column.end, (0.0, -load)))
+    return mech
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e5])
+@FORMULATIONS
+def test_regression_critical_loads_do_not_depend_on_larger_parts(options, ratio):
+    """Rounding of the larger column counted as negative stiffness of the smaller one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        small, large = (
+            bd.equilibrium(columns_of_sizes(lengths, (1.0, 0.9), **options), to=1.3)
+            for lengths in ((1.0, 1.0), (1.0, ratio))
+        )
+    assert large.status.success
+    assert not large.notes
+    factors = [point.factor for point in large.critical]
+    assert factors == pytest.approx([point.factor for point in small.critical], rel=1e-6)
+    assert factors == pytest.approx([1.0, 1.0 / 0.9], rel=2e-3)
+    unstable = large.table()["unstable directions [-]"]
+    assert [unstable.iloc[0], unstable.iloc[-1]] == [0, 2]
+    linear = bd.buckling(columns_of_sizes((1.0, ratio), (1.0, 0.9), **options), n=2)
+    assert not linear.warnings
+
+
+@FORMULATIONS
+def test_regression_critical_loads_of_a_small_column_on_the_tip_of_a_large_one(options):
+    """The path ended at 5 to 18 % of the load for a column of 1 um on one of 1 m."""
+    mech = columns_of_sizes((1.0,), (0.9,), **options)
+    length = 1e-6
+    section = bd.Section.rectangle(bd.Material(2.1e11, 0.3, 7850.0), 0.02 * length, 0.02 * length)
+    line = bd.Line((0, 1), (0, 1 + length))
+    column = mech.add(bd.Beam("micro column", line, section, elements=2, **options))
+    mech.add(bd.Weld("joint", mech.parts["column0"].end, column.start))
+    load = np.pi**2 * section.EI / (2.0 * length) ** 2
+    mech.add(bd.Force("micro load", column.end, (0.0, -load)))
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 2 directions since"):
+        path = bd.equilibrium(mech, to=1.3)
+    factors = [point.factor for point in path.critical]
+    assert factors == pytest.approx([1.0, 1.0 / 0.9], rel=2e-3)
+
+
+def test_regression_a_stiffer_part_does_not_hide_soft_springs():
+    mech = bd.Mechanism()
+    for k, size in enumerate((1e-6, 1.0)):
+        bar = mech.add(bd.RigidBody.rod(f"bar{k}", (k, 0.0), (k, size), mass=1.0))
+        foot = mech.ground.at(k, 0.0), bar.at(k, 0.0)
+        mech.add(bd.Revolute(f"hinge{k}", *foot))
+        mech.add(bd.TorsionSpring(f"spring{k}", *foot, size**3))
+        mech.add(bd.Force(f"load{k}", bar.at(k, size), (0.0, -(1.0 - 0.1 * k) * size**2)))
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 2 directions since"):
+        path = bd.equilibrium(mech, to=1.3)
+    assert [x.factor for x in path.critical] == pytest.approx([1.0, 1.0 / 0.9], rel=1e-9)

@@ -338,6 +338,8 @@ class BorderedSystem:
         Equations without and with the loads of the stage; the same object if no load is scaled.
     time
         (t, branch), at which laws are evaluated.
+    scales
+        Natural sizes of the coordinates for the stiffness, (n,), see `LoadedEquations`.
     held
         Indices of coordinates with springs that act on the tangent F_x alone.
 
@@ -356,9 +358,10 @@ class BorderedSystem:
         unloaded: EquationsOfMotion,
         loaded: EquationsOfMotion,
         time: Array,
+        scales: Array,
         held: tuple[int, ...] = (),
     ) -> None:
-        self._time, self._n, self._scales = time, loaded.n, loaded.position_scales
+        self._time, self._n, self._scales = time, loaded.n, scales
         common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
         self._numbers = (loaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
@@ -453,7 +456,7 @@ class BorderedSystem:
                 held_squares=self._scales[self._held] ** 2,
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),
-                weights=np.append(1.0 / self._scales, np.zeros(size + 1 - self._n)),
+                weights=np.append(1.0 / self.measure.scale, np.zeros(size + 1 - self._n)),
                 origin=np.zeros(size),
                 axes=self.increments.axes,
                 displaced=np.zeros(self._n),

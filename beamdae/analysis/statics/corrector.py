@@ -102,7 +102,7 @@ class EquilibriumPoint:
             return np.nan
         softest = elastic[np.argmin(np.abs(eigenvalues[elastic]))]
         mode = self.stability.modes[:, softest]
-        mode = mode / np.linalg.norm(mode / self.system.equations.position_scales)
+        mode = mode / np.linalg.norm(mode / self.system.scales)
         rounding = stiffness_rounding(self.system, self.x, self.mu, mode, mode)
         return max(rounding, ERROR_FLOOR * zero) / float(np.abs(eigenvalues[softest]))
 

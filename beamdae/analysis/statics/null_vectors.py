@@ -50,7 +50,7 @@ def natural_scales(system: LoadedEquations, x: Array, mu: float) -> Scales:
 
     The scaled tangent S F_x S / energy, with the sizes S of the unknowns, has entries of up to 1.
     """
-    n, sizes = system.equations.n, system.equations.position_scales
+    n, sizes = system.equations.n, system.scales
     tangent = system.matrix(system.tangent(x, mu))
     stiffness = sp.csc_array(tangent[:n, :n]) * sizes * sizes[:, None]
     energy = float(np.max(np.abs(stiffness.data), initial=0.0)) or 1.0
@@ -198,7 +198,7 @@ def stiffness_rounding(
     n = len(right)
     direction = np.append(right, np.zeros(len(x) - n))[:, None]
     # Beams in a floating frame have small coordinates, but add their strains to 1.
-    sizes = np.maximum(np.abs(x[:n]), _MIN_COORDINATE * system.equations.position_scales)
+    sizes = np.maximum(np.abs(x[:n]), _MIN_COORDINATE * system.sizes)
     phases = np.arange(n) ** 2.0
     samples = []
     for k in range(_SAMPLE_COUNT):

@@ -102,7 +102,7 @@ def reduce_stiffness(
     Displacements that violate constraints by their rounding errors are corrected to first order:
     reactions, of the size of axial forces EA, do work on them.
     """
-    n, scale = system.equations.n, system.equations.position_scales
+    n, scale = system.equations.n, system.scales
     directions = np.vstack([basis, np.zeros((len(x) - n, basis.shape[1]))])
     products = system.difference_forces(x, mu, directions, (1.0, 2.0, 4.0))
     one, two = (basis.T @ each[:n] for each in products)
@@ -121,7 +121,7 @@ def _reaction_work(
     if not m:
         return np.zeros((vectors.shape[1],) * 2)
     tangent = system.matrix(system.tangent(x, mu))
-    gradients = sp.csr_array(tangent[n:, :n]) * system.equations.position_scales
+    gradients = sp.csr_array(tangent[n:, :n]) * system.scales
     gradients = sp.csr_array(gradients * (1.0 / row_sizes(gradients))[:, None])
     try:
         solver = splu(sp.csc_matrix(gradients @ gradients.T))
@@ -302,7 +302,7 @@ def _refine_shapes(
     system: LoadedEquations, x: Array, mu: float, tangent: Tangent, parts: Array
 ) -> Array | None:
     """Return the motions (n, k) that `refine_subspace` gives for mode shapes `parts`, or None."""
-    scale = system.equations.position_scales[:, None]
+    scale = system.scales[:, None]
     columns = parts / scale
     columns = columns / np.maximum(la.norm(columns, axis=0), _TINY)
     basis, sizes, _ = la.svd(columns, full_matrices=False)

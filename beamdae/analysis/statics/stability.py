@@ -7,7 +7,7 @@ the growing modes of the linearized equations of motion are counted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg as la
@@ -78,11 +78,11 @@ class Stability:
     eigenvalues
         Eigenvalues of Z^T S K S Z [J], ascending: all of them, or those nearest to zero. Empty if
         the forces have no potential, the joints allow no motion or the stability is unknown. S is
-        the diagonal matrix of the natural sizes of the coordinates. The columns of S Z span the
+        the diagonal matrix of `LoadedEquations.scales`. The columns of S Z span the
         motions that the joints allow; those of Z are orthonormal.
     modes
         Mode shapes, (n, number of eigenvalues), scaled so that the largest absolute component,
-        relative to its natural size, is 1.
+        relative to `EquationsOfMotion.position_scales`, is 1.
     negative_count
         Number of negative eigenvalues; for forces without a potential, number of growing modes, in
         which an oscillation counts twice. -1 if unknown.
@@ -166,7 +166,14 @@ def assess_stability(system: LoadedEquations, x: Array, mu: float) -> Stability:
     Negative eigenvalues are counted for the stiffness projected onto the motions that the joints
     allow. If the forces have no potential, growing modes are counted instead.
     """
-    n, scale = system.equations.n, system.equations.position_scales
+    stability = _assess(system, x, mu)
+    sizes = np.abs(stability.modes) / system.equations.position_scales[:, None]
+    return replace(stability, modes=stability.modes / np.max(sizes, axis=0, initial=_TINY))
+
+
+def _assess(system: LoadedEquations, x: Array, mu: float) -> Stability:
+    """Return the result of `assess_stability`, with mode shapes of any size."""
+    n, scale = system.equations.n, system.scales
     if n > MAX_DENSE_STIFFNESS:
         modes = system.bordered.nearest_modes(x, mu, _NEAREST_COUNT, _LANCZOS_TOLERANCE)
         if modes is not None:
@@ -228,7 +235,7 @@ def _refine_small_eigenvalues(
 
     The result is `stability` if they are not more accurate than the stiffness matrix.
     """
-    eigenvalues, scale = stability.eigenvalues, system.equations.position_scales
+    eigenvalues, scale = stability.eigenvalues, system.scales
     nearest = np.argsort(np.abs(eigenvalues))[:_REFINED_COUNT]
     sizes, zero = np.abs(eigenvalues[nearest]), stability.zero_tolerance
     if not np.any(sizes < _REFINED_MULTIPLE * zero):
@@ -303,8 +310,7 @@ def solve_slowest_modes(linearized: LinearizedEquations) -> EigenSolution:
 def _build_stability(
     eigenvalues: Array, modes: Array, scale: Array, zero: float, negative_count: int | None = None
 ) -> Stability:
-    """Scale the modes; `negative_count` is required if negative eigenvalues are missing."""
-    modes = modes / np.max(np.abs(modes), axis=0, initial=_TINY)
+    """Return the stability; `negative_count` is required if negative eigenvalues are missing."""
     count = int(np.sum(eigenvalues < 0.0)) if negative_count is None else negative_count
     return Stability(eigenvalues, scale[:, None] * modes, count, zero)
 
