@@ -370,3 +370,30 @@ def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     amplitude = 2e-3 / 0.05 / abs(400.0 - mass * w**2 + 2.0j * w) / 0.05
     measured = 0.5 * np.ptp(motion.solution["wheel.angle"])
     np.testing.assert_allclose(measured, amplitude, rtol=0.02)
+
+
+def test_regression_loads_of_the_twelfth_harmonic_are_periodic():
+    """They are zero after each twelfth of a period, and then rounding errors of later times."""
+    assert bd.periodic(oscillator(bd.sine(1.0, 6.0)), 2.0, settle=0).status.success
+
+
+@pytest.mark.slow(reason="settles")
+def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
+    """They differed by 5e30 of the largest force, at times of 1e17 s at which sines overflow.
+
+    The component of the force along the chord, 1e-7 of the largest force, seemed to be constant.
+    """
+    mech, speed = bd.Mechanism(), 135.0
+    section = bd.Section.rectangle(
+        bd.Material.of("aluminum"), width=0.04, height=0.006, damping=8e-5
+    )
+    blade = mech.add(bd.Beam("blade", bd.Line((0.1, 0.0), (0.45, 0.0)), section, 4))
+    disk = mech.add(bd.RigidBody("disk", mass=5.0, inertia=0.05))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    mech.add(bd.Weld("root", disk.at(0.1, 0.0), blade.start))
+    motor = bd.Driver("motor", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), lambda t: speed * t)
+    mech.add(motor)
+    load = (0.0, lambda t: 0.3 * np.sin(2.0 * speed * t))
+    mech.add(bd.Force("flow", blade.end, load, axes="body"))
+    mech.observe("tip", blade.end)
+    assert bd.periodic(mech, 2.0 * np.pi / speed, settle=1).status.success

@@ -58,15 +58,17 @@ _OUTPUT_TIMES = 201
 _FULL_TURN = 2.0 * np.pi
 # Loads are periodic if, after a period, forces change by less than this fraction of the largest
 # force, and constraints by less than this fraction of the size of the mechanism or of 1 rad. Both
-# are compared at this number of times.
+# are compared at these fractions of a period. Multiples of the golden ratio keep harmonics from
+# having the same phase at all of them, as the 12th has after each twelfth of a period.
 _REPETITION_TOLERANCE = 1e-6
-_COMPARED_TIMES = 11
+_COMPARED_FRACTIONS = np.sort(np.arange(1.0, 12.0) * (np.sqrt(1.25) - 0.5) % 1.0)
 # Loads are constant if they are periodic with these fractions of a period.
 _TEST_PERIODS = (0.29, 0.618)
-# Loads that do not change within a period must not change later. They are compared after these
-# numbers of periods; the last one is 6e5 s for a period of 1e-9 s. Sines of far larger arguments
-# are rounding errors.
-_LATER_PERIODS = 2.0 ** np.arange(1.0, 50.0)
+# Loads that do not change within a period must not change later by more than this multiple of their
+# range. They are compared after these numbers of periods; the last one is 1100 s for a period of
+# 1e-9 s. Rounding of later times would change the phase of loads by more than 1e-4 periods.
+_MAX_LATER_RANGE = 10.0
+_LATER_PERIODS = 2.0 ** np.arange(1.0, 41.0)
 # Search for the period that is suggested instead: first step and largest change, relative to the
 # period, and maximum number of steps.
 _PERIOD_STEP = 1e-5
@@ -346,11 +348,11 @@ class PeriodMap:
         interval = solution.trajectory.intervals[0]
         # A run may end before the period does, because loads do not repeat.
         end = max(interval.t[-1], self.begin + self.period)
-        times = np.linspace(interval.t[0], end, _COMPARED_TIMES + 2)[1:-1]
+        times = interval.t[0] + (end - interval.t[0]) * _COMPARED_FRACTIONS
         state = interval.at(np.minimum(times, interval.t[-1]))
         revolutions = np.zeros(form.size)
         revolutions[: e.n] = self.full_revolutions(solution)
-        change, largest_force = np.zeros((_COMPARED_TIMES, form.size)), 0.0
+        change, largest_force = np.zeros((len(times), form.size)), 0.0
         first = form.pack(State(*(x[0] for x in state)))
         values_of_first = []
         for k, t in enumerate(times.tolist()):
@@ -367,11 +369,13 @@ class PeriodMap:
         sizes[e.n : 2 * e.n] = largest_force
         excess = change - _REPETITION_TOLERANCE * sizes
         # In a period that is far too short, varying loads do not change noticeably.
-        is_constant = np.ptp(values_of_first, axis=0) <= _REPETITION_TOLERANCE * sizes
+        ranges = np.ptp(values_of_first, axis=0)
+        is_constant = ranges <= _REPETITION_TOLERANCE * sizes
+        later_tolerance = _REPETITION_TOLERANCE * sizes + _MAX_LATER_RANGE * ranges
         for periods in _LATER_PERIODS.tolist():
             later = np.full(2, times[0] + periods * self.period)
             later_change = np.abs(form.residual(later, *first) - values_of_first[0])
-            later_excess = later_change - _REPETITION_TOLERANCE * sizes
+            later_excess = later_change - later_tolerance
             excess[0] = np.fmax(excess[0], np.where(is_constant, later_excess, -np.inf))
         row, worst = map(int, np.unravel_index(np.argmax(excess), change.shape))
         if excess[row, worst] <= 0.0:
