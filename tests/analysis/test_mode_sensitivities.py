@@ -287,3 +287,29 @@ def test_table_is_written_as_csv(tmp_path):
 def test_regression_states_are_suggested_by_their_documented_names():
     with pytest.raises(bd.BeamdaeError, match=r"'reference', 'equilibrium'.*mean 'equilibrium'"):
         bd.mode_sensitivities(oscillator, "mass", about="equil")
+
+
+@pytest.mark.parametrize("damping", [0.0, 2e-5])
+def test_regression_drivers_that_start_with_a_velocity_leave_the_reference_at_rest(damping):
+    """The damping forces of their velocity seemed to move the state out of equilibrium."""
+
+    @bd.model(t_end=0.1)
+    def leaf(length=0.08):
+        mech = bd.Mechanism()
+        steel = bd.Material.of("steel")
+        section = bd.Section.rectangle(steel, width=0.015, height=0.0005, damping=damping)
+        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (length, 0.0)), section, 3))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        anchor = mech.ground.at(length, 0.0)
+        law = bd.sine(0.004, 5.0)
+        mech.add(bd.TranslationalDriver("move", anchor, beam.end, law, (0.0, 1.0)))
+        return mech
+
+    result = bd.mode_sensitivities(leaf, "length", n=1)
+    frequency = result.modes.frequencies[0]
+    # f = sqrt(1 - z^2) w / 2 pi, with z proportional to w, which is proportional to 1 / length^2.
+    ratio = result.modes.damping_ratios[0] ** 2
+    expected = -2.0 * (1.0 - 2.0 * ratio) / (1.0 - ratio)
+    slope = result.sensitivity("frequency", "length")[1] * 0.08 / frequency
+    # Shear changes the exponent by 3e-4.
+    assert slope == pytest.approx(expected, abs=1e-3)

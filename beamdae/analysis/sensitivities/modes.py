@@ -16,6 +16,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     Linearization,
     active_equations,
     load_path_end,
+    solve_for_accelerations,
     warn_of_state,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
@@ -391,17 +392,21 @@ class _StateDerivatives:
         e, dp = part.base, part.derivative(lambda e: e.p)
         zero = np.zeros(e.n)
         dq = part.derivative(lambda e: ConsistencySolver(e).state(lin.time, e.q0, zero).q)
-        derivatives = derive_states(part)
-        along = derivatives.consistent_state(lin.time, lin.state, zero, dq, zero, dp)
+        dq = derive_states(part).project_positions(lin.time, lin.state.q, dq, dp)
+        along = self._rest._replace(q=dq)
+        # Drivers keep their positions, as in the linearized state: velocities cause no forces.
+        force = self.tangent(along).residual[: e.n]
+        solve = solve_for_accelerations(lin.equations, lin.tangent)
+        a, lam = np.split(solve(np.concatenate([-force, np.zeros(e.m)])), [e.n])
         scales = e.position_scales
-        inertia = scales * np.abs(lin.tangent.mass @ along.a)
-        largest = np.max(scales * (abs(lin.tangent.reactions) @ np.abs(along.lam)), initial=0.0)
+        inertia = scales * np.abs(lin.tangent.mass @ a)
+        largest = np.max(scales * (abs(lin.tangent.reactions) @ np.abs(lam)), initial=0.0)
         if np.any(inertia > _MAX_UNBALANCED_FORCE * largest + self._force_rounding):
             raise BeamdaeError(
                 f"{_NAME}: {self.difference.name} of {model} moves the state out of equilibrium, "
                 "so its modes cannot be differentiated; use about='equilibrium'."
             )
-        return self._balance(result, along._replace(a=zero))[0]
+        return self._balance(result, along._replace(lam=lam))[0]
 
     def _balance(self, result: Modes, along: State) -> tuple[State, Array, float]:
         """Return the direction `along`, corrected so that forces remain balanced.
