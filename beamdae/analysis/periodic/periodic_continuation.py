@@ -21,6 +21,7 @@ from beamdae.analysis.periodic.shooting import (
     Tolerance,
     build_periodic_equations,
     equalize_deformations,
+    settle_and_solve,
     solve_shooting,
 )
 from beamdae.analysis.sensitivities.sensitivity_result import configure_model
@@ -383,8 +384,7 @@ class ResponseCurve:
         value = self.ends[0]
         period_map = self._period_map(value)
         try:
-            q, v = period_map.settle(settle)
-            run, iterations = solve_shooting(period_map, q, v, self.tolerance)
+            run, iterations = settle_and_solve(period_map, settle, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:
                 return None, (
                     f"no periodic motion was found at {self.describe(value)}; change "

@@ -19,6 +19,7 @@ from beamdae.analysis.periodic.shooting import (
     Tolerance,
     build_periodic_equations,
     estimate_period,
+    settle_and_solve,
     solve_shooting,
 )
 from beamdae.errors import (
@@ -158,9 +159,9 @@ def periodic(
     try:
         if is_free:
             period_map, q, v = _settle_freely(period_map, settle, period_guess is None)
+            run, iterations = solve_shooting(period_map, q, v, limits, is_free)
         else:
-            q, v = period_map.settle(settle)
-        run, iterations = solve_shooting(period_map, q, v, limits, is_free)
+            run, iterations = settle_and_solve(period_map, settle, limits)
     except IncompleteRunError as error:
         sentence = str(error).removeprefix("periodic: ").rstrip(".")
         motion = PeriodicMotion(

@@ -295,7 +295,7 @@ class PeriodMap:
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
         if not periods:
             return state.q, state.v
-        return self.end_state(self.coarsen().run(state.q, state.v, periods=periods))
+        return self.end_state(self.run(state.q, state.v, periods=periods))
 
     def end_state(self, solution: Solution) -> tuple[Array, Array]:
         """Return the consistent state (q, v) at the end of a run, without full revolutions."""
@@ -575,16 +575,22 @@ class PeriodRun:
 
         It is exact on the deviation and `directions`. For runs of `Radau`, this is the derivative
         of the discrete solution. If the linear equations of the steps do not converge, the steps
-        are halved.
+        are halved, except those of coarse runs, which are then too inaccurate for Newton's method.
+
+        Raises
+        ------
+        LinearizationError
+            If the equations do not converge on the smallest steps.
         """
         columns, steps = (self.deviation, *directions), self.steps_per_node
-        for halvings in range(_MAX_STEP_HALVINGS):
+        max_halvings = 0 if self.period_map.is_coarse else _MAX_STEP_HALVINGS
+        for halvings in range(max_halvings):
             with suppress(LinearizationError):
                 return self.monodromy(
                     *columns, steps_per_node=steps * 0.5**halvings, tolerance=tolerance
                 )
         return self.monodromy(
-            *columns, steps_per_node=steps * 0.5**_MAX_STEP_HALVINGS, tolerance=tolerance
+            *columns, steps_per_node=steps * 0.5**max_halvings, tolerance=tolerance
         )
 
     def persistent_disturbances(self, monodromy: Array) -> Array:
@@ -651,20 +657,35 @@ def solve_shooting(
     BeamdaeError
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
-    coarse, iterations = period_map.coarsen(), 0
-    if linearization is None and coarse is not period_map:
-        limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
-        with suppress(LinearizationError):
-            run, iterations, linearization = _iterate(coarse, q, v, limits, free_period)
-            if run.relative_deviation <= limits.accepted:
-                period_map = replace(run.period_map, integrator=period_map.integrator)
-                q, v = np.split(run.state, 2)
-            else:
-                linearization = None
-    run, count, _ = _iterate(
+    run, iterations, _ = _iterate(
         period_map, q, v, tolerance, free_period, linearization, max_difference
     )
-    return run, iterations + count
+    return run, iterations
+
+
+def settle_and_solve(
+    period_map: PeriodMap, periods: int, tolerance: Tolerance
+) -> tuple[PeriodRun, int]:
+    """Return the result of `solve_shooting` after a run of `periods` periods.
+
+    Both begin with coarse runs. If these do not lead to the motion, all runs are accurate.
+
+    Raises
+    ------
+    IncompleteRunError, BeamdaeError
+        As `solve_shooting`.
+    """
+    coarse = period_map.coarsen()
+    if coarse is not period_map:
+        limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
+        with suppress(IncompleteRunError, LinearizationError):
+            run, first, linearization = _iterate(coarse, *coarse.settle(periods), limits, False)
+            if run.relative_deviation <= limits.accepted:
+                q, v = np.split(run.state, 2)
+                run, count, _ = _iterate(period_map, q, v, tolerance, False, linearization)
+                if run.relative_deviation <= tolerance.accepted:
+                    return run, first + count
+    return solve_shooting(period_map, *period_map.settle(periods), tolerance)
 
 
 def _iterate(
