@@ -16,10 +16,23 @@ _RENAMED_ARGUMENTS = {
     "n": "number",
     "parameters": "settings",
 }
-# An argument such as "period=", "about='equilibrium'", "bounds={...}" or "damping=False".
+# Expressions of Python that have another form on the command line, or none, by an option that only
+# commands with this form have.
+_EXPRESSIONS = {
+    "minimize": (
+        (
+            r"Frequency\(number, about='equilibrium'\)|(?<!, )about='equilibrium'",
+            "frequency:NUMBER:equilibrium",
+        ),
+        (r"GeneralizedAlpha\(step=([^()]+)\)", r"--step \1"),
+    ),
+    "offset": ((r"fit\.profile\([^()]*\)", r"\g<0> in Python"),),
+}
+# An argument such as "period=", "about='equilibrium'", "bounds={...}", "offset=['tip.y']" or
+# "damping=False".
 _ARGUMENT = re.compile(
     r"(?<![\w.-])(?P<name>[a-z]\w*)="
-    r"(?P<value>'[^']*'|\"[^\"]*\"|\{[^}]*\}|True\b|False\b|(?=[\s,;.)]|$))"
+    r"(?P<value>'[^']*'|\"[^\"]*\"|\{[^}]*\}|\['[^]]*'\]|True\b|False\b|(?=[\s,;.)]|$))"
 )
 # An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
 # Arguments of parts, such as the formulation of a beam, are no options.
@@ -90,8 +103,13 @@ def name_options(sentence: str) -> str:
         if value in ("", "True"):
             return name
         text = value[1:-1]
+        if value.startswith("["):
+            text = text.replace("'", "").replace(", ", ",")
         return f'{name} "{text}"' if " " in text else f"{name} {text}"
 
+    for option, expressions in _EXPRESSIONS.items():
+        for pattern, form in expressions if option in options else ():
+            sentence = re.sub(pattern, form, sentence)
     checked = _CHECKED_ARGUMENT.match(sentence)
     if checked and checked["name"] in options:
         name = max(options[checked["name"]].opts, key=len)

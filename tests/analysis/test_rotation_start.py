@@ -150,6 +150,16 @@ def test_rotation_that_contradicts_a_joint_is_rejected(start):
         bd.simulate(driven_beam(strain="exact"), t_end=0.1, start=start)
 
 
+@pytest.mark.parametrize("joint", [bd.Weld, bd.Revolute])
+def test_regression_rotations_that_joints_prevent_do_not_name_a_driver(joint):
+    """The remedy was to use the speed of the driver, although there was none."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", 1.0, 0.01, center=(0.0, 0.0)))
+    mech.add(joint("root", mech.ground.at(0.1, 0.0), hub.at(0.1, 0.0)))
+    with pytest.raises(bd.BeamdaeError, match=r"allow no rotation about this center, use that of"):
+        bd.simulate(mech, t_end=0.1, start=bd.rotation(30.0))
+
+
 @pytest.mark.parametrize("typed", [1256.64, 1256.637, 1256.637061])
 def test_regression_speeds_rounded_to_six_digits_are_those_of_the_driver(typed):
     """A speed of 1256.637 for 12000 rpm was rejected, without the speed of the driver."""

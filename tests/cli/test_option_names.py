@@ -45,6 +45,15 @@ COMMAND = ["periodic", "mass.py", "--settle", "1"]
         ("run", "simulate: t_end must be positive.", "simulate: --t-end must be positive."),
         ("modes", "error: modes: n must be 1.", "error: modes: --number must be 1."),
         ("static", "equilibrium: to must name a", "equilibrium: --to must name a"),
+        ("optimize", "use about='equilibrium'.", "use frequency:NUMBER:equilibrium."),
+        (
+            "optimize",
+            "use Frequency(number, about='equilibrium').",
+            "use frequency:NUMBER:equilibrium.",
+        ),
+        ("optimize", "such as GeneralizedAlpha(step=1e-3)", "such as --step 1e-3"),
+        ("fit", "use fit.profile('E'), which", "use fit.profile('E') in Python, which"),
+        ("fit", "with offset=['a.x', 'a.y'], or", "with --offset a.x,a.y, or"),
         # Code, and arguments of parts.
         (
             "run",

@@ -803,7 +803,7 @@ def _check_intervals(problem: FitProblem, information: Information) -> tuple[str
         return ()
     return (
         f"The intervals of {', '.join(names)} may not hold: their linear approximation fails "
-        "because the data hardly distinguish effects of estimates (see undetermined); use "
+        "because the data hardly distinguish effects of estimates; use "
         f"fit.profile({names[0]!r}), which does without it, or fix a parameter.",
     )
 

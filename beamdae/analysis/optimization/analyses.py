@@ -335,8 +335,7 @@ class ModeAnalysis(Analysis):
             raise BeamdaeError(
                 f"{_NAME}: frequencies about the {self._about} of {self._flat.name} cannot be "
                 "differentiated, because its loads are not balanced there; use "
-                "Frequency(number, about='equilibrium'), or frequency:NUMBER:equilibrium on the "
-                "command line."
+                "Frequency(number, about='equilibrium')."
             )
         return mode_sensitivities(
             as_model(self._flat), list(self._flat.entries), self._about, count, damping=False

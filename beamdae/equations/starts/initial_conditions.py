@@ -151,9 +151,15 @@ def _require_rotation(
     e = solver.equations
     g_dot = solver.constraint_levels(time, q, v)[1]
     worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
-    if e.m and not np.abs(g_dot[worst]) <= _VELOCITY_TOLERANCE * velocity_size(e, v):
+    tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
+    if e.m and not np.abs(g_dot[worst]) <= tolerance:
         remedy = "use the speed of the driver and its center"
-        if driven:
+        if driven is not None and abs(driven) <= tolerance:
+            remedy = (
+                "joints and drivers allow no rotation about this center, use that of a Revolute, "
+                "without a Weld to the ground or a driver at rest"
+            )
+        elif driven is not None:
             remedy = f"use the speed of the drivers, {driven:.10g} rad/s"
         raise BeamdaeError(
             f"start: {e.lam_names[worst]} does not allow a rotation at {rotation.speed:.10g} rad/s "
