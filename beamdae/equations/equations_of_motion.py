@@ -608,6 +608,11 @@ class EquationsOfMotion:
         """Indices of the first-order states among the coordinates."""
         return np.array(self.structure.states, int)
 
+    @property
+    def is_driven(self) -> bool:
+        """True if joints and drivers, if independent, prescribe all motions."""
+        return self.m > 0 and self.m + len(self.states) == self.n
+
     def without_states(self, x: Array) -> Array:
         """Return a copy of values (..., n) of the coordinates with zeros for first-order states."""
         moving = x.copy()

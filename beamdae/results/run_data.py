@@ -33,6 +33,7 @@ from beamdae.results.diagnostics.beam_ranges import (
     strain_warnings,
 )
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
+from beamdae.results.diagnostics.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.hard_impacts import (
@@ -411,9 +412,18 @@ class RunData:
         return LoadedState(times[[row]], State(*(x[[row]] for x in state)), factors)
 
     def _step_warnings(self) -> Iterator[str]:
-        """Yield warnings about forces that fixed steps do not resolve."""
+        """Yield warnings about forces and reactions that steps do not resolve."""
         if self._has_fixed_steps:
             yield from unresolved_force_warnings(self.equations, self.trajectory)
+        if not self._is_at_rest:
+            yield from driven_reaction_warnings(
+                self.equations,
+                self.trajectory,
+                self.columns,
+                self.t,
+                self._observe,
+                self.integrator,
+            )
 
     def _part_warnings(self) -> Iterator[str]:
         """Yield warnings about parts that do nothing, start inside a surface or supply energy."""

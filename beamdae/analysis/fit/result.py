@@ -1015,6 +1015,7 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
 
 def _name_outliers(problem: FitProblem, parts: list[Array]) -> Iterator[str]:
     """Yield a sentence on the outliers among the residuals of each series."""
+    accuracy = _describe_accuracy(problem)
     for series, part in zip(problem.data.series, parts, strict=True):
         rows = _find_outliers(part)
         if not len(rows):
@@ -1024,8 +1025,8 @@ def _name_outliers(problem: FitProblem, parts: list[Array]) -> Iterator[str]:
         yield (
             f"{series.label} has outliers at t = {', '.join(times)}"
             f"{f' and at {more} further times' if more else ''}, more than {_OUTLIER_DISTANCE:g} "
-            "robust standard deviations from the model, which may shift the estimates; replace "
-            "wrong values by NaN, and fit again."
+            "robust standard deviations from the model, which may shift the estimates; if "
+            f"{accuracy} leaves them there, replace wrong values by NaN, and fit again."
         )
 
 
@@ -1062,11 +1063,15 @@ def _check_steps(
     shift = np.linalg.norm(changes @ directions[:, is_determined])
     if shift <= _MAX_STEP_ERROR * sigma * scatter:
         return ()
-    what = "a shorter step" if problem.integrator.accuracy.name == "step" else "a smaller rtol"
     return (
         f"More accurate runs would change the estimates by up to {shift / sigma:.2g} standard "
-        f"deviations; use {what}.",
+        f"deviations; use {_describe_accuracy(problem)}.",
     )
+
+
+def _describe_accuracy(problem: FitProblem) -> str:
+    """Return the setting of more accurate runs."""
+    return "a shorter step" if problem.integrator.accuracy.name == "step" else "a smaller rtol"
 
 
 def _column_sigma(problem: FitProblem) -> dict[str, float]:

@@ -8,6 +8,7 @@ begins.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -223,6 +224,9 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
     rates[states] = 1.0
 
     def weigh_at(t: float, branch: float, state: State) -> Callable[[Array], float]:
+        if plan.equations.is_driven:
+            # Impulses change reactions, not velocities.
+            return lambda impulse: math.inf
         solve = plan.starter.mass_solver(np.array([t, branch]), state)
 
         def weigh(impulse: Array) -> float:

@@ -207,8 +207,9 @@ class IdaStepper:
 
 def _multipliers_matter(equations: EquationsOfMotion) -> bool:
     """Return True if forces depend on multipliers or all motions are prescribed."""
-    is_driven = equations.m == equations.n
-    return is_driven or any(force.rows is not None for force in equations.structure.forces)
+    return equations.is_driven or any(
+        force.rows is not None for force in equations.structure.forces
+    )
 
 
 def _make_solver(

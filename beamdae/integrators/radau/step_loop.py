@@ -6,7 +6,7 @@ The functions are plain Python over arrays; `native.loops` compiles them if poss
 from __future__ import annotations
 
 from beamdae.integrators.method import clip_step
-from beamdae.integrators.radau.coefficients import C
+from beamdae.integrators.radau.coefficients import REAL_EIGENVALUE, C
 from beamdae.integrators.radau.stages import (
     MAX_ITERATIONS,
     estimate_error,
@@ -71,6 +71,10 @@ def take_radau_steps(run: RadauWorkspace) -> int:
         velocities = run.test_weights[run.form.n :]
         minimum(velocities, run.tested_velocity_weights, h, run.velocity_rounding_weights)
         error = max_norm(run.error[: run.test_weights.size], run.test_weights)
+        if h > run.shortest_tested_step:
+            multipliers = _multiplier_error(run, h)
+            if multipliers > error:
+                error = multipliers
         if error < 1.0:
             estimates = run.error[: run.test_weights.size]
             minimum(run.lowest_errors[0], run.lowest_errors[0], 1.0, estimates)
@@ -85,6 +89,15 @@ def take_radau_steps(run: RadauWorkspace) -> int:
             size.next_step = error
         size.is_retry = 1
     return DONE
+
+
+def _multiplier_error(run: RadauWorkspace, h: float) -> float:
+    """Return the largest error of the tested multipliers relative to their tolerances.
+
+    The estimate is that of their integrals over the step.
+    """
+    first, weights = 2 * run.form.n, run.multiplier_weights
+    return max_norm(run.error[first : first + weights.size], weights) * (REAL_EIGENVALUE / h)
 
 
 def _can_reuse_factors(run: RadauWorkspace, h: float) -> bool:
@@ -129,6 +142,10 @@ def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:
         accelerations_and_multipliers = yp[n : n + row.size - 1 - 2 * n]
         combine(row[1 + 2 * n :], (1.0,), (accelerations_and_multipliers,))
         combine(run.last_w[i], (1.0,), (run.w[i],))
+    for k in range(run.multiplier_weights.size):
+        limit = run.multiplier_tolerance * abs(run.rates[2][2 * n + k])
+        if limit * run.multiplier_weights[k] > 1.0:
+            run.multiplier_weights[k] = 1.0 / limit
     run.t = run.end if last else run.t + h
     run.rows[run.filled + 2][0] = run.t
     run.filled += 3

@@ -6,7 +6,7 @@ import math
 import time as clock
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -99,6 +99,15 @@ _ITERATION_FRACTION_OF_ROOT = 3.0
 # Largest permitted Newton error, relative to the local tolerance, if the iteration stagnates:
 # rounding errors of the velocities of stiff beams are 10 to 30 times the usual limit at rtol 1e-8.
 _MAX_STAGNATION_FRACTION = 0.1
+# If all motions are prescribed, positions and velocities do not reveal errors of the multipliers,
+# which are tested, too, with this multiple of rtol, within limits, relative to their largest values
+_MULTIPLIER_FACTOR = 10.0
+_MULTIPLIER_TOLERANCES = (1e-6, 0.01)
+# so far, or to this fraction of the force scale of the motion, if that is larger.
+_LEAST_FORCE_SHARE = 1e-2
+_LEAST_FORCE = 1e-200  # avoids division by zero without any forces
+# Forces may jump: shorter steps, relative to the time scale of the motion, are not tested.
+_SHORTEST_TESTED_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -187,6 +196,17 @@ class StepTolerance:
         return self.scales.rounding_ratio / self.rounding_weights
 
 
+class MultiplierTest(NamedTuple):
+    """Error test of multipliers, by default none; see `RadauWorkspace`."""
+
+    weights: Array = np.zeros(0)
+    tolerance: float = 0.0
+    shortest_step: float = math.inf
+
+
+_NO_MULTIPLIER_TEST = MultiplierTest()
+
+
 class RadauStepper:
     """Stepper of Radau IIA: up to 8 steps per call, with one row per stage.
 
@@ -231,6 +251,7 @@ class RadauStepper:
                 (complex_.make_solver(native, linear_solver), complex_.nonzeros),
                 tolerance,
                 longest,
+                self._test_multipliers(rtol, plan),
             )
 
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -258,6 +279,18 @@ class RadauStepper:
         has_untested = not np.delete(tested, plan.equations.states).all()
         tolerance = StepTolerance.from_rtol(rtol, scales, tested, has_untested, is_one_sided)
         return control, replace(tolerance, local=plan.tolerance_factor * tolerance.local)
+
+    def _test_multipliers(self, rtol: float, plan: RunPlan) -> MultiplierTest:
+        """Return the error test of the multipliers; none if there are free motions."""
+        equations, scales = plan.equations, self._scales
+        if not equations.is_driven:
+            return _NO_MULTIPLIER_TEST
+        tolerance = float(np.clip(_MULTIPLIER_FACTOR * rtol, *_MULTIPLIER_TOLERANCES))
+        arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
+        forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * np.array(arms), _LEAST_FORCE)
+        largest = np.maximum(np.abs(plan.state.lam), forces)
+        shortest = _SHORTEST_TESTED_STEP / scales.rate
+        return MultiplierTest(1.0 / (tolerance * largest), tolerance, shortest)
 
     def satisfies(self, rtol: float, plan: RunPlan) -> bool:
         """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
@@ -427,6 +460,7 @@ def make_workspace(
     complex_: tuple[Any, Array],
     tolerance: StepTolerance,
     longest: float,
+    multipliers: MultiplierTest = _NO_MULTIPLIER_TEST,
 ) -> RadauWorkspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size
@@ -466,6 +500,9 @@ def make_workspace(
         constraint_errors=np.zeros(reduced_size),
         test_weights=tolerance.test_weights,
         tested_velocity_weights=tolerance.test_weights[n:].copy(),
+        multiplier_weights=multipliers.weights,
+        multiplier_tolerance=multipliers.tolerance,
+        shortest_tested_step=multipliers.shortest_step,
         iteration_weights=np.concatenate([positions, velocities]),
         velocity_weights=velocities,
         velocity_rounding_weights=tolerance.rounding_weights,

@@ -95,6 +95,11 @@ class RadauWorkspace:
         Weights of the components of (q, v) in the error test of the current step.
     tested_velocity_weights
         Weights of v in the error test of long steps, 0 for untested velocities.
+    multiplier_weights, multiplier_tolerance
+        Weights of the multipliers in the error test, (m,), which fall as the multipliers grow, and
+        the tolerance relative to the largest values; (0,) if multipliers are not tested.
+    shortest_tested_step
+        Step [s] below which multipliers are not tested, because they may jump.
     iteration_weights
         Weights of (q, v) for Newton's iteration in the current step.
     velocity_weights, velocity_rounding_weights
@@ -156,12 +161,15 @@ class RadauWorkspace:
     constraint_errors: Array
     test_weights: Array
     tested_velocity_weights: Array
+    multiplier_weights: Array
     iteration_weights: Array
     velocity_weights: Array
     velocity_rounding_weights: Array
     rows: Array
     rounding_ratio: float
     stagnation_limit: float
+    multiplier_tolerance: float
+    shortest_tested_step: float
     filled: int = 0
     most: int = 0
     t: float = 0.0
