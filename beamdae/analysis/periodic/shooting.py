@@ -96,8 +96,8 @@ _STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
 # A matrix is kept for the next Newton step if the last step reduced the deviation as predicted
-# within this fraction: another step with the same matrix then gains as much again at the cost of
-# one period, whereas a new matrix costs as much as two to four periods.
+# within this fraction, full steps to at most this fraction: another step with the same matrix then
+# gains as much again at the cost of one period, whereas a new matrix costs as much as two to four.
 _MAX_PREDICTION_ERROR = 0.1
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
@@ -726,7 +726,7 @@ def _iterate(
             return best, iteration - 1, linearization
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
         contraction = result.relative_deviation / last.relative_deviation
-        prediction_error = result.prediction_error(last, share)
+        prediction_error = contraction if share == 1.0 else result.prediction_error(last, share)
         if prediction_error > _MAX_PREDICTION_ERROR:
             largest_change = _MAX_CHANGE
         elif share < 1.0:
