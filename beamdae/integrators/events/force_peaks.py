@@ -224,7 +224,7 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
     rates[states] = 1.0
 
     def weigh_at(t: float, branch: float, state: State) -> Callable[[Array], float]:
-        if plan.equations.is_driven:
+        if plan.equations.is_driven and not len(states):
             # Impulses change reactions, not velocities.
             return lambda impulse: math.inf
         solve = plan.starter.mass_solver(np.array([t, branch]), state)

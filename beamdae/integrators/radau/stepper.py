@@ -281,9 +281,12 @@ class RadauStepper:
         return control, replace(tolerance, local=plan.tolerance_factor * tolerance.local)
 
     def _test_multipliers(self, rtol: float, plan: RunPlan) -> MultiplierTest:
-        """Return the error test of the multipliers; none if there are free motions."""
+        """Return the error test of the multipliers; none with free motions or first-order states.
+
+        Restarts of short steps at peaks of rates of fast states could repeat without end.
+        """
         equations, scales = plan.equations, self._scales
-        if not equations.is_driven:
+        if not equations.is_driven or len(equations.states):
             return _NO_MULTIPLIER_TEST
         tolerance = float(np.clip(_MULTIPLIER_FACTOR * rtol, *_MULTIPLIER_TOLERANCES))
         arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
