@@ -323,5 +323,9 @@ SAMPLES: dict[str, Callable[[SampleMechanism], dict[str, Any]]] = {
         **_path_arguments(),
     },
     "CriticalLoad": lambda m: {"to": 10.0, "number": 1, **_path_arguments()},
-    "ParameterFunction": lambda m: {"function": lambda **parameters: 1.0, "name": "cost"},
+    "ParameterFunction": lambda m: {
+        "function": lambda **parameters: 1.0,
+        "name": "cost",
+        "unit": "kg",
+    },
 }

@@ -207,7 +207,7 @@ def test_compiled_elimination_agrees(kind):
         elimination._scale_matrix,
         elimination._eliminate_blocks,
         elimination._solve_scaled,
-        elimination._eliminate,
+        elimination.eliminate_columns,
         elimination.find_refinements,
         elimination.eliminate,
     ):

@@ -25,6 +25,7 @@ from beamdae.errors import (
     require_finite,
     require_positive,
     require_sequence,
+    require_unit,
     set_fields,
     short_repr,
 )
@@ -269,7 +270,9 @@ class ParameterFunction(AnalysisQuantity):
                 "ParameterFunction: function must take the parameters by name and return a number, "
                 f"got {short_repr(self.function)}."
             )
-        set_fields(self, name=_require_text("ParameterFunction", "name", self.name))
+        name = _require_text("ParameterFunction", "name", self.name)
+        unit = require_unit("ParameterFunction", self.unit) if self.unit != "" else ""
+        set_fields(self, name=name, unit=unit)
 
     @property
     def label(self) -> str:

@@ -209,7 +209,7 @@ def working_folder_deleted_in_a_sweep(bench: Bench) -> None:
         process = bench.start(["bash", "-c", f"cd work; exec {line}"])
         wait_for(
             lambda process=process, folder=folder: (
-                process.poll() is not None or (folder / "results").exists()
+                process.poll() is not None or [*folder.glob("results/*/.lock")]
             )
         )
         # The sweep may write files during the deletion.

@@ -64,6 +64,7 @@ SWEEP_CALLS: dict[str, WorkingCall] = {
             "integrator": box.integrator,
             "t_end": T_END,
             "output_step": OUTPUT_STEP,
+            "start": "as drawn",
             "time_limit": 10.0,
             "measure": None,
             "folder": "sweep",
@@ -373,7 +374,12 @@ INTEGRATOR_CALLS: dict[str, WorkingCall] = {
 
 STUDY_CALLS: dict[str, WorkingCall] = {
     "Case": WorkingCall(
-        lambda box: {"model": box.swing, "parameters": {"mass": 2.0}, "integrator": box.integrator},
+        lambda box: {
+            "model": box.swing,
+            "parameters": {"mass": 2.0},
+            "integrator": box.integrator,
+            "start": "as drawn",
+        },
         lambda box, case: case.solve(T_END, OUTPUT_STEP),
     ),
     "Case parameters": WorkingCall(
