@@ -358,7 +358,10 @@ def start_inside_warnings(
                 or x.energy <= _MAX_STATIC_RATIO * static_force * x.depth
                 or _holding_share(x, solver, time, state, others) >= _MIN_HOLDING_SHARE
                 or _is_balanced(x, solver, time, state)
-                or _is_as_deep_at_rest(x, equations.length, coordinates, time, find_rest())
+                or (
+                    _may_be_preloaded(x, equations)
+                    and _is_as_deep_at_rest(x, coordinates, time, find_rest())
+                )
             ):
                 continue
             remedy = x.gap.remedy
@@ -449,15 +452,19 @@ def _holding_share(
     return -float(force @ response) / mobility if mobility > 0.0 else 0.0
 
 
+def _may_be_preloaded(x: _Penetration, equations: EquationsOfMotion) -> bool:
+    """Return True if a contact is shallow and its force has a direction."""
+    moment_free = np.abs(x.force) * equations.position_scales / equations.length
+    is_directed = np.max(moment_free) * x.depth >= _MIN_DIRECTED_FORCE * x.energy
+    return bool(is_directed and x.depth <= _MAX_BALANCED_DEPTH * equations.length)
+
+
 def _is_balanced(
     penetration: _Penetration, solver: ConsistencySolver, time: Array, state: State
 ) -> bool:
     """Return True if a shallow contact hardly accelerates the mechanism along its force."""
-    x, equations = penetration, solver.equations
-    moment_free = np.abs(x.force) * equations.position_scales / equations.length
-    if x.depth > _MAX_BALANCED_DEPTH * equations.length:
-        return False
-    if np.max(moment_free) * x.depth < _MIN_DIRECTED_FORCE * x.energy:
+    x = penetration
+    if not _may_be_preloaded(x, solver.equations):
         return False
     try:
         alone = solver.mass_solver(time, state)(x.force)
@@ -483,14 +490,10 @@ def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State
 
 
 def _is_as_deep_at_rest(
-    penetration: _Penetration,
-    length: float,
-    coordinates: CoordinateMap,
-    time: Array,
-    rest: State | None,
+    penetration: _Penetration, coordinates: CoordinateMap, time: Array, rest: State | None
 ) -> bool:
-    """Return True if a shallow contact has about the same depth in the equilibrium `rest`."""
-    if rest is None or penetration.depth > _MAX_BALANCED_DEPTH * length:
+    """Return True if a contact has about the same depth in the equilibrium `rest`."""
+    if rest is None:
         return False
     depth = -_evaluate_gap(penetration.gap.quantity, coordinates, time, rest)
     return depth >= _MIN_RESTING_SHARE * penetration.depth
