@@ -147,9 +147,14 @@ def select_columns(
         If no column has this name.
     """
     headers, preferred = list(headers), set(observed)
-    if isinstance(name, (list, tuple)) and name:
-        selected = [select_columns(headers, x, of, preferred, part) for x in name]
-        return list(dict.fromkeys(x for some in selected for x in some))
+    names = name if isinstance(name, (list, tuple)) and name else [name]
+    selected = [_select_by_name(headers, x, of, preferred, part) for x in names]
+    return list(dict.fromkeys(x for some in selected for x in some))
+
+
+def _select_by_name(
+    headers: list[str], name: Any, of: str, preferred: set[str], part: str
+) -> list[str]:
     name = plain_text(name)
     readings: tuple[Callable[[str], str], ...] = (
         str,

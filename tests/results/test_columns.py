@@ -3,7 +3,7 @@
 import pytest
 
 import beamdae as bd
-from beamdae.results.columns import select_column
+from beamdae.results.columns import select_column, select_columns
 
 HEADERS = ["tip.x [m]", "tip.y [m]", "t [s]", "t [N]"]
 
@@ -48,3 +48,12 @@ def test_regression_a_list_of_names_selects_a_table_over_time():
         run[["ball.y", "ball.z"]]
     with pytest.raises(AttributeError, match=r"plot\.save\(path\)"):
         run.plot("ball.y").savefig("y.png")
+
+
+def test_regression_deeply_nested_lists_are_no_names():
+    """They ended in a RecursionError."""
+    name = "tip.x"
+    for _ in range(3000):
+        name = [name]
+    with pytest.raises(bd.BeamdaeError, match="there is no column"):
+        select_columns(["tip.x [m]"], name)
