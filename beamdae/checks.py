@@ -347,7 +347,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
 
 
 def _plan_start(equations: EquationsOfMotion, end: float) -> tuple[ConsistencySolver, Any, str]:
-    """Return the start solver, the consistent state or None, and the reason why no run is possible.
+    """Return the start solver, the consistent state or None, and why no run is possible.
 
     The reason is empty if the model can be run. If the model has at most 1500 constraints, the
     solver and the state exclude dependent constraints.
@@ -546,7 +546,7 @@ def _undamped_beam_warning(
 
 
 def _steps_after(run: Solution, reached: float, end: float) -> float:
-    """Return the ratio of the steps up to the end to those up to `reached` [s], from another run.
+    """Return the ratio of all steps to those up to `reached` [s], from another run.
 
     If the other run was stopped, too, its last steps continue; without a later step, the ratio is
     that of the times.

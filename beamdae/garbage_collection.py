@@ -1,4 +1,4 @@
-"""Pauses of the garbage collector while objects are created that are numerous, but not garbage."""
+"""Pauses of the garbage collector while many objects are created that stay in use."""
 
 from __future__ import annotations
 

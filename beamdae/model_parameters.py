@@ -153,7 +153,7 @@ class _DescribedTuple(_DescribedValue, tuple[float, ...]):
 
 
 def param(default: float | Sequence[float], unit: str = "-", description: str = "") -> Any:
-    """Return a default value with its unit and description, for the arguments of a model function.
+    """Return a default value with its unit and description, for a model function.
 
     The result is a number or a tuple of floats: it can be used in every formula. The function
     receives its values in this unit. Parts expect SI units and reject values of parameters with
@@ -563,7 +563,7 @@ def convert_text(part: str, name: str, value: Any, unit: str) -> Any:
 
 
 def parse_quantity(text: str) -> tuple[float, str] | None:
-    """Return a text such as "100 MPa" as a number in SI units, and its unit; None if it is not one.
+    """Return a text such as "100 MPa" as a number in SI units and its unit, or None.
 
     The unit of a number without a unit is "".
     """

@@ -30,7 +30,7 @@ _IMMUTABLE_TYPES = frozenset({"str", "int", "float", "bool"})
 
 
 class ReadOnlyDict(dict[Any, Any]):
-    """A dictionary that rejects changes; `dict(...)` or `copy()` returns one that can be changed.
+    """A dictionary that rejects changes; `dict(...)` or `copy()` returns a writable one.
 
     In contrast to `MappingProxyType`, it can be written as JSON and pickled.
     """

@@ -258,7 +258,7 @@ def _with_accuracy(integrator: Integrator, value: float, max_steps: int | None =
 def accuracy_warning(
     solution: Solution, errors: Mapping[str, Any], requested: Collection[str] = ()
 ) -> str:
-    """Return a warning if the error of a position, angle or deflection exceeds the bound, else "".
+    """Return a warning if the error of a position, angle or deflection is too large, or "".
 
     The bound on the error relative to half the range is 30 rtol if the mechanism has beams and all
     of them have material damping, otherwise 100 rtol. Columns whose half range is below a

@@ -142,7 +142,7 @@ def fiber_stress(local: Local, strains: Callable[[Local], SX], numbers: Callable
 
 @dataclass(frozen=True)
 class LargestStress:
-    """Largest stress magnitude of the outer fibers of several sections, and a smooth upper bound.
+    """Largest stress magnitude of the outer fibers of several sections, and a smooth bound.
 
     Attributes
     ----------

@@ -358,7 +358,7 @@ def _estimate_errors(levels: Sequence[_Values]) -> Array:
 
 
 def _frequency_rounding(result: Modes, at_rest: Array) -> Array:
-    """Return the relative rounding errors of frequencies, which are those of x^H K x / (2 |l|^2).
+    """Return the relative rounding errors of frequencies: those of x^H K x / (2 |l|^2).
 
     The stiffnesses EA and GA of thin beams leave them in the stiffness matrix.
     """

@@ -82,7 +82,7 @@ class _Operator:
 def plan_banded_stiffness(
     operator: sp.csr_array, element_size: int, rows: slice
 ) -> BandedStiffness:
-    """Return the plan for the coordinates `rows` of the `element_size` coordinates of each element.
+    """Return the plan for the coordinates `rows` of the `element_size` ones of each element.
 
     `operator` maps the coordinates of the mechanism to the coordinates of all elements. Plans are
     cached, because the runs of a sweep share them.

@@ -1,4 +1,4 @@
-"""Warnings about parts without effect, friction peaks, starts in a surface and supplied energy.
+"""Warnings about idle parts, friction peaks, starts in a surface and supplied energy.
 
 `check` reports them before a run, `Solution.warnings` after a run.
 """
@@ -313,7 +313,7 @@ class _Penetration(NamedTuple):
 def start_inside_warnings(
     equations: EquationsOfMotion, active: EquationsOfMotion, time: Array, state: State
 ) -> Iterator[str]:
-    """Yield one warning per contact that starts deeper inside a surface than static forces explain.
+    """Yield one warning per contact that starts deeper in a surface than its load explains.
 
     Gaps of impacts that start inside a surface are also reported.
 

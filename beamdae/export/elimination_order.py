@@ -1,4 +1,4 @@
-"""Elimination of the matrices of a step with diagonal pivots, for all positions of a mechanism."""
+"""Elimination of step matrices with diagonal pivots, for all positions of a mechanism."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Integrators with `integrate(equations, times) -> Solution`; methods in `alpha`, `ida`, `radau`.
+"""Integrators with `integrate(equations, times) -> Solution`: `alpha`, `ida`, `radau`.
 
 May import: results and everything below; only `ida` imports sundials.
 To extend: subclass `Integrator`; its `integrate` passes `drive` a function that makes a `Method`.

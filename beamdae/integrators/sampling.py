@@ -26,7 +26,7 @@ _SAME_SAMPLE = 1e-6
 
 
 class RepeatedSample(NamedTuple):
-    """Sample that is taken again at the end of a run, to find laws with memory outside the state.
+    """Sample repeated at the end of a run, to detect laws with memory outside the state.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Thinning of long runs: rows at the output times and every n-th step, within a memory limit.
+"""Thinning of long runs to output rows and every n-th step, within a memory limit.
 
 The rows of all steps of a large model would soon exceed the memory, even if only a few rows are
 output. Once the rows of a run exceed `MAX_STORED_BYTES`, its earlier steps are reduced to the rows

@@ -1,4 +1,4 @@
-"""Numeric factorization of sparse matrices with known pivots and fill, and solution of systems.
+"""Factorization of sparse matrices with known pivots and fill, and solution of systems.
 
 `refactorize` and `solve` are plain loops over arrays that numba can compile: they do not allocate,
 raise or call Python. The matrix is eliminated column by column from the left with the pivots of an
@@ -317,7 +317,7 @@ def _solve_scaled(plan: EliminationPlan, factors: Factors, right: Array) -> None
 
 
 def eliminate_columns(plan: Any, factors: Any, entries: Array) -> bool:
-    """Factorize the columns of a plan, whose numbers are in `entries`; return False if impossible.
+    """Factorize the columns of a plan, with numbers `entries`; return False if impossible.
 
     `plan` and `factors` are an `EliminationPlan` and `Factors`, whose unknowns outside blocks are
     eliminated, or have their attributes. A pivot and its reciprocal must be finite.

@@ -1,4 +1,4 @@
-"""Operations on several small matrices or vectors at once, one per vector lane, in plain Python.
+"""Operations on several small matrices or vectors, one per vector lane, in plain Python.
 
 An array of lanes holds the first entry of all lanes, then the second entry of all lanes, and so on.
 `native.overloads` has compiled versions with vector instructions. In machine code, an array of
@@ -123,7 +123,7 @@ def subtract_products(
 def subtract_unit_triangle(
     lanes: Array, begin: int, count: int, rows: int, blocks: Array, first: int, size: int
 ) -> None:
-    """Subtract the first `count` columns of a unit lower triangle from `rows` entries of `lanes`.
+    """Subtract `count` columns of a unit lower triangle from `rows` entries of `lanes`.
 
     The columns of the triangle start at `first` and are `size` entries apart.
     """

@@ -1,4 +1,4 @@
-"""Compiled versions of `loop_functions` and `linear.lane_operations`, without temporary arrays.
+"""Compiled `loop_functions` and `linear.lane_operations`, without temporary arrays.
 
 Importing this module imports numba and registers the compiled versions with it.
 """
@@ -396,7 +396,7 @@ _max_norm_ir = _weighted_reduction(_magnitude, _join_largest)
 
 
 def _unpack_indexed(context, builder, kinds, values, lanes):
-    """Return (lanes, begin, count, indexed numbers, first); (lanes, begin, count) from `lanes` on.
+    """Return (lanes, begin, count, indexed numbers, first), or the first three of them.
 
     The other three operands are (vector, at, first).
     """

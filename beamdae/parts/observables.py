@@ -198,7 +198,7 @@ class _RelativeDisplacement:
 
 @rebuilt_for_mesh
 def relative_displacement(of: Attachment, on: Attachment, axes: str = "inertial") -> Quantity:
-    """Return displacement and rotation of `of` relative to a rigid reference that moves with `on`.
+    """Return displacement and rotation of `of` relative to a rigid reference moving with `on`.
 
     With `on` at the root of a beam, the displacement and the rotation describe the deformation
     relative to the root, even across several beams welded together.
@@ -272,7 +272,7 @@ class _RelativeMotion:
 
 @rebuilt_for_mesh
 def relative_motion(of: Attachment, on: Attachment, axes: str = "section") -> Quantity:
-    """Return position, angle and their rates of `of` relative to `on`, in axes that move with `on`.
+    """Return position, angle and rates of `of` relative to `on`, in axes that move with `on`.
 
     An observer who moves with the body of `on` measures these values, for example a sensor on a
     carriage. The rates are the derivatives of the components.

@@ -446,7 +446,7 @@ def _differentiate_axis(knots: Array, values: Array, axis: int, kind: str) -> Ar
 
 
 def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
-    """Return the slope at each row that changes the values of both adjacent intervals by `changes`.
+    """Return the slope at each row that changes the values of both intervals by `changes`.
 
     Changes are the largest of the row and of its neighbors along the axis.
     """

@@ -96,7 +96,7 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
 
 
 def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
-    """Return the page content of an equilibrium path; points of the path take the place of times.
+    """Return the page of an equilibrium path, with its points in the place of times.
 
     One chart shows the load factor over an observed column, with the critical points.
     """

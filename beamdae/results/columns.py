@@ -360,7 +360,7 @@ def mark_vanishing_columns(
     length: float,
     values: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the mask of the columns that are noise compared with others, for example by symmetry.
+    """Return the mask of columns that are noise compared with others, e.g. by symmetry.
 
     See `largest_of_kind` for the columns with which they are compared. With the `values` of the
     columns (k, columns), forces and moments are also compared with constant ones, such as the

@@ -1,4 +1,4 @@
-"""Studies and sweeps: runs of many cases in parallel, stored results, errors against references.
+"""Studies and sweeps: many runs in parallel, stored results, errors against references.
 
 May import: report, simulation and everything below.
 To extend: add a column of the case table to `run_values`, a figure to `study_pictures`, or an

@@ -1,4 +1,4 @@
-"""IDA of SUNDIALS through its C interface, in the libraries to which scikit-sundae is linked.
+"""IDA of SUNDIALS through its C interface, in the libraries linked by scikit-sundae.
 
 Imports no other package of beamdae. Residual and Jacobian are addresses of C functions.
 To extend: for another statistic of IDA, add its C function to `prototypes`, a field to

@@ -525,7 +525,7 @@ def evaluate_sum(total: Sum, x: Array, result: Array) -> None:
 
 
 def evaluate_with_data(total: Sum, local: Array, x: Array, result: Array) -> None:
-    """Write the sum at x into `result` as `evaluate_sum`, with `local` in place of `total.local`.
+    """Write the sum at x into `result`, with `local` in place of `total.local`.
 
     Several arrays of inputs with their own data, such as those of several directions, share the
     other arrays of one sum.

@@ -1,4 +1,4 @@
-"""Tiles of kernel inputs and outputs, which machine code moves by vectors instead of one by one.
+"""Tiles of kernel inputs and outputs, which machine code moves by vectors.
 
 The coordinates of a node are neighbors in the input vector, and neighbors in the inputs of a copy.
 A tile consists of up to `TILE_ROWS` such components of `LANE_WIDTH` copies side by side: one run of

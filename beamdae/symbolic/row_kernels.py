@@ -1,4 +1,4 @@
-"""Machine code of row functions, for processes that evaluate the same functions in many runs.
+"""Machine code of row functions, for processes that evaluate them in many runs.
 
 Loading or compiling machine code takes longer than the rows of a single run take in NumPy or in
 CasADi's virtual machine. Only the cases of studies therefore use it, see `compile_row_functions`,

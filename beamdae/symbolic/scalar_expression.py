@@ -1,4 +1,4 @@
-"""Scalar expressions in user-written formulas, whose operations with NumPy arrays return arrays."""
+"""Scalar expressions in formulas of users, which NumPy arrays multiply to arrays."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def select_rows(operator: sp.csr_array, rows: np.ndarray) -> sp.csr_array:
 def pair_entries(
     left: sp.csr_array, row: np.ndarray, right: sp.csr_array, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return all pairs of non-zeros in rows row[k] of `left` and column[k] of `right`, for all k.
+    """Return all pairs of non-zeros in rows row[k] of `left` and columns column[k] of `right`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Sines and cosines of kernels as polynomials, which are evaluated in all vector lanes at once.
+"""Sines and cosines of kernels as polynomials, evaluated in all vector lanes at once.
 
 The C library computes sines one by one. Polynomials consist of operations that are rounded in the
 same way everywhere, so that machine code and CasADi's virtual machine still return the same bits.

@@ -109,7 +109,7 @@ def solve_eigenproblem(
 
 @single_threaded
 def undamped_frequencies(lin: LinearizedEquations, count: int) -> Array:
-    """Return the lowest angular frequencies [rad/s] without damping, with first-order states held.
+    """Return the lowest undamped angular frequencies [rad/s], with first-order states held.
 
     The symmetric parts of M and K are used. The rates of growth of unstable motions count as
     frequencies; free motions and states have frequency zero. At least `count` frequencies are

@@ -288,7 +288,7 @@ def orthonormalize(shapes: Array, mass: sp.csc_array) -> Array:
 
 
 def combine_images(images: Array, shapes: Array, mass: sp.csc_array) -> Array:
-    """Return mode shapes (n, k), replaced by their images under the inverse if these are accurate.
+    """Return mode shapes (n, k), replaced by their images under the inverse where accurate.
 
     Images have more accurate small motions of stiff parts. Those of fast modes contain rounding
     errors of slow ones; they are not parallel to the shapes.

@@ -1,4 +1,4 @@
-"""Result of a fit: estimates with covariance, predictions, profiles, tables, plots and pages."""
+"""Result of a fit: estimates, covariance, predictions, profiles, tables, plots and pages."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class ColumnSeeds:
 def differentiate_objective(
     objective: Objective, solution: Solution, equations: EquationsOfMotion
 ) -> ColumnSeeds:
-    """Return the value of an objective and its derivatives with respect to the states of the run.
+    """Return the value of an objective and its derivatives by the states of the run.
 
     `equations` are those of the run, perhaps with further forces that vanish there.
     """
@@ -237,7 +237,7 @@ def add_columns(
     at: State,
     by_columns: Array,
 ) -> None:
-    """Add derivatives with respect to the columns of an observable to those by states and numbers.
+    """Add derivatives by the columns of an observable to those by states and numbers.
 
     Parameters
     ----------

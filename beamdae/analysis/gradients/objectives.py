@@ -461,7 +461,7 @@ def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
 
 
 def times_after_restart(t: Array) -> Array:
-    """Return times of an interval, (k,), of which the first one does not belong to the one before.
+    """Return times (k,) of an interval; the first one does not belong to the one before.
 
     Columns may jump at the start of an interval; results at this time are those before the jump.
     """

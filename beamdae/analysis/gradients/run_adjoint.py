@@ -211,7 +211,7 @@ class AdjointRun:
 
 @dataclass
 class RunAdjoint:
-    """Derivatives of an objective of a run with respect to the start and the numbers of the model.
+    """Derivatives of an objective of a run by its start and by the numbers of the model.
 
     Attributes
     ----------

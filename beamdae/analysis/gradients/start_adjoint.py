@@ -1,4 +1,4 @@
-"""Transposes of the derivatives of consistent states and of the start of generalized-alpha runs."""
+"""Transposed derivatives of consistent states and of the start of generalized-alpha runs."""
 
 from __future__ import annotations
 

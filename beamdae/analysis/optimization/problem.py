@@ -1,4 +1,4 @@
-"""The scaled optimization problem: designs with values and gradients, computed once per design."""
+"""The scaled optimization problem, with one computation of values and gradients per design."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled loop of the variational equations: linearized Radau steps for several disturbances.
+"""Compiled loop of the variational equations: linearized Radau steps for disturbances.
 
 The functions are plain Python over arrays; `native.loops` compiles them if possible.
 """

@@ -220,7 +220,7 @@ def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
 
 
 def join_states(states: State) -> tuple[Array, int]:
-    """Return states (q, v, a, lam) as rows of a contiguous array, and the column where they begin.
+    """Return states (q, v, a, lam) as rows of a contiguous array, and where the columns begin.
 
     The states of a run are parts of such rows: copying all of them takes as long as hundreds of
     steps.
@@ -330,7 +330,7 @@ def differentiate_alpha_steps(
     shifts: list[float],
     further: FurtherForces,
 ) -> Array:
-    """Return the derivatives of (q, v, q'', lam) at the start and the steps of a smooth interval.
+    """Return the derivatives of (q, v, q'', lam) at the start and steps of a smooth interval.
 
     If the time t of the start depends on a parameter, all steps are moved with it. Derivatives s
     at fixed times follow from those along the moved steps, s + x' dt. Moving the state instead, by

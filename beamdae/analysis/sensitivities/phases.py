@@ -1,4 +1,4 @@
-"""Models of the phases of a run, between two events, and of their neighbors in parameter space."""
+"""Models of the phases of a run, between two events, and their neighbors by parameters."""
 
 from __future__ import annotations
 

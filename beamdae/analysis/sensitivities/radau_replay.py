@@ -222,7 +222,7 @@ def replay_steps(replay: RadauReplay) -> int:
 
 
 def schedule_test(replay: Any, h: float) -> None:
-    """Let the factors of a step be tested if its length `h` [s] differs from that of the last test.
+    """Request a test of the factors of a step if its length `h` [s] has changed since the last.
 
     `replay` is a `RadauReplay`, or has its attributes `tested` and `tested_step`.
     """
@@ -232,7 +232,7 @@ def schedule_test(replay: Any, h: float) -> None:
 
 
 def restore_stages(replay: Any, step: int, h: float) -> int:
-    """Compute the stages of a step of length `h` [s] from the states of the run; return the code.
+    """Compute the stages of a step of length `h` [s] of a replayed run; return the code.
 
     `replay` is a `RadauReplay`, or has its attributes `run`, `rows`, `stages`, `rates` and
     `tested`. The Newton matrices of `replay.run` are factorized at these stages.

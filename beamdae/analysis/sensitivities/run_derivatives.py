@@ -1,4 +1,4 @@
-"""Derivatives of the states of a run, across breakpoints, events, impacts and switches of parts.
+"""Derivatives of the states of a run, across breakpoints, events, impacts and switches.
 
 At a restart whose time t depends on the parameter, with the states x = (q, v) and their rates f
 before (-) and after (+) it, the derivatives s at fixed time change from s- to

@@ -1,4 +1,4 @@
-"""Derivatives of consistent states and of the starting values of the generalized-alpha family."""
+"""Derivatives of consistent states and of the start of generalized-alpha runs."""
 
 from __future__ import annotations
 

@@ -328,7 +328,7 @@ def _iterate_inversely(inverse: Callable[[Array], Array], vectors: Array) -> Arr
 
 
 class BorderedSystem:
-    """Static equations of one load stage, evaluated and solved by machine code if it is available.
+    """Static equations of one load stage, evaluated and solved by machine code if available.
 
     Do not share an instance between threads.
 

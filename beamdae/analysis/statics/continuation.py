@@ -235,7 +235,7 @@ def _take_regular_steps(
     target: float,
     direction: PathDirection | None,
 ) -> tuple[PathDirection, LoadSteps | None]:
-    """Append points of load control in one call of machine code, up to a possible critical point.
+    """Append points of load control, in one compiled call, up to a possible critical point.
 
     Return the final direction and details of the steps, see `Corrector.follow_load`.
     """

@@ -343,7 +343,7 @@ def _modal_deviations(
 
 
 def _nodal_motion(beam: Beam, change: Array) -> Array:
-    """Return displacements [m] and rotations [rad] (3, nodes) due to a small change of coordinates.
+    """Return displacements [m] and rotations [rad] (3, nodes) of a small change of coordinates.
 
     The change is scaled to a rotation small enough for a linear result.
     """

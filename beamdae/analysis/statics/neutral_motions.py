@@ -1,4 +1,4 @@
-"""Motions of a mechanism that no force, joint or load resists, such as those of a cart on a rail.
+"""Motions that no force, joint or load resists, such as those of a cart on a rail.
 
 The tangent stiffness is singular along the whole path. Such motions are held by springs that act on
 the tangent alone, so that Newton's method does not move the mechanism along them.

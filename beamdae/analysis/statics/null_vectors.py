@@ -1,4 +1,4 @@
-"""Null vectors of a nearly singular tangent, and a function that is zero where it is singular.
+"""Null vectors of a nearly singular tangent, and a function that vanishes if it is singular.
 
 Under forces without a potential, the tangent is not symmetric, and its left and right null vectors
 differ.
@@ -142,7 +142,7 @@ class BorderedSolution(NamedTuple):
 def solve_bordered_tangent(
     system: LoadedEquations, x: Array, mu: float, scales: Scales, left: Array, right: Array
 ) -> BorderedSolution:
-    """Return the solution, refined by differences of the forces, which are accurate for thin beams.
+    """Return the solution, refined by differences of the forces, accurate for thin beams.
 
     `left` and `right`, (n + m, k), make the bordered matrix regular. If rounding errors of the
     stiffness exceed the stiffness in soft motions, refinement diverges, and `correction` is large.

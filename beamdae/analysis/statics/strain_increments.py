@@ -1,4 +1,4 @@
-"""Finite displacements of beams along which strains and section angles, not positions, are linear.
+"""Finite displacements of beams along which strains and section angles are linear.
 
 A displacement that is linear in the positions of nodes stretches a bent beam by the square of its
 rotation. The axial force of this stretch is (length / height)^2 times larger than that of bending,
@@ -161,7 +161,7 @@ def displace_axes(axes: AxisElements, q: Array, change: Array, result: Array) ->
 
 
 def restore_axes(axes: AxisElements, q: Array, other: Array, result: Array) -> None:
-    """Replace the positions in `result` by the `change` with which `displace_axes` gives `other`.
+    """Replace the positions in `result` by the `change` that `displace_axes` maps to `other`.
 
     `result` is other - q before.
     """

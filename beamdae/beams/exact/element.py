@@ -149,7 +149,7 @@ def exact_kernel(element: ExactElement) -> ForceKernel:
 
 @cache
 def strain_function(element: ExactElement) -> RowFunction:
-    """Return the function of (q, data) for the largest axial strain of outer fibers of an element.
+    """Return the function of (q, data) for the largest axial strain of an element's fibers.
 
     The height of the section is that of a rectangle, as in `BeamRange.strain`.
     """

@@ -78,7 +78,7 @@ def optimize_command(
     page: Page = True,
     out: Out = Path("results"),
 ) -> None:
-    """Minimize a quantity of a model under constraints; write the design, all designs and a page.
+    """Minimize a quantity of a model under constraints; write the designs and a page.
 
     Exits with 0 if the search converged, 1 if not (the best design is written) or if the page
     failed, 2 for a usage or model error, and 130 after Ctrl-C (the best design so far is written).

@@ -82,7 +82,7 @@ def response_command(
     plot: PlottedColumns = None,
     out: Out = Path("results"),
 ) -> None:
-    """Follow a periodic motion over a parameter, past folds; write the curve as CSV, PNG and page.
+    """Follow a periodic motion over a parameter, past folds; write CSV, PNG and page.
 
     Exits with 0 if the curve reached the end of the range, 1 if it did not (partial results are
     written) or the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C.

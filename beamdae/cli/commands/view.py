@@ -1,4 +1,4 @@
-"""`beamdae view`: a page with sliders for the parameters of a model, served on this computer."""
+"""`beamdae view`: a page with sliders for the parameters of a model, served locally."""
 
 from __future__ import annotations
 

@@ -262,9 +262,10 @@ def set_lane(total: LaneSum, lane: int, t: float, row: Array, n: int, lam_factor
 
 
 def evaluate_matrices(total: LaneSum, branch: float, coefficients: Array, result: Array) -> None:
-    """Write the non-zeros of the iteration matrices of all lanes, see `evaluate_matrix_at_state`.
+    """Write the non-zeros of the iteration matrices of all lanes.
 
-    The lanes are set by `set_lane`, with lam_factor = coefficients[2].
+    The lanes are set by `set_lane`, with lam_factor = coefficients[2]; see
+    `evaluate_matrix_at_state`.
     """
     c = coefficients
     set_time(total, 0.0, branch)

@@ -87,7 +87,7 @@ def differentiate_tangent(
     dp: Array,
     plans: tuple[SumPlan, SumPlan] | None = None,
 ) -> Tangent:
-    """Return the derivative of the `Tangent` along a direction of the state and of the numbers p.
+    """Return the derivative of the `Tangent` along a direction of the state and of p.
 
     The derivative is exact up to rounding: the kernels are differentiated. `plans` are directional
     derivatives of `plan_tangent`, if operators depend on the direction.

@@ -246,7 +246,7 @@ class GeneralizedAlpha(Integrator):
 
 
 def _limited_scales(plan: RunPlan) -> Array:
-    """Return the scale of each coordinate [m or rad], (n,), which small deformations do not reduce.
+    """Return the scales of coordinates [m or rad], (n,), not reduced by small deformations.
 
     The accelerations of the index-3 form are inaccurate in constrained directions. With scales as
     small as the deformations, these errors reduced the steps until the run failed.

@@ -1,4 +1,4 @@
-"""Detection of contacts that steps pass over: open at both ends of a step, closed in between.
+"""Detection of contacts that are closed within a step, but open at both of its ends.
 
 The forces of such a contact are zero wherever the method evaluates them, so that the error test
 accepts the step. The run then restarts where the contact begins.

@@ -171,7 +171,7 @@ class ForcePeakDetector:
 
 
 def _peak_threshold(force: Array, at_nodes: Array, first: int, gap: Array) -> Array:
-    """Return the difference of samples (k, size) from the polynomial above which there is a peak.
+    """Return the deviation from a polynomial of samples (k, size) above which there is a peak.
 
     `at_nodes` are the values at all nodes, and the samples follow the nodes with the indices `gap`.
     """

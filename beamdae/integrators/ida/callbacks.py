@@ -228,7 +228,7 @@ def _compute_factors(newton: NewtonState, t: float, c: float, y: Array, yp: Arra
 
 
 def residual_callback(run: IdaWorkspace, t: float, y: int, yp: int, out: int) -> int:
-    """Evaluate the preconditioned residual for IDA; `y`, `yp` and `out` are `N_Vector` addresses.
+    """Evaluate the preconditioned residual; `y`, `yp` and `out` are `N_Vector` addresses.
 
     See `evaluate_preconditioned`.
     """

@@ -65,7 +65,7 @@ def resolve_mass(
 
 
 def rod(part: str, a: Any, b: Any, mass: float | None, density: Any, area: Any) -> Shape:
-    """Return a thin straight rod from `a` to `b`; mass m and length l give the inertia m l^2 / 12.
+    """Return a thin straight rod from `a` to `b`, of length l and inertia m l^2 / 12.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class ElementResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """Linear law; `numbers` are the stiffnesses, damping coefficients and preloads of all entries.
+    """Linear law; `numbers` are stiffnesses, damping coefficients and preloads of all entries.
 
     Attributes
     ----------

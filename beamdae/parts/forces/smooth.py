@@ -72,7 +72,7 @@ def smooth_sign(x: Any, scale: Any) -> Any:
 def require_stribeck(
     part: str, name: str, kinetic: float, static: Any, stribeck: Any
 ) -> tuple[float | None, float | None]:
-    """Return the static coefficient of friction and the Stribeck velocity [m/s], or None for both.
+    """Return the static coefficient of friction and the Stribeck velocity [m/s], or None twice.
 
     Raises
     ------

@@ -102,7 +102,7 @@ def build_run_scene(
 
 
 def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
-    """Return the factor of displacements that makes the motion of a scene with these poses visible.
+    """Return the factor of displacements that makes the motion of these poses visible.
 
     It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
     if the motion is so small that it may be rounding noise, and if there are contacts: gaps between

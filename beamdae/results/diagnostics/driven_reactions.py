@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
+from beamdae.results.columns import largest_of_kind
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -21,7 +22,7 @@ _MIN_ERROR_PER_RTOL = 100.0
 # Rows to compare: spread evenly, and where multipliers change most.
 _SPREAD_ROWS = 50
 _FAST_ROWS = 50
-# Smaller ranges, relative to the largest value of a column of the same unit or to the largest
+# Smaller ranges, relative to the largest value of a column of the same kind or to the largest
 # multiplier, are rounding errors.
 _MIN_RANGE = 1e-4
 _MIN_RANGE_TO_MULTIPLIERS = 1e-6
@@ -70,9 +71,7 @@ def driven_reaction_warnings(
     a, lam = (np.array(x) for x in zip(*exact, strict=True))
     difference = np.abs(observe(times, *state) - observe(times, state.q, state.v, a, lam))
     values = np.column_stack(list(columns.values()))
-    size = np.max(np.abs(values), axis=0)
-    units = [header.rpartition(" ")[2] for header in columns]
-    largest = np.array([max(size[k] for k, x in enumerate(units) if x == unit) for unit in units])
+    largest = largest_of_kind(columns, np.max(np.abs(values), axis=0))
     half = 0.5 * np.ptp(values, axis=0)
     noise = np.maximum(_MIN_RANGE * largest, _MIN_RANGE_TO_MULTIPLIERS * np.max(np.abs(lam)))
     is_relevant = half > noise

@@ -1,4 +1,4 @@
-"""Warnings about contact forces that rise faster than the elements of the touched beam resolve."""
+"""Warnings about contact forces that rise faster than elements of beams resolve."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class HardImpact(NamedTuple):
 def find_hard_impacts(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> tuple[HardImpact, ...]:
-    """Return the contacts whose force rises faster than a touched beam resolves, one per contact.
+    """Return the contacts whose force rises faster than a touched beam resolves.
 
     With the largest force F, the rate w = max|dF/dt| / F is the angular frequency of the waves that
     an impact emits. Their wave numbers in the beam, of axial waves by the axial component of the

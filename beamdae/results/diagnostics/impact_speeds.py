@@ -1,4 +1,4 @@
-"""Warnings about contacts whose restitution holds at another speed than that of their impacts."""
+"""Warnings about contacts whose restitution holds at another speed than that of impacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings about impacts that do not occur at the start, or whose result depends on their order."""
+"""Warnings about impacts that do not occur at the start, or depend on their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings about observed stresses, strains and section forces that the mesh does not resolve."""
+"""Warnings about observed stresses, strains and section forces on coarse meshes."""
 
 from __future__ import annotations
 

@@ -348,7 +348,7 @@ def may_have_short_peaks(equations: EquationsOfMotion) -> bool:
 
 
 def _find_extremes(times: Array, columns: Array) -> tuple[Array, Array]:
-    """Return the times and the values of the extremes of each column, smallest first, (2, k) each.
+    """Return times and values of the extremes of each column, smallest first, (2, k) each.
 
     An extreme of a column with values that are not finite is one of them. `times` has shape (rows,)
     or (rows, k), and `columns` (rows, k).

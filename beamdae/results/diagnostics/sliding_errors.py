@@ -1,4 +1,4 @@
-"""Warnings about reactions of points that slide along beams, whose mesh is too coarse for them.
+"""Warnings about reactions of points that slide along beams with a coarse mesh.
 
 Within an element, no polynomial of the deflection follows the kink below a concentrated force. The
 beam is too stiff there, by a compliance that depends on the element only. Arches and clamped beams

@@ -1,4 +1,4 @@
-"""Warnings about friction in contacts and joints that slide too slowly for its regularization."""
+"""Warnings about friction of parts that slide too slowly for its regularization."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ _MAX_NAMES = 3  # of further columns
 def small_motion_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory, integrator: Mapping[str, Any]
 ) -> Iterator[SuspectedError]:
-    """Yield a warning if the tolerance is coarse compared with the half range of observed columns.
+    """Yield a warning if the tolerance is coarse for the half range of observed columns.
 
     The tolerance of a rigid body refers to the amplitude of its motion. Vibrations of a vehicle
     that travels, and the motion of two bodies relative to each other, can be much smaller. Columns
@@ -216,7 +216,7 @@ def _find_small_columns(
     scales: Array,
     is_rigid: Array,
 ) -> list[_SmallColumn]:
-    """Return the columns of an observable that are small compared with the amplitude of its parts.
+    """Return the columns of an observable that are small beside the amplitude of its parts.
 
     `sample` returns rows (t, branch) and the states at `_SAMPLES` times, and `find_constrained`
     returns `_constrained_directions` at one of them.
@@ -307,7 +307,7 @@ def _constrained_directions(
 def _largest_free_change(
     changes: Array, is_rigid: Array, columns: Array, constrained: Array
 ) -> Array:
-    """Return the largest change of each column by a rigid motion that the constraints allow, (k,).
+    """Return the largest change of each column by a rigid motion of the mechanism, (k,).
 
     It is zero if the constraints allow no change of the column, also not by deformations.
     `columns` and `constrained` are those of `_constrained_directions`.

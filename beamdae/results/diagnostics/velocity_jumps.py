@@ -1,4 +1,4 @@
-"""Warnings about laws whose slope jumps, so that velocities jump and reactions miss impulses."""
+"""Warnings about laws with jumps of the slope, whose impulses reactions do not contain."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def _quote_cell(value: Any) -> str:
 
 
 def write_escaped_table(path: str | Path, table: pd.DataFrame) -> Path:
-    """Write a table to the CSV file of a method `to_csv` and return the path; see `escape_table`.
+    """Write a table for a method `to_csv` and return the path; see `escape_table`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Worker processes that run one serialized task at a time; a crash ends only the current task.
+"""Worker processes that run one serialized task at a time; a crash ends only that task.
 
 A worker process ends as soon as the process that started it has ended, for whatever reason.
 """
@@ -273,7 +273,7 @@ def _run_tasks(connection: Connection, pid: int) -> None:
 
 
 def _isolate_process() -> None:
-    """Make this process a group leader, ignore Ctrl-C, and redirect its streams to the null device.
+    """Make this process a group leader without Ctrl-C, and silence its streams.
 
     Standard input is empty, and output is discarded.
     """

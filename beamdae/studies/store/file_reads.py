@@ -1,4 +1,4 @@
-"""Recorder of the files that a run reads; stored results expire if one of these files changes.
+"""Recorder of the files that a run reads; if one changes, its stored result expires.
 
 A Python audit hook reports opened files. The hook misses files that libraries open without Python
 (HDF5, SQLite); models declare such files with `@bd.model(data=...)`.

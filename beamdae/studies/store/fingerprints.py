@@ -98,7 +98,7 @@ class FingerprintError(TypeError):
 
 
 def digest(value: Any) -> str:
-    """Return a hash of a value, including its type and parts, which is the same in every process.
+    """Return a hash of a value, including its type and parts, that is equal in all processes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Positions of the cases of a sweep in the space of its parameters, and samples of the cases."""
+"""Positions of the cases of a sweep among its parameters, and samples of the cases."""
 
 from __future__ import annotations
 
