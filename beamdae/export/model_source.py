@@ -168,6 +168,7 @@ class _SourceWriter:
                 directional_plan(outputs, 3 * n + m),
             ]
         velocity_rows = n + e.nonholonomic_rows
+        has_friction = any(term.rows is not None for term in e.forces)
         breakpoints = [b for b in e.breakpoints if b > 0.0]
         fields: dict[str, Any] = {
             "n": n,
@@ -180,7 +181,8 @@ class _SourceWriter:
             "n_breakpoints": len(breakpoints),
             "n_velocity_rows": len(velocity_rows),
             "n_states": len(e.states),
-            "forces_depend_on_reactions": int(any(term.rows is not None for term in e.forces)),
+            "forces_depend_on_reactions": int(has_friction),
+            "tests_reactions": int(has_friction or e.is_driven),
             "fixed_iterations": x.fixed_iterations,
             "step": format_number(x.step),
             "duration": format_number(x.duration),
@@ -259,11 +261,14 @@ class _SourceWriter:
             "start_rate": settings.start_rate,
             "stagnation_limit": settings.stagnation_limit,
             "rounding_ratio": settings.rounding_ratio,
+            "multiplier_tolerance": settings.multipliers.tolerance,
+            "shortest_tested_step": settings.multipliers.shortest_step,
         }
         arrays = {
             "test_weights": settings.test_weights,
             "iteration_weights": settings.iteration_weights,
             "rounding_weights": settings.rounding_weights,
+            "multiplier_tolerances": 1.0 / settings.multipliers.weights,
         }
         tableau = {
             "nodes": coefficients.C,
@@ -283,6 +288,7 @@ class _SourceWriter:
         fields = {name: format_number(value) for name, value in numbers.items()}
         fields |= {name: tables.numbers(values) for name, values in arrays.items()}
         fields |= {
+            "n_tested": str(len(settings.multipliers.weights)),
             "n_corrected": str(len(reduction.corrected)),
             "n_defined": str(len(reduction.defined)),
             "corrected": tables.indices(reduction.corrected),

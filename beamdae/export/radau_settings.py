@@ -9,6 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import motion_scales
+from beamdae.integrators.multiplier_test import MultiplierTest, plan_multiplier_test
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.radau.stepper import RadauStepper
@@ -32,6 +33,8 @@ class RadauSettings:
     stagnation_limit, longest_step, start_rate
         Largest weighted correction if Newton's iteration stagnates, longest step [s], and lower
         bound on 2 / h^2 of the first step h [1/s^2].
+    multipliers
+        Error test of the multipliers.
     """
 
     test_weights: Array
@@ -41,6 +44,7 @@ class RadauSettings:
     stagnation_limit: float
     longest_step: float
     start_rate: float
+    multipliers: MultiplierTest
 
 
 def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> RadauSettings:
@@ -68,4 +72,5 @@ def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> Radau
         stagnation_limit=work.stagnation_limit,
         longest_step=work.step_size.longest,
         start_rate=scales.rate**2 / local,
+        multipliers=plan_multiplier_test(plan, scales, rtol),
     )

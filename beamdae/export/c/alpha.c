@@ -242,7 +242,7 @@ static void set_correction_limit(Instance *s) {
     double largest = 0.0, reaction = 0.0;
     for (Index i = 0; i < model->n; i++)
         largest = fmax(largest, fabs(s->ddq[i] * model->weights[i]));
-    for (Index i = 0; i < model->m && model->forces_depend_on_reactions; i++)
+    for (Index i = 0; i < model->m && model->tests_reactions; i++)
         reaction = fmax(reaction, fabs(s->lam[i]));
     w->correction_limit =
         fmax(model->newton_tolerance * w->c_f * largest, model->min_correction_limit);

@@ -66,8 +66,9 @@ typedef struct {
 struct Method {
     Steps *now;
     /* State, after the numbers: y and y' at both ends of the last step, its w, the parts of the
-       reduced matrices, and the motion and values at the last communication point but one. */
-    double *y, *yp, *start_y, *start_yp, *last_w, *jacobian, *begin;
+       reduced matrices, and the motion and values at the last communication point but one.
+       `tolerances` are those of the tested multipliers, which grow with the largest values. */
+    double *y, *yp, *start_y, *start_yp, *last_w, *tolerances, *jacobian, *begin;
     /* Work arrays. */
     double *w, *stages, *rates, *residuals, *x, *real_change, *complex_change, *right;
     double *complex_right, *velocities, *difference, *vector, *product, *constraint_errors, *error;
@@ -82,9 +83,9 @@ struct Method {
 
 static size_t size_of(const Model *model) { return 2 * ((size_t)model->n + model->m); }
 
-/* Size of the numbers and of the arrays up to `last_w`. */
+/* Size of the numbers and of the arrays up to `tolerances`. */
 static size_t motion_size(const Model *model) {
-    return sizeof(Steps) / sizeof(double) + (4 + STAGES) * size_of(model);
+    return sizeof(Steps) / sizeof(double) + (4 + STAGES) * size_of(model) + model->n_tested;
 }
 
 size_t method_state_size(const Model *model) {
@@ -105,6 +106,7 @@ void method_create(Instance *s, int *failed) {
     w->y = state, state += size, w->yp = state, state += size;
     w->start_y = state, state += size, w->start_yp = state, state += size;
     w->last_w = state, state += STAGES * size;
+    w->tolerances = state, state += model->n_tested;
     w->jacobian = state, state += 3 * (size_t)model->step_pattern.nnz + 1, w->begin = state;
     create_factors(s, &w->real, &model->step_pattern, 0, failed);
     create_factors(s, &w->complex_, &model->step_pattern, 1, failed);
@@ -402,6 +404,12 @@ static double estimate_error(Instance *s, double h) {
         if (isnan(error)) return error;
         largest = fmax(largest, error);
     }
+    for (Index k = 0; k < model->n_tested && h > model->shortest_tested_step; k++) {
+        /* The estimate is that of their integrals over the step. */
+        const double error = fabs(m->error[2 * n + k]) * rate / m->tolerances[k];
+        if (isnan(error)) return error;
+        largest = fmax(largest, error);
+    }
     return largest;
 }
 
@@ -597,6 +605,9 @@ static int take_step(Instance *s, double end, double base) {
             memcpy(m->last_w, m->w, STAGES * bytes);
             memcpy(m->y, m->stages + 2 * size_of(model), bytes);
             memcpy(m->yp, m->rates + 2 * size_of(model), bytes);
+            for (Index k = 0; k < model->n_tested; k++)
+                m->tolerances[k] = fmax(m->tolerances[k], model->multiplier_tolerance *
+                                                              fabs(m->yp[2 * model->n + k]));
             now->start = s->now.t;
             now->h = h;
             s->now.t = h == remaining ? end : s->now.t + h;
@@ -786,7 +797,12 @@ int method_derivative(Instance *s, const double *direction, double *result) {
     return code ? code : restored;
 }
 
-void method_reset(Instance *s) { s->method->now->is_quiet = 1.0; }
+void method_reset(Instance *s) {
+    Method *m = s->method;
+    m->now->is_quiet = 1.0;
+    for (Index k = 0; k < s->model->n_tested; k++)
+        m->tolerances[k] = s->model->multiplier_tolerances[k];
+}
 
 int method_restore(Instance *s) {
     const double h = s->method->now->factors_step;

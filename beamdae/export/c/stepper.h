@@ -50,7 +50,7 @@ typedef struct {
    kernels, of which those in `number_targets` depend on the values. */
 typedef struct {
     Index n, m, n_p, n_inputs, n_values, n_outputs, n_numbers;
-    Index n_breakpoints, n_velocity_rows, n_states, forces_depend_on_reactions;
+    Index n_breakpoints, n_velocity_rows, n_states, forces_depend_on_reactions, tests_reactions;
     int fixed_iterations;
     double step, duration, length, alpha_m, alpha_f, gamma, beta, shift, defect;
     double newton_tolerance, min_correction_limit;
@@ -61,6 +61,11 @@ typedef struct {
     const Index *corrected, *defined;
     double longest_step, start_rate, stagnation_limit, rounding_ratio;
     const double *test_weights, *iteration_weights, *rounding_weights;
+    /* Error test of multipliers, of which n_tested (m or none) are tested: least tolerances,
+       tolerance relative to the largest values so far, and shortest tested step. */
+    Index n_tested;
+    const double *multiplier_tolerances;
+    double multiplier_tolerance, shortest_tested_step;
     Tableau tableau;
     /* Gaps of contacts, negative inside surfaces. */
     Index n_gaps;

@@ -24,7 +24,7 @@ from beamdae.integrators.alpha.family import (
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
 from beamdae.integrators.amplitudes import SMALL_DEFORMATION_SHARE
 from beamdae.integrators.drive import drive
-from beamdae.integrators.error_control import count_periods
+from beamdae.integrators.error_control import count_periods, motion_scales
 from beamdae.integrators.integrator import (
     Accuracy,
     Integrator,
@@ -34,6 +34,7 @@ from beamdae.integrators.integrator import (
 )
 from beamdae.integrators.limits import require_feasible_step
 from beamdae.integrators.method import Method
+from beamdae.integrators.multiplier_test import plan_multiplier_test
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan
@@ -97,7 +98,8 @@ class GeneralizedAlpha(Integrator):
     rtol
         Relative tolerance for adaptive steps. Defaults to None: steps are fixed. Adaptive steps
         follow an estimate of the local error of positions (`family.AlphaParameters.defect`),
-        calibrated to keep the position errors of a run below 100 rtol; multipliers are not tested.
+        calibrated to keep the position errors of a run below 100 rtol; multipliers are tested only
+        if joints and drivers prescribe all motions.
         Motion that changes abruptly (orbits, stick-slip) and the deflections of freely vibrating
         beams may exceed this bound, which `Auto` and `Radau` keep (validation/tolerances). Steps
         are at most a twentieth of the run and a quarter of the time scale of the laws. With rho_inf
@@ -242,6 +244,7 @@ class GeneralizedAlpha(Integrator):
             largest=plan.longest_step("GeneralizedAlpha", None),
             duration=plan.duration,
             tolerance=local_tolerance(self.rtol, count_periods(plan), is_one_sided),
+            multipliers=plan_multiplier_test(plan, motion_scales(plan), self.rtol),
         )
 
 

@@ -121,10 +121,18 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
         Work arrays of the jerk that corrects velocities when the step changes.
     corrects_velocities
         1 if velocities are corrected when the step changes, otherwise 0.
+    multiplier_weights, multiplier_tolerance, shortest_tested_step
+        Error test of the multipliers; see `MultiplierTest`.
+    lam_before
+        Multipliers at the start of the step before, for the extrapolation after a rejected step.
     """
 
     jerk: JerkBuffers
     corrects_velocities: int
+    multiplier_weights: Array
+    multiplier_tolerance: float
+    shortest_tested_step: float
+    lam_before: Array
 
 
 def evaluate_normal_jerk(

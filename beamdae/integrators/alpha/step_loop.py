@@ -26,6 +26,7 @@ from beamdae.integrators.compiled_run import (
     SLOW_RATE,
 )
 from beamdae.integrators.method import clip_step
+from beamdae.integrators.multiplier_test import lower_weights
 from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
 from beamdae.native.return_codes import (
     DONE,
@@ -73,6 +74,8 @@ _REACTION_ITERATIONS = 4
 # Lower bound on the tolerance of reactions, relative to that of positions: squares of reactions
 # would overflow at the start of a Gaussian pulse, where all are below 1e-150 N.
 _MIN_REACTION_TOLERANCE = 1e-60
+# Error of multipliers between the steps, relative to the difference from their extrapolation.
+_MULTIPLIER_DIFFERENCE = 0.125
 # Lower bound on the error, relative to the tolerance, from which the next step is computed.
 _MIN_ERROR = 1e-9
 
@@ -129,15 +132,20 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
             if code != DONE:
                 return code
         t = run.t
+        has_extrapolated = run.step_ratio > 0.0
+        combine(run.lam_before, (1.0,), (run.lam_n,))
         code = _advance_step(run, run.end if last else t + h)
         if code == NEW_PIVOTS:
             return code
         run.error = math.inf
         if code == DONE:
             run.error = abs(run.defect) * h * h * _acceleration_change(run) / run.tolerance
+            if has_extrapolated and h > run.shortest_tested_step:
+                run.error = max(run.error, _multiplier_error(run))
             code = ERROR_TOO_LARGE
         if run.error <= 1.0:
             _copy_motion(run.accepted_motion, run.current)
+            lower_weights(run.multiplier_weights, run.multiplier_tolerance, run.current.lam)
             _accept_step(run, h)
             _store_row(run)
             continue
@@ -145,6 +153,8 @@ def take_adaptive_steps(run: AdaptiveAlphaWorkspace) -> int:
         run.rejections += 1
         _reject_step(run, h)
         _copy_motion(run.current, run.accepted_motion)
+        if run.multiplier_weights.size > 0:
+            combine(run.lam_n, (1.0,), (run.lam_before,))
         # Negated, so that NaN also stops the run.
         if not run.next_step >= run.min_step:
             return code
@@ -196,6 +206,20 @@ def _acceleration_change(run: AlphaWorkspace) -> float:
     """Return the largest change of the scaled algorithmic acceleration in the step [1/s^2]."""
     combine(run.a_predicted, (1.0, -1.0), (run.current.a, run.a_n))
     return max_norm(run.a_predicted, run.weights)
+
+
+def _multiplier_error(run: AdaptiveAlphaWorkspace) -> float:
+    """Return the largest error of the tested multipliers relative to their tolerances.
+
+    The difference from the extrapolated multipliers is of order h^2; the power 3/2 makes its
+    ratio to the tolerance grow with h^3, as the error of the positions.
+    """
+    weights, first = run.multiplier_weights, run.current.q.size
+    largest, c_f = 0.0, run.prediction.coefficients[2]
+    for k in range(weights.size):
+        change = abs(run.x[first + k] - run.first_multipliers[k]) * weights[k]
+        largest = max(largest, change)
+    return (_MULTIPLIER_DIFFERENCE * largest / c_f) ** 1.5
 
 
 def _accept_step(run: AlphaWorkspace, h: float) -> None:
@@ -394,11 +418,11 @@ def _factorize_step_matrix(run: AlphaWorkspace, t: float) -> int:
 
 
 def _iterate_newton(run: AlphaWorkspace, t: float, may_renew: bool) -> int:
-    """Iterate until the corrections of positions, and of reactions with friction, are small.
+    """Iterate until the corrections of positions and of tested reactions are small.
 
     Without a test of the reactions, those of driven mechanisms, whose positions the constraints
-    determine, would not converge with the friction that depends on them. Rounding errors may exceed
-    the limit: small corrections that no longer decrease end the iteration.
+    determine, would not converge with forces that depend on reactions or velocities. Rounding
+    errors may exceed the limit: small corrections that no longer decrease end the iteration.
     """
     rounding = _ROUNDING_GROWTH * run.min_correction_limit
     x, change, n = run.x, run.change, run.current.q.size

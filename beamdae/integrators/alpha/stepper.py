@@ -31,6 +31,7 @@ from beamdae.integrators.method import (
     allocate_rows,
     count_equal_steps,
 )
+from beamdae.integrators.multiplier_test import NO_MULTIPLIER_TEST, MultiplierTest
 from beamdae.integrators.sampling import Sampler
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
@@ -87,6 +88,7 @@ class AlphaStepper:
         size = float(np.max(form.equations.position_scales * weights))
         n, m, member = form.equations.n, form.equations.m, start.member
         has_friction = any(term.rows is not None for term in form.equations.forces)
+        tests_reactions = has_friction or form.equations.is_driven
 
         def make_motion() -> Motion:
             q, v, ddq, a = np.zeros((4, n))
@@ -116,7 +118,7 @@ class AlphaStepper:
                 change=np.zeros(form.pattern.shape[0]),
                 nonzeros=matrix.nonzeros,
                 weights=weights,
-                reaction_weights=np.full(m, float(has_friction)),
+                reaction_weights=np.full(m, float(tests_reactions)),
                 # Each step may be followed by the state after a sample.
                 rows=allocate_rows(1 + 3 * n + m, 2 * self.steps_per_check),
                 newton_tolerance=newton_tolerance,
@@ -353,8 +355,10 @@ class AdaptiveAlphaStepper(AlphaStepper):
         largest: float,
         duration: float,
         tolerance: float,
+        multipliers: MultiplierTest = NO_MULTIPLIER_TEST,
     ) -> None:
         equations = form.equations
+        self._multipliers = multipliers
         self._corrects_velocities = start.index3 and equations.m > 0
         self._jerk = JerkEquations.from_equations(equations)
         super().__init__(
@@ -373,8 +377,16 @@ class AdaptiveAlphaStepper(AlphaStepper):
 
     def _make_workspace(self, native: bool, **fields: Any) -> AlphaWorkspace:
         corrects = int(self._corrects_velocities)
-        jerk = self._jerk.buffers(native)
-        return AdaptiveAlphaWorkspace(**fields, jerk=jerk, corrects_velocities=corrects)
+        weights, tolerance, shortest_step = self._multipliers
+        return AdaptiveAlphaWorkspace(
+            **fields,
+            jerk=self._jerk.buffers(native),
+            corrects_velocities=corrects,
+            multiplier_weights=weights.copy(),
+            multiplier_tolerance=tolerance,
+            shortest_tested_step=shortest_step,
+            lam_before=np.zeros(len(fields["lam_n"])),
+        )
 
     @property
     def resolved_options(self) -> dict[str, Any]:

@@ -62,8 +62,9 @@ class AlphaWorkspace:
     correction_limit, rate
         Newton tolerance of scaled positions in the current step, and last rate of convergence.
     reaction_weights, reaction_factor
-        1 for each multiplier if forces depend on reactions, otherwise 0, and factor that compares
-        corrections of reactions with `correction_limit`, 0 if they are not tested.
+        1 for each multiplier if forces depend on reactions or all motions are prescribed, otherwise
+        0, and factor that compares corrections of reactions with `correction_limit`, 0 if they are
+        not tested.
     t, branch, start_time, end
         Current time, a time inside the interval, and start and end of the interval [s].
     has_jumped

@@ -9,7 +9,7 @@ begins.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -45,6 +45,8 @@ _MIN_COARSE_WEIGHT = 1e-2
 # Peaks are located by repeated sampling between the neighbors of the highest sample.
 _REFINEMENTS = 2
 _REFINED_SAMPLES = 17
+# Change of a first-order state, relative to its size, for the derivative of its rate.
+_RELATIVE_CHANGE = 1e-6
 
 
 class ForcePeak(NamedTuple):
@@ -79,11 +81,14 @@ class ForcePeakDetector:
         Function of the time [s], the branch and the state. It returns a function of an impulse on
         all coordinates (n,) that the steps have missed, which returns the largest change of a
         velocity relative to the change that matters.
+    state_scales
+        Scales of the first-order states by their indices.
     """
 
     terms: Sequence[FormulaForceTerm]
     spacing: float
     weigh_at: Callable[[float, float, State], Callable[[Array], float]]
+    state_scales: Mapping[int, float]
 
     def find_first(self, interval: Interval, begin: float) -> ForcePeak | None:
         """Return the first peak after `begin` [s] that a step passed over, or None."""
@@ -137,11 +142,12 @@ class ForcePeakDetector:
         threshold = _peak_threshold(force, at_nodes, first, gap)
         is_peak = ((excess > threshold) & np.isfinite(excess)).any(axis=1)
         height = excess.max(axis=1)
-        weigh = None
+        weigh_impulse = None
         for rows, k in _candidates(np.where(is_peak, height, 0.0), height, gap):
-            if weigh is None:
+            if weigh_impulse is None:
                 state = State(*(x[0] for x in interval.at(t[k : k + 1])))
-                weigh = self.weigh_at(float(t[k]), interval.branch, state)
+                weigh_impulse = self.weigh_at(float(t[k]), interval.branch, state)
+                weigh = self._weigh_missed(term, t[k], interval.branch, state, weigh_impulse)
             before, after = interval.nodes[gap[k]], interval.nodes[gap[k] + 1]
             if rows.start and gap[rows.start - 1] == gap[k]:
                 before = t[rows.start - 1]
@@ -149,7 +155,7 @@ class ForcePeakDetector:
                 after = t[rows.stop]
             times = np.concatenate([[before], t[rows], [after]])
             values = np.pad(missed[rows], ((1, 1), (0, 0)))
-            if weigh(term.operator.T @ _integrate(times, values)) < _MIN_COARSE_WEIGHT:
+            if weigh(times, values) < _MIN_COARSE_WEIGHT:
                 continue
             at = k - rows.start + 1
             probe, left, right = float(t[k]), times[at - 1], times[at + 1]
@@ -161,13 +167,40 @@ class ForcePeakDetector:
                 times, values = np.append(times, near.t), np.concatenate([values, of_peak])
                 left = near.t[max(highest - 1, 0)]
                 right = near.t[min(highest + 1, _REFINED_SAMPLES - 1)]
-            if weigh(term.operator.T @ _integrate(times, values)) > 1.0:
+            if weigh(times, values) > 1.0:
                 # Where a smooth peak falls to 1 %, a thousandth of its impulse is still outside.
                 same_step = np.flatnonzero(gap[:k] == gap[k])
                 feet = same_step[height[same_step] <= _FOOT * height[k]]
                 begin = t[feet[-1]] if len(feet) else interval.nodes[gap[k]]
                 return ForcePeak(float(begin), probe, force_index)
         return None
+
+    def _weigh_missed(
+        self,
+        term: FormulaForceTerm,
+        t: float,
+        branch: float,
+        state: State,
+        weigh: Callable[[Array], float],
+    ) -> Callable[[Array, Array], float]:
+        """Return a function of times (k,) [s] and the values (k, size) that steps have missed.
+
+        It returns the weight of their impulse. Fast first-order states follow their inputs: missed
+        rates change them by the rate over their relaxation rate, not over the whole time.
+        """
+        relaxation = np.zeros(len(state.q))
+        for i in self.state_scales.keys() & set(term.columns.tolist()):
+            change = np.zeros((2, len(state.q)))
+            change[1, i] = _RELATIVE_CHANGE * max(self.state_scales[i], abs(state.q[i]))
+            v = np.tile(state.v, (2, 1))
+            values = term.evaluate(np.full(2, t), branch, state.q + change, v)
+            relaxation[i] = abs(term.operator.T @ (values[1] - values[0]))[i] / change[1, i]
+
+        def weigh_missed(times: Array, values: Array) -> float:
+            impulse = term.operator.T @ _integrate(times, values)
+            return weigh(impulse / (1.0 + np.ptp(times) * relaxation))
+
+        return weigh_missed
 
 
 def _peak_threshold(force: Array, at_nodes: Array, first: int, gap: Array) -> Array:
@@ -224,9 +257,8 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
     rates[states] = 1.0
 
     def weigh_at(t: float, branch: float, state: State) -> Callable[[Array], float]:
-        if plan.equations.is_driven and not len(states):
-            # Impulses change reactions, not velocities.
-            return lambda impulse: math.inf
+        if plan.equations.is_driven:
+            return weigh_reactions
         solve = plan.starter.mass_solver(np.array([t, branch]), state)
 
         def weigh(impulse: Array) -> float:
@@ -236,7 +268,13 @@ def detect_force_peaks(plan: RunPlan, rtol: float) -> ForcePeakDetector | None:
 
         return weigh
 
-    return ForcePeakDetector(terms, SAMPLE_SPACING * plan.duration, weigh_at)
+    def weigh_reactions(impulse: Array) -> float:
+        # Forces that change reactions, but no velocities, always matter; rates of states do not.
+        change = np.abs(impulse[states]) / limits[states]
+        return math.inf if np.delete(impulse, states).any() else float(np.max(change, initial=0.0))
+
+    state_scales = dict(zip(states.tolist(), plan.scales[states].tolist(), strict=True))
+    return ForcePeakDetector(terms, SAMPLE_SPACING * plan.duration, weigh_at, state_scales)
 
 
 def _candidates(peak_height: Array, height: Array, gap: Array) -> Iterator[tuple[slice, int]]:

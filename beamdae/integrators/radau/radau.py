@@ -46,7 +46,7 @@ class Radau(AdaptiveIntegrator):
         Components in the error test: "positions"; "rigid velocities" (positions, and velocities of
         rigid bodies and floating frames); or "velocities" (positions and all velocities). "auto"
         chooses by the stiffness of the mechanism. Multipliers are tested only if drivers and joints
-        prescribe all motions, which then do not reveal their errors, without first-order states.
+        prescribe all motions, which then do not reveal their errors.
     max_step
         Longest step [s]. Defaults to a twentieth of the run, or to a quarter of the time scale of
         the laws if this is shorter.

@@ -6,6 +6,7 @@ The functions are plain Python over arrays; `native.loops` compiles them if poss
 from __future__ import annotations
 
 from beamdae.integrators.method import clip_step
+from beamdae.integrators.multiplier_test import lower_weights
 from beamdae.integrators.radau.coefficients import REAL_EIGENVALUE, C
 from beamdae.integrators.radau.stages import (
     MAX_ITERATIONS,
@@ -142,10 +143,7 @@ def _store_step(run: RadauWorkspace, h: float, last: bool) -> None:
         accelerations_and_multipliers = yp[n : n + row.size - 1 - 2 * n]
         combine(row[1 + 2 * n :], (1.0,), (accelerations_and_multipliers,))
         combine(run.last_w[i], (1.0,), (run.w[i],))
-    for k in range(run.multiplier_weights.size):
-        limit = run.multiplier_tolerance * abs(run.rates[2][2 * n + k])
-        if limit * run.multiplier_weights[k] > 1.0:
-            run.multiplier_weights[k] = 1.0 / limit
+    lower_weights(run.multiplier_weights, run.multiplier_tolerance, run.rates[2][2 * n :])
     run.t = run.end if last else run.t + h
     run.rows[run.filled + 2][0] = run.t
     run.filled += 3

@@ -6,7 +6,7 @@ import math
 import time as clock
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,6 +38,11 @@ from beamdae.integrators.method import (
     MAX_TIME_BETWEEN_CHECKS,
     RESIDUAL_NOT_FINITE,
     StepError,
+)
+from beamdae.integrators.multiplier_test import (
+    NO_MULTIPLIER_TEST,
+    MultiplierTest,
+    plan_multiplier_test,
 )
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
@@ -99,15 +104,6 @@ _ITERATION_FRACTION_OF_ROOT = 3.0
 # Largest permitted Newton error, relative to the local tolerance, if the iteration stagnates:
 # rounding errors of the velocities of stiff beams are 10 to 30 times the usual limit at rtol 1e-8.
 _MAX_STAGNATION_FRACTION = 0.1
-# If all motions are prescribed, positions and velocities do not reveal errors of the multipliers,
-# which are tested, too, with this multiple of rtol, within limits, relative to their largest values
-_MULTIPLIER_FACTOR = 10.0
-_MULTIPLIER_TOLERANCES = (1e-6, 0.01)
-# so far, or to this fraction of the force scale of the motion, if that is larger.
-_LEAST_FORCE_SHARE = 1e-2
-_LEAST_FORCE = 1e-200  # avoids division by zero without any forces
-# Forces may jump: shorter steps, relative to the time scale of the motion, are not tested.
-_SHORTEST_TESTED_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -196,17 +192,6 @@ class StepTolerance:
         return self.scales.rounding_ratio / self.rounding_weights
 
 
-class MultiplierTest(NamedTuple):
-    """Error test of multipliers, by default none; see `RadauWorkspace`."""
-
-    weights: Array = np.zeros(0)
-    tolerance: float = 0.0
-    shortest_step: float = math.inf
-
-
-_NO_MULTIPLIER_TEST = MultiplierTest()
-
-
 class RadauStepper:
     """Stepper of Radau IIA: up to 8 steps per call, with one row per stage.
 
@@ -251,7 +236,7 @@ class RadauStepper:
                 (complex_.make_solver(native, linear_solver), complex_.nonzeros),
                 tolerance,
                 longest,
-                self._test_multipliers(rtol, plan),
+                plan_multiplier_test(plan, self._scales, rtol),
             )
 
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -279,21 +264,6 @@ class RadauStepper:
         has_untested = not np.delete(tested, plan.equations.states).all()
         tolerance = StepTolerance.from_rtol(rtol, scales, tested, has_untested, is_one_sided)
         return control, replace(tolerance, local=plan.tolerance_factor * tolerance.local)
-
-    def _test_multipliers(self, rtol: float, plan: RunPlan) -> MultiplierTest:
-        """Return the error test of the multipliers; none with free motions or first-order states.
-
-        Restarts of short steps at peaks of rates of fast states could repeat without end.
-        """
-        equations, scales = plan.equations, self._scales
-        if not equations.is_driven or len(equations.states):
-            return _NO_MULTIPLIER_TEST
-        tolerance = float(np.clip(_MULTIPLIER_FACTOR * rtol, *_MULTIPLIER_TOLERANCES))
-        arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
-        forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * np.array(arms), _LEAST_FORCE)
-        largest = np.maximum(np.abs(plan.state.lam), forces)
-        shortest = _SHORTEST_TESTED_STEP / scales.rate
-        return MultiplierTest(1.0 / (tolerance * largest), tolerance, shortest)
 
     def satisfies(self, rtol: float, plan: RunPlan) -> bool:
         """Return True if all steps so far satisfy the tolerances of a run with `rtol` on `plan`.
@@ -463,7 +433,7 @@ def make_workspace(
     complex_: tuple[Any, Array],
     tolerance: StepTolerance,
     longest: float,
-    multipliers: MultiplierTest = _NO_MULTIPLIER_TEST,
+    multipliers: MultiplierTest = NO_MULTIPLIER_TEST,
 ) -> RadauWorkspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size
@@ -503,7 +473,7 @@ def make_workspace(
         constraint_errors=np.zeros(reduced_size),
         test_weights=tolerance.test_weights,
         tested_velocity_weights=tolerance.test_weights[n:].copy(),
-        multiplier_weights=multipliers.weights,
+        multiplier_weights=multipliers.weights.copy(),
         multiplier_tolerance=multipliers.tolerance,
         shortest_tested_step=multipliers.shortest_step,
         iteration_weights=np.concatenate([positions, velocities]),

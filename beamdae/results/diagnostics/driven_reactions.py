@@ -80,9 +80,7 @@ def driven_reaction_warnings(
     if not error[worst] > max(_MIN_ERROR, _MIN_ERROR_PER_RTOL * (rtol or 0.0)):
         return ()
     at = t[rows[np.argmax(difference[:, worst])]]
-    remedy = "reduce the step" if rtol is None else "reduce rtol"
-    if "Ida" not in (integrator.get("method"), integrator["integrator"]):
-        remedy = f"choose Ida(), or {remedy}"
+    remedy = "choose Radau(), or reduce the step" if rtol is None else "reduce rtol"
     return (
         f"{list(columns)[worst]}: wrong by {100.0 * error[worst]:.2g} % of half its range at "
         f"t = {at:.4g} s, because steps resolve the motion, which joints and drivers prescribe, "

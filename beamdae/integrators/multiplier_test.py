@@ -1,0 +1,72 @@
+"""Error test of the multipliers of mechanisms whose motion joints and drivers prescribe."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdae.integrators.error_control import MotionScales
+from beamdae.integrators.run_plan import RunPlan
+
+Array = np.ndarray
+
+# Tolerance of multipliers: this multiple of rtol, within limits, relative to their largest values
+# so far, or to a fraction of the force scale of the motion, if that is larger.
+_TOLERANCE_FACTOR = 10.0
+_TOLERANCES = (1e-6, 0.01)
+_LEAST_FORCE_SHARE = 1e-2
+_LEAST_FORCE = 1e-200  # avoids division by zero without any forces
+# Forces may jump: shorter steps, relative to the time scale of the motion, are not tested.
+_SHORTEST_TESTED_STEP = 1e-4
+
+
+class MultiplierTest(NamedTuple):
+    """Error test of multipliers, by default none.
+
+    Attributes
+    ----------
+    weights
+        Reciprocal tolerances of the multipliers, (m,), which fall as the multipliers grow; (0,) if
+        they are not tested.
+    tolerance
+        Tolerance relative to the largest values.
+    shortest_step
+        Step [s] below which multipliers are not tested, because they may jump.
+    """
+
+    weights: Array = np.zeros(0)
+    tolerance: float = 0.0
+    shortest_step: float = math.inf
+
+
+NO_MULTIPLIER_TEST = MultiplierTest()
+
+
+def plan_multiplier_test(plan: RunPlan, scales: MotionScales, rtol: float) -> MultiplierTest:
+    """Return the error test of a run with `rtol`; none if there are free motions.
+
+    If joints and drivers prescribe all motions, positions and velocities do not reveal errors of
+    the multipliers.
+    """
+    equations = plan.equations
+    if not equations.is_driven:
+        return NO_MULTIPLIER_TEST
+    tolerance = float(np.clip(_TOLERANCE_FACTOR * rtol, *_TOLERANCES))
+    arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
+    forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * np.array(arms), _LEAST_FORCE)
+    largest = np.maximum(np.abs(plan.state.lam), forces)
+    shortest = _SHORTEST_TESTED_STEP / scales.rate
+    return MultiplierTest(1.0 / (tolerance * largest), tolerance, shortest)
+
+
+def lower_weights(weights: Array, tolerance: float, values: Array) -> None:
+    """Lower the weights of multipliers whose values (m,) are the largest so far.
+
+    The function is plain Python over arrays; `native.loops` compiles it if possible.
+    """
+    for k in range(weights.size):
+        limit = tolerance * abs(values[k])
+        if limit * weights[k] > 1.0:
+            weights[k] = 1.0 / limit
