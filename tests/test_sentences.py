@@ -53,7 +53,6 @@ def add_controller(**arguments):
 
 
 COINCIDENT_POINTS = {"name": "j", "a": GROUND.at(0.0, 0.0), "b": DISK.at(0.0, 0.0)}
-DISTANT_POINTS = {"name": "s", "a": GROUND.at(0.0, 0.0), "b": DISK.at(1.0, 0.0)}
 FLOOR = bd.LineSurface(GROUND.at(0.0, 0.0))
 
 

@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 
 from beamdae.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("here")
+
 MODEL = """
 import beamdae as bd
 
@@ -20,13 +22,6 @@ def arm(angle=0.3):
     mech.observe("tip", bob.at(1.0, 0.0))
     return mech
 """
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-    return tmp_path
 
 
 def invoke(*arguments):

@@ -43,14 +43,6 @@ def arm(mass=2.0, note=""):
 '''
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """Working folder with MODEL as model.py."""
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-    return tmp_path
-
-
 def has_no_traceback(errors):
     return "Traceback" not in errors and "ignored" not in errors
 

@@ -26,13 +26,6 @@ def oscillator(stiffness=40.0, mass=1.0):
 '''
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """Working folder with a model."""
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-
-
 def run(*arguments):
     command = ["export", "model.py", "--fmu", "model.fmu", "--platforms", "none", *arguments]
     return CliRunner().invoke(create_app("export"), command)

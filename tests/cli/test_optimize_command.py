@@ -25,13 +25,6 @@ def oscillator(stiffness=40.0, mass=bd.param(1.0, "kg", "mass on the spring")):
 '''
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """Working folder with a model."""
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-
-
 def run(*arguments):
     return CliRunner().invoke(app, ["optimize", "model.py", *arguments])
 

@@ -45,13 +45,6 @@ KEYS = {
 }
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("model.py").write_text(MODEL, encoding="utf-8")
-    return tmp_path
-
-
 def invoke(*arguments):
     return CliRunner().invoke(app, list(arguments))
 

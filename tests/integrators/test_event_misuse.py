@@ -15,7 +15,6 @@ PARTS = {
     for name, arguments in SAMPLES.items()
     if isinstance(getattr(bd, name), type) and issubclass(getattr(bd, name), bd.Part)
 }
-DRIVERS = ("Driver", "TranslationalDriver")
 ACTIONS = {
     "activate": bd.activate,
     "activate as it is": lambda *parts: bd.activate(*parts, as_is=True),

@@ -9,20 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from beamdae import errors
-from beamdae.native import llvm, loops
+from beamdae.native import loops
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    """A new cache for each test, and a process that has not warned yet."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(errors, "_issued_messages", set())
+def new_process(cache, monkeypatch):
+    """A new cache for each test, and a process that has not loaded loops yet."""
     monkeypatch.setattr(loops, "_loaded_objects", {})
-    return tmp_path / "cache" / "beamdae"
 
 
 MODULE = """
@@ -73,19 +68,6 @@ def run(folder, text=MODULE):
             return module.run()
     finally:
         del sys.modules[file.stem]
-
-
-@pytest.fixture
-def builds(monkeypatch):
-    """Modules that LLVM compiles."""
-    compile_module, modules = llvm.compile_module, []
-
-    def compile_and_record(ir, level):
-        modules.append(ir)
-        return compile_module(ir, level)
-
-    monkeypatch.setattr(llvm, "compile_module", compile_and_record)
-    return modules
 
 
 def test_loop_is_compiled_once(tmp_path, cache, builds):

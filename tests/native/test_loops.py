@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from beamdae import errors
 from beamdae.errors import KernelWarning
 from beamdae.native import loops
 from beamdae.native.llvm import MachineCodeError
@@ -25,13 +24,9 @@ TABLE = np.array([[1.0, 2.0], [3.0, 4.0]])
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    """A new cache for each test, and a process that has not warned yet."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(errors, "_issued_messages", set())
+def new_process(cache, monkeypatch):
+    """A new cache for each test, and a process that has not loaded loops yet."""
     monkeypatch.setattr(loops, "_loaded_objects", {})
-    return tmp_path / "cache" / "beamdae"
 
 
 class Pair(NamedTuple):

@@ -24,32 +24,13 @@ OTHER = ca.Function("kernel_of_test", [S, X], [ca.cos(X)])
 POINT = np.tile([[0.3], [1.7], [2.9]], LANE_WIDTH)
 OTHER_USER = 65534
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="requires POSIX permissions")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="requires POSIX permissions"),
+    pytest.mark.usefixtures("cache"),
+]
 root = pytest.mark.skipif(
     os.name != "posix" or os.geteuid() != 0, reason="requires root to act as other users"
 )
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    """A new cache for each test, and a process that has not warned yet."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(errors, "_issued_messages", set())
-    return tmp_path / "cache" / "beamdae"
-
-
-@pytest.fixture
-def builds(monkeypatch):
-    """Modules that LLVM compiles."""
-    compile_module, modules = llvm.compile_module, []
-
-    def compile_and_record(ir, level):
-        modules.append(ir)
-        return compile_module(ir, level)
-
-    monkeypatch.setattr(llvm, "compile_module", compile_and_record)
-    return modules
 
 
 def expected(function):

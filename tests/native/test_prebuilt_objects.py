@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from beamdae import errors
 from beamdae.integrators.radau import step_loop
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects
 from beamdae.native.lane_kernels import LANE_WIDTH, build_lane_kernel
@@ -23,28 +22,12 @@ is_x86_level = llvm.host_target().cpu in llvm.X86_LEVELS
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    """A new cache and a package without objects for each test; no warnings issued so far."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("BEAMDAE_NATIVE", raising=False)
-    monkeypatch.setattr(errors, "_issued_messages", set())
+def empty_package(cache, tmp_path, monkeypatch):
+    """A new cache and a package without objects for each test."""
     monkeypatch.setattr(prebuilt_objects, "FOLDER", tmp_path / "package")
     prebuilt_objects._file_names.cache_clear()
-    yield tmp_path / "cache" / "beamdae"
+    yield
     prebuilt_objects._file_names.cache_clear()
-
-
-@pytest.fixture
-def builds(monkeypatch):
-    """Modules that LLVM compiles for this machine."""
-    compile_module, modules = llvm.compile_module, []
-
-    def compile_and_record(ir, level):
-        modules.append(ir)
-        return compile_module(ir, level)
-
-    monkeypatch.setattr(llvm, "compile_module", compile_and_record)
-    return modules
 
 
 def record_source(function, monkeypatch):

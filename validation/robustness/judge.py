@@ -12,8 +12,6 @@ from pathlib import Path
 # columns, interrupted (by a model file that raises KeyboardInterrupt, or by an exception of the
 # user's function `progress`).
 ACCEPTED_ENDS = ("refused", "failed", "warned", "ran", "interrupted")
-# In this order: other exception, death of the interpreter, time limit of the trial.
-REJECTED_ENDS = ("raised", "crashed", "hung")
 
 MAX_SENTENCE_LENGTH = 600
 # Reasons such as "failed: time limit of 5 s" have no period.
@@ -57,7 +55,8 @@ class TrialOutcome:
     Attributes
     ----------
     ended
-        One of `ACCEPTED_ENDS` or `REJECTED_ENDS`.
+        One of `ACCEPTED_ENDS`, or "raised" (another exception), "crashed" (death of the
+        interpreter) or "hung" (time limit of the trial).
     text
         Messages, one a line, or the exception.
     output

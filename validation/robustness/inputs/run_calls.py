@@ -208,10 +208,6 @@ def _run_decorated_study(sandbox: Sandbox, decorate: Any) -> Any:
     return run_study(sandbox, decorate(few))
 
 
-def _swing_of(sandbox: Sandbox, build: Any, t_end: Any, parameters: Any) -> Any:
-    return bd.Model(build, t_end, parameters)
-
-
 def _compare_arguments(sandbox: Sandbox) -> dict[str, Any]:
     return {
         "cases": [sandbox.case(mass=2.0)],
