@@ -166,10 +166,10 @@ def test_free_chain_of_welded_beams_has_one_free_motion():
     assert_allclose(np.abs(modes.eigenvalues[1:4]), expected, rtol=1e-5)
 
 
-def damped_strip(elements):
+def damped_strip(elements, height=0.004):
     """Return a clamped strip with Kelvin-Voigt damping of 1e-3 s: decays cluster at -1000 1/s."""
     mech = bd.Mechanism()
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.004, damping=1e-3)
+    section = bd.Section.rectangle(STEEL, width=0.02, height=height, damping=1e-3)
     line = bd.Line((0.0, 0.0), (1.0, 0.0))
     beam = mech.add(bd.Beam("strip", line, section, elements, formulation="exact"))
     mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
@@ -211,6 +211,32 @@ def test_modes_beyond_the_vibrations_of_strong_damping_are_found(elements, count
     # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
     exact = -0.5e-3 * undamped**2 + 1j * undamped * np.sqrt(1.0 - (0.5e-3 * undamped) ** 2)
     assert_allclose(modes.eigenvalues[:4], exact, rtol=1e-7)
+
+
+@pytest.mark.slow(reason="many elements")
+@pytest.mark.parametrize(("height", "count"), [(0.004, 100), (0.001, 12)])
+def test_regression_modes_in_a_cluster_of_decays_need_few_solutions(height, count, monkeypatch):
+    """100 modes of 4 mm took 83 s (3420 solutions), and 12 modes of 1 mm failed after 50 s."""
+    mech = damped_strip(150, height)
+    undamped = np.abs(bd.modes(mech, n=12, damping=False).eigenvalues)
+    solutions = count_solutions(monkeypatch)
+    modes = bd.modes(mech, n=count)
+    assert len(solutions) < 20 * count + 250
+    # Kelvin-Voigt damping: l^2 + 1e-3 w^2 l + w^2 = 0.
+    vibrations = undamped[undamped < 1e3]
+    exact = -0.5e-3 * vibrations**2 + 1j * vibrations * np.sqrt(1.0 - (0.5e-3 * vibrations) ** 2)
+    assert_allclose(modes.eigenvalues[: len(exact)], exact, rtol=1e-6)
+    assert_allclose(modes.eigenvalues[len(exact) :], np.full(count - len(exact), -1e3), rtol=1e-6)
+    # The shapes, also of equal eigenvalues, are different motions.
+    singular = np.linalg.svd(modes.shapes / np.linalg.norm(modes.shapes, axis=1)[:, None])[1]
+    assert singular[-1] > 1e-3
+
+
+def test_search_ends_if_dense_eigenvalues_take_less_time():
+    exact = np.linspace(1.0, 2.0, 200)
+    krylov = krylov_space(np.diag(exact), 20)
+    assert not converge(krylov, lambda values: np.zeros(len(values)), lambda *_: np.zeros(1))
+    assert krylov.size < 200
 
 
 @pytest.mark.parametrize("formulation", ["exact", "floating frame"])

@@ -79,6 +79,11 @@ class BlockKrylov:
         self._project()
 
     @property
+    def dimension(self) -> int:
+        """Number of components of each vector."""
+        return self._basis.shape[0]
+
+    @property
     def size(self) -> int:
         """Dimension of the space."""
         return self._basis.shape[1]
@@ -177,12 +182,16 @@ def converge(
     Returns
     -------
     bool
-        False if the residuals remain large.
+        False if the residuals remain large, or if dense eigenvalues of the operator take less time
+        than those of further projections.
     """
     excesses: list[float] = []
     confirmed = 0
     max_size = _MAX_BLOCKS * krylov.size + _MAX_EXTRA_SIZE
-    while krylov.size <= max_size:
+    # Eigenvalues take a time in proportion to the cube of the size.
+    work, dense_work = 0, krylov.dimension**3
+    while krylov.size <= max_size and work <= dense_work:
+        work += krylov.size**3
         permitted = np.maximum(required_accuracy(krylov.values), _TOLERANCE)
         excesses.append(float(np.max(krylov.residuals / permitted)))
         is_accurate = excesses[-1] <= 1.0

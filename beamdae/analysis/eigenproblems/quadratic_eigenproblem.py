@@ -59,12 +59,13 @@ _CONFIRMATIONS = 1
 _REFINABLE_ACCURACY = 1e-5
 _MAX_REFINEMENTS = 4
 _REFINED_STEP = 1e-6
+# Estimates that differ by at most this fraction are in a cluster.
+_CLUSTER_RATIO = 1e-4
 # Eigenvalues that differ by at most this fraction, and whose shapes have at least this correlation,
 # are the same.
 _EQUAL_TOLERANCE = 1e-6
 _EQUAL_CORRELATION = 0.99
-# Bound on the rounding error of squared frequencies, relative to the squared shift, up to which the
-# stiffness may define a metric.
+# Rounding errors of the stiffness in the metric of the energy, relative to its inertia.
 _MAX_ENERGY_ROUNDING = 1e-6
 # Eigenvalues of the inverse below this fraction of the largest eigenvalue are lost in rounding.
 _MIN_INVERSE_RATIO = 1e-13
@@ -226,7 +227,7 @@ class QuadraticProblem:
 
         Conjugate eigenvalues count once; for `max_damping_ratio`, see `solve`. The Krylov space
         begins with the undamped modes, as displacements and as velocities, and with random motions.
-        If rounding permits, it only locates the eigenvalues, and inverse iteration refines them.
+        It only locates the eigenvalues, and inverse iteration refines them.
         The result is None if it does not converge.
         """
         n, s, tangent = self.e.n, self.shift, self.tangent
@@ -236,9 +237,12 @@ class QuadraticProblem:
         modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
         start = np.hstack([modes, (scales * motions).T])
         start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
-        metric, is_refined = self._krylov_metric()
         krylov = BlockKrylov(
-            self._apply_inverse, start, metric, is_symmetric=False, blocks=_MIN_BLOCKS
+            self._apply_inverse,
+            start,
+            self._krylov_metric(),
+            is_symmetric=False,
+            blocks=_MIN_BLOCKS,
         )
 
         is_selective = max_damping_ratio < 1.0
@@ -262,7 +266,7 @@ class QuadraticProblem:
             squares = inertia * (s**2 + np.abs(s + 1.0 / inverses) ** 2)
             return quadratic_form_rounding(tangent.stiffness, shapes) / squares
 
-        for accuracy in (_REFINABLE_ACCURACY, 0.0) if is_refined else (0.0,):
+        for accuracy in (_REFINABLE_ACCURACY, 0.0):
 
             def required_accuracy(inverses: Array, accuracy: float = accuracy) -> Array:
                 values = s + 1.0 / inverses
@@ -291,69 +295,91 @@ class QuadraticProblem:
             np.hstack([solution[1], krylov.vectors(others)[:n]]),
         )
 
-    def _krylov_metric(self) -> tuple[sp.csr_array, bool]:
-        """Return the metric of the Krylov space, and whether it is that of the energy.
+    def _krylov_metric(self) -> sp.csr_array:
+        """Return the metric of the Krylov space, that of the energy.
 
-        In the metric of the energy, projections of problems without damping have no eigenvalues far
-        off the imaginary axis, which would have to converge. It is not used if rounding errors of
-        the stiffness are not small compared with the shift.
+        In this metric, projections of problems without damping have no eigenvalues far off the
+        imaginary axis, which would have to converge, and those of strongly damped stiff motions
+        converge. Inertia exceeds the rounding errors of the stiffness.
         """
-        tangent, square = self.tangent, self.shift**2
+        tangent = self.tangent
         bounds = quadratic_form_rounding(tangent.stiffness, self._undamped_shapes)
-        if not np.all(bounds <= _MAX_ENERGY_ROUNDING * square):
-            return sp.csr_array(sp.block_diag([square * tangent.mass, tangent.mass])), False
+        square = max(self.shift**2, float(np.max(bounds, initial=0.0)) / _MAX_ENERGY_ROUNDING)
         stiffness = 0.5 * (tangent.stiffness + tangent.stiffness.T)
         # Positive definite also for unstable states.
         weight = stiffness + (square + 2.0 * self._growth_square) * tangent.mass
-        return sp.csr_array(sp.block_diag([weight, tangent.mass])), True
+        return sp.csr_array(sp.block_diag([weight, tangent.mass]))
 
     def _refine_modes(self, values: Array, shapes: Array) -> tuple[Array, Array] | None:
         """Return the upper eigenvalues and their shapes after inverse iteration, or None.
 
-        Newton's method for nonlinear eigenproblems (Ruhe, SIAM J. Numer. Anal. 10 (1973) 674). The
-        result is None if a mode does not converge, leaves its estimate, or is found twice. Values
-        near zero, which may be free motions, remain as they are.
+        The result is None if a mode does not converge, leaves its estimate, or is found twice.
+        Modes of a cluster keep their estimates instead, which are linearly independent: there,
+        inverse iteration may lead from two estimates to one mode. Values near zero, which may be
+        free motions, remain as they are.
         """
-        tangent, n = self.tangent, self.e.n
+        mass, stiffness = self.tangent.mass, self.tangent.stiffness
         is_upper = values.imag >= 0.0
         starts, shapes = values[is_upper], shapes[:, is_upper]
-        inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), tangent.mass @ shapes))
-        shapes = shapes / np.sqrt(inertia)
-        squares = quadratic_form_rounding(tangent.stiffness, shapes)
-        values = starts.copy()
+        inertia = np.abs(np.einsum("ij,ij->j", shapes.conj(), mass @ shapes))
+        estimates = shapes / np.sqrt(inertia)
+        rounding = quadratic_form_rounding(stiffness, estimates)
+        is_close = np.abs(starts[:, None] - starts) <= _CLUSTER_RATIO * np.abs(starts)
+        is_clustered = np.sum(is_close, axis=1) > 1
+        values, shapes = starts.copy(), estimates.copy()
         (refined,) = np.nonzero(np.abs(starts) > _ZERO_RATIO * self.shift)
         for k in refined:
-            value, x = starts[k], shapes[:, k]
-            for _ in range(_MAX_REFINEMENTS):
-                solve = factorize_saddle_point(
-                    tangent.stiffness + value * tangent.damping + value**2 * tangent.mass,
-                    tangent.reactions,
-                    tangent.position_jacobian + value * tangent.velocity_jacobian,
-                )
-                if solve is None:
-                    return None
-                weighted = tangent.mass @ x
-                right = 2.0 * value * weighted + tangent.damping @ x
-                x = solve(np.concatenate([right, tangent.velocity_jacobian @ x]))[:n]
-                # x^H M x = 1 before the iteration.
-                step = -1.0 / np.vdot(weighted, x)
-                value += step
-                x = x / np.sqrt(np.abs(np.vdot(x, tangent.mass @ x)))
-                rounding = squares[k] / abs(value)
-                if abs(step) <= _REFINED_STEP * abs(value) + rounding:
-                    break
-            else:
+            mode = self._refine_mode(starts[k], estimates[:, k], rounding[k])
+            if mode is not None:
+                values[k], shapes[:, k] = mode
+            elif not is_clustered[k]:
                 return None
-            # Rounding may give a real eigenvalue a negative imaginary part.
-            is_lower = value.imag < 0.0
-            values[k], shapes[:, k] = (value.conj(), x.conj()) if is_lower else (value, x)
-        if np.any(np.abs(values - starts) > _LOCATION_ACCURACY * np.abs(starts - self.shift)):
+
+        def find_twins() -> Array:
+            """Return the pairs of refined modes that are the same, (pairs, 2)."""
+            correlations = np.abs(shapes.conj().T @ (mass @ shapes))
+            is_equal = np.abs(values[:, None] - values) <= _EQUAL_TOLERANCE * np.abs(values)
+            pairs = np.argwhere(np.triu(is_equal & (correlations > _EQUAL_CORRELATION), 1))
+            return pairs[np.any(np.isin(pairs, refined), axis=1)]
+
+        for first, second in find_twins():
+            if is_close[first, second]:
+                values[second], shapes[:, second] = starts[second], estimates[:, second]
+        return None if len(find_twins()) else (values, shapes)
+
+    def _refine_mode(
+        self, start: complex, x: Array, rounding: float
+    ) -> tuple[complex, Array] | None:
+        """Return an eigenvalue and its shape after inverse iteration, or None if it fails.
+
+        Newton's method for nonlinear eigenproblems (Ruhe, SIAM J. Numer. Anal. 10 (1973) 674).
+        `rounding` is the rounding error of the squared eigenvalue.
+        """
+        tangent, value = self.tangent, start
+        for _ in range(_MAX_REFINEMENTS):
+            solve = factorize_saddle_point(
+                tangent.stiffness + value * tangent.damping + value**2 * tangent.mass,
+                tangent.reactions,
+                tangent.position_jacobian + value * tangent.velocity_jacobian,
+            )
+            if solve is None:
+                return None
+            weighted = tangent.mass @ x
+            right = 2.0 * value * weighted + tangent.damping @ x
+            x = solve(np.concatenate([right, tangent.velocity_jacobian @ x]))[: self.e.n]
+            # x^H M x = 1 before the iteration.
+            step = -1.0 / np.vdot(weighted, x)
+            value += step
+            x = x / np.sqrt(np.abs(np.vdot(x, tangent.mass @ x)))
+            if abs(step) <= _REFINED_STEP * abs(value) + rounding / abs(value):
+                break
+        else:
             return None
-        correlations = np.abs(shapes.conj().T @ (tangent.mass @ shapes))
-        is_equal = np.abs(values[:, None] - values) <= _EQUAL_TOLERANCE * np.abs(values)
-        is_twice = is_equal & (correlations > _EQUAL_CORRELATION)
-        np.fill_diagonal(is_twice, False)
-        return None if np.any(is_twice[refined]) else (values, shapes)
+        # Rounding may give a real eigenvalue a negative imaginary part.
+        if value.imag < 0.0:
+            value, x = value.conjugate(), x.conj()
+        has_left = abs(value - start) > _LOCATION_ACCURACY * abs(start - self.shift)
+        return None if has_left else (value, x)
 
     def _solve_sparse_squares(self, count: int) -> tuple[Array, Array] | None:
         """Return eigenvalues and shapes as `_solve_sparse` does, for problems without damping.

@@ -252,8 +252,7 @@ def modes(
         Number of modes to return, those with the smallest |eigenvalue|. None returns all modes,
         computed with dense matrices. Material damping gives each fast mode a decay at the rate
         1 / damping, and a warning names this rate if such decays take the place of vibrations.
-        Large models may then lack one of several equal modes near this rate, and about 100 of these
-        decays can take minutes.
+        Large models may then lack one of several equal modes near this rate.
     damping
         Set False for undamped modes, from the symmetric parts of M and K alone.
     t
