@@ -43,6 +43,7 @@ from beamdae.equations.starts.reduced_equations import drop_dependent_constraint
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    format_count,
     list_first,
     require_choice,
     require_positive,
@@ -229,7 +230,7 @@ class Check:
         """The reason why a run is not possible, or "ready to run" with the number of warnings."""
         if self.problem or not self.warnings:
             return self.problem or "ready to run"
-        count = f"{len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}"
+        count = format_count(len(self.warnings), "warning")
         return f"ready to run, but {count} about its results"
 
     def _repr_html_(self) -> str:

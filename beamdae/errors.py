@@ -600,10 +600,9 @@ def require_progress(part: str, progress: Any, count: int = 1) -> None:
     except ValueError:
         return  # Some built-in functions have no signature.
     except TypeError:
-        plural = "s" if count > 1 else ""
         raise BeamdaeError(
-            f"{part}: progress must be a function that accepts {count} argument{plural}, got "
-            f"{short_repr(progress)}."
+            f"{part}: progress must be a function that accepts {format_count(count, 'argument')}, "
+            f"got {short_repr(progress)}."
         ) from None
 
 
@@ -640,6 +639,17 @@ def list_first(names: Sequence[str], most: int) -> str:
     """Return the names separated by commas; of more than `most`, the others are counted."""
     listed = ", ".join(names[:most])
     return f"{listed} and {len(names) - most} more" if len(names) > most else listed
+
+
+def join_names(names: Iterable[str]) -> str:
+    """Join names as "a, b and c"."""
+    *first, last = names
+    return " and ".join(filter(None, (", ".join(first), last)))
+
+
+def format_count(count: int, noun: str) -> str:
+    """Return a count with its noun in the singular or the plural, such as "2 points"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def set_fields(instance: Any, **values: Any) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from beamdae.cli.output import create_progress_console, is_quiet
+from beamdae.errors import format_count
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -113,7 +114,7 @@ def show_curve_progress(
             count += 1
             fraction = (point.parameter - first) / (last - first)
             value = format_with_unit(float(f"{point.parameter:.4g}"), unit)
-            done = f"{count} point{'s' * (count > 1)}"
+            done = format_count(count, "point")
             remaining = timer.remaining(fraction)
             show_line(ProgressLine(fraction, done, remaining, f"{parameter} = {value}"))
 

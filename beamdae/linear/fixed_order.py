@@ -9,7 +9,6 @@ over arrays that numba can compile.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.linear.elimination import eliminate_columns, substitute_triangles
-from beamdae.linear.pivots import compute_fill
+from beamdae.linear.pivots import compute_fill, flatten_columns
 
 Array = np.ndarray
 
@@ -55,13 +54,8 @@ class FixedOrder(NamedTuple):
         permuted = sp.csc_array(numbers, shape=pattern.shape)[:, order]
         upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
         arrays = (order, permuted.indptr, permuted.indices, permuted.data)
-        flat = (*_flatten_columns(upper), *_flatten_columns(lower))
+        flat = (*flatten_columns(upper), *flatten_columns(lower))
         return cls(*(np.asarray(x).astype(np.uint32) for x in (*arrays, *flat)))
-
-
-def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
-    starts = np.cumsum([0, *map(len, columns)])
-    return starts, np.fromiter(chain.from_iterable(columns), int, starts[-1])
 
 
 @dataclass(slots=True)

@@ -225,8 +225,8 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
         (numbers.data, position[numbers.indices], numbers.indptr), shape=numbers.shape
     )[:, columns]
     upper, lower = compute_fill(permuted.indptr.tolist(), permuted.indices.tolist())
-    upper_starts, upper_rows = _flatten_columns(upper)
-    lower_starts, lower_rows = _flatten_columns(lower)
+    upper_starts, upper_rows = flatten_columns(upper)
+    lower_starts, lower_rows = flatten_columns(lower)
     return empty_plan()._replace(
         rows=_to_unsigned(rows),
         columns=_to_unsigned(columns),
@@ -243,7 +243,8 @@ def _analyze_pattern(key: _PatternKey, row_bytes: bytes, column_bytes: bytes) ->
 _cached_analyze_pattern = bounded_cache(_MAX_CACHED_BYTES, array_bytes)(_analyze_pattern)
 
 
-def _flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
+def flatten_columns(columns: list[list[int]]) -> tuple[Array, Array]:
+    """Return the starts of the columns of a list of columns, and their rows."""
     starts = np.cumsum([0, *map(len, columns)])
     rows = np.fromiter(chain.from_iterable(columns), int, starts[-1])
     return _to_unsigned(starts), _to_unsigned(rows)

@@ -15,7 +15,7 @@ from beamdae.analysis.statics.boundary import Boundary
 from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_count
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.mode_shapes import (
@@ -184,7 +184,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
     first = str(table.columns[1])
     return {
         "title": title,
-        "subtitle": f"{_format_count(len(modes), 'mode')} about {modes.about}",
+        "subtitle": f"{format_count(len(modes), 'mode')} about {modes.about}",
         "made": versions(),
         "notes": list(modes.warnings),
         "groups": [{"id": _ID}],
@@ -428,7 +428,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     limit = choose_frequency_limit(diagram)
     return {
         "title": title,
-        "subtitle": f"{_format_count(n_modes, 'mode')} at {_format_count(len(speeds), 'speed')}"
+        "subtitle": f"{format_count(n_modes, 'mode')} at {format_count(len(speeds), 'speed')}"
         + (f"; {hidden} above the range shown first, Reset shows all" if hidden else ""),
         "made": versions(),
         "notes": list(diagram.warnings),
@@ -538,9 +538,9 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     growth_rate = max((x[-1] for x in described), default=0.0)
     facts = {
         "about": model.about,
-        "size": f"{_format_count(len(model.states), 'state')}, "
-        f"{_format_count(len(model.inputs), 'input')}, "
-        f"{_format_count(len(model.outputs), 'output')}",
+        "size": f"{format_count(len(model.states), 'state')}, "
+        f"{format_count(len(model.inputs), 'input')}, "
+        f"{format_count(len(model.outputs), 'output')}",
         "largest growth rate": f"{growth_rate:.6g} 1/s" if len(poles) else "-",
     }
     if len(poles) > len(listed):
@@ -567,7 +567,7 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
     ]
     return {
         "title": title,
-        "subtitle": f"{facts['size']}, {_format_count(len(pairs), 'transfer function')}",
+        "subtitle": f"{facts['size']}, {format_count(len(pairs), 'transfer function')}",
         "made": versions(),
         "notes": list(model.warnings),
         "groups": [{"id": _ID}],
@@ -750,7 +750,7 @@ def response_facts(response: FrequencyResponse) -> dict[str, str]:
     span += f" {response.unit}" if values and response.unit else ""
     return {
         "status": response.status.sentence,
-        "curve": f"{len(values)} point{'s' * (len(values) != 1)}{span}",
+        "curve": f"{format_count(len(values), 'point')}{span}",
         "unstable": f"{n_unstable} of {len(values)} points",
         "folds": ", ".join(f"{fold:.6g}" for fold in response.folds) or "none",
     }
@@ -762,7 +762,7 @@ def path_facts(result: Equilibrium) -> dict[str, str]:
     if n_unstable == -1:
         stability = "not known"
     elif n_unstable > 0:
-        stability = f"unstable in {n_unstable} direction{'s' * (n_unstable > 1)}"
+        stability = f"unstable in {format_count(n_unstable, 'direction')}"
     elif result.free:
         stability = f"neither stable nor unstable, {result.free} is free to move"
     else:
@@ -778,7 +778,7 @@ def path_facts(result: Equilibrium) -> dict[str, str]:
         "load factor": f"{result.factor:.7g}",
         "equilibrium": stability,
         "critical points": critical_points or "none",
-        "path": f"{n_points} point{'s' * (n_points > 1)}, {result.settings['iterations']} Newton "
+        "path": f"{format_count(n_points, 'point')}, {result.settings['iterations']} Newton "
         f"iterations, {result.settings['control']} control",
     }
 
@@ -792,10 +792,6 @@ def periodic_facts(motion: PeriodicMotion) -> dict[str, str]:
         "stability": motion.stability,
         "multipliers": f"largest moduli {', '.join(moduli)}" if moduli else "none",
     }
-
-
-def _format_count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _settings_table(settings: Mapping[str, Any]) -> dict[str, Any]:

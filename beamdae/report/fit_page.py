@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations.measures import TIME
+from beamdae.errors import format_count
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_run_frames
@@ -107,11 +108,10 @@ def describe_fit(fit: Fit) -> dict[str, str]:
     facts = {"status": fit.status.sentence}
     if chi_square := fit.describe_chi_square():
         facts["chi-square"] = chi_square
-    count = len(fit.solutions)
     facts |= {
         "sigma": ", ".join(f"{name} {value:.4g}" for name, value in fit.sigma.items()),
         "intervals": interval,
-        "data": f"{fit.residuals.size} in {count} experiment{'s' * (count != 1)}",
+        "data": f"{fit.residuals.size} in {format_count(len(fit.solutions), 'experiment')}",
         "runs": f"{fit.evaluations} with derivatives of each experiment",
     }
     if fit.at_bounds:

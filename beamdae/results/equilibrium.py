@@ -13,7 +13,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.table_arguments import list_arguments_outside
-from beamdae.errors import require_count
+from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, can_select, merge_columns, select_columns
@@ -184,7 +184,7 @@ class Equilibrium(HasPage):
         if count <= 0 or is_critical or self.settings.get("control", "load") != "load":
             return ""
         state = "the equilibrium" + (f" at load factor {self.factor:.6g}" if self.loads else "")
-        state += f" is unstable in {count} direction{'s' * (count > 1)}"
+        state += f" is unstable in {format_count(count, 'direction')}"
         last_stable = max(np.flatnonzero(self.unstable == 0), default=-1)
         onset = next((x for x in self.critical if x.row >= last_stable >= 0), None)
         if onset is None:

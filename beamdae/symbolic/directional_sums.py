@@ -11,6 +11,7 @@ is differenced. Shared numbers, such as time and matrix factors, are constant.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -239,10 +240,11 @@ def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Ke
 
     If `with_value`, the outputs of `kernel` follow.
     """
-    key = f"directional{' with value' if with_value else ''} {min_base:g}"
-    cached = kernel.rotated_kernels.get(key)
-    if cached is not None:
-        return cached
+    key = "directional", with_value, min_base
+    return kernel.derive(key, partial(_build_directional_kernel, kernel, with_value, min_base))
+
+
+def _build_directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, tangent = SX.sym("local", kernel.n_local), SX.sym("tangent", kernel.n_local)
@@ -256,8 +258,5 @@ def _directional_kernel(kernel: Kernel, with_value: bool, min_base: float) -> Ke
     )
     directional = expand_sines(directional, is_derivative=True) or directional
     if with_value:
-        result = Kernel(directional, kernel.outputs * 2)
-    else:
-        result = Kernel(directional, kernel.outputs, linear_from=kernel.n_local)
-    kernel.rotated_kernels[key] = result
-    return result
+        return Kernel(directional, kernel.outputs * 2)
+    return Kernel(directional, kernel.outputs, linear_from=kernel.n_local)

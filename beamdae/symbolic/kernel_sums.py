@@ -70,8 +70,6 @@ class Kernel:
         CasADi function of (shared, local) that returns the concatenated non-zeros of all `outputs`.
     outputs
         Patterns of the columns and matrices that `function` returns.
-    rotated_kernels
-        Cache of kernels derived from this one, by `rotations` and `directional_sums`.
     linear_from
         Index of the first of the last local inputs in which all outputs are linear, such as
         tangents and weights, so that outputs are zero if these inputs are; None if there are none.
@@ -79,8 +77,10 @@ class Kernel:
 
     function: ca.Function
     outputs: tuple[ca.Sparsity, ...]
-    rotated_kernels: dict[Any, Kernel] = field(default_factory=dict, repr=False, compare=False)
     linear_from: int | None = None
+    _derived_kernels: dict[Any, Kernel] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
     _mapped_functions: dict[int, ca.Function] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -103,6 +103,12 @@ class Kernel:
             mapped = function.map("copies", "serial", count, [0], []) if count > 1 else function
             keep_latest(self._mapped_functions, count, mapped)
         return mapped
+
+    def derive(self, key: Any, build: Callable[[], Kernel]) -> Kernel:
+        """Return the kernel that `build` derives from this one, cached by `key`."""
+        if key not in self._derived_kernels:
+            self._derived_kernels[key] = build()
+        return self._derived_kernels[key]
 
     @cached_property
     def with_vector_sines(self) -> Kernel:

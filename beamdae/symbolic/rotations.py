@@ -8,6 +8,7 @@ vector lanes, and only selection and addition remain to be done entry by entry i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import casadi as ca
@@ -149,9 +150,8 @@ def rotate_kernel(
     `scalars` outputs, which do not depend on the choice of coordinates, remain unchanged.
     """
     key = rotation, vectors, scalars
-    if key not in kernel.rotated_kernels:
-        kernel.rotated_kernels[key] = _build_rotated_kernel(kernel, rotation, vectors, scalars)
-    return kernel.rotated_kernels[key]
+    build = partial(_build_rotated_kernel, kernel, rotation, vectors, scalars)
+    return kernel.derive(key, build)
 
 
 def _build_rotated_kernel(

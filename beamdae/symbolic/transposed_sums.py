@@ -10,6 +10,8 @@ in `directional_sums`. Shared numbers, such as time and matrix factors, are cons
 
 from __future__ import annotations
 
+from functools import partial
+
 import casadi as ca
 import numpy as np
 
@@ -138,10 +140,11 @@ def _to_unsigned(numbers: Array) -> Array:
 
 def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     """Return the kernel of (shared, (local, weights)) for the gradient of weights . outputs."""
-    key = f"transposed {min_base:g}"
-    cached = kernel.rotated_kernels.get(key)
-    if cached is not None:
-        return cached
+    key = "transposed", min_base
+    return kernel.derive(key, partial(_build_transposed_kernel, kernel, min_base))
+
+
+def _build_transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     function = kernel.function
     shared = SX.sym("shared", function.numel_in(0))
     local, weights = SX.sym("local", kernel.n_local), SX.sym("weights", kernel.n_out)
@@ -156,6 +159,4 @@ def _transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     )
     transposed = expand_sines(transposed, is_derivative=True) or transposed
     columns = (ca.Sparsity.dense(kernel.n_local, 1),)
-    result = Kernel(transposed, columns, linear_from=kernel.n_local)
-    kernel.rotated_kernels[key] = result
-    return result
+    return Kernel(transposed, columns, linear_from=kernel.n_local)

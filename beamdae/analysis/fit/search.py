@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import BeamdaeError, format_count, format_exception
 from beamdae.interrupts import Interrupted
 from beamdae.results.outcome import Status
 
@@ -168,7 +168,7 @@ def search(
         )
     except KeyboardInterrupt:
         assert best is not None
-        reason = f"interrupted after {evaluations} evaluation{'s' * (evaluations > 1)}"
+        reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
         status = Status("interrupted", reason)
         partial = SearchResult(best[1], evaluations, status, at_bounds)
         raise Interrupted(reason, partial) from None
@@ -179,12 +179,12 @@ def search(
         at_bounds[free] |= _find_bounds_ahead(result, lower, upper)
         status = _judge_end(problem, last, result.jac[:, ~at_bounds[free]], failures)
     else:
-        count = f"{max_evaluations} evaluation{'s' * (max_evaluations > 1)}"
+        count = format_count(max_evaluations, "evaluation")
         sentence = f"stopped after {count}; increase max_evaluations="
         status = Status("limited", sentence)
     invalid = _name_invalid_values(problem, last.values, failed_values) if failures else ""
     if failures and not status.success:
-        count = f"{len(failures)} run{'s' * (len(failures) > 1)}"
+        count = format_count(len(failures), "run")
         sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
         status = Status(status.kind, sentence)
     return SearchResult(last, evaluations, status, at_bounds, invalid)

@@ -26,6 +26,7 @@ from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
+    format_count,
     require_finite,
     require_positive,
     require_sequence,
@@ -111,7 +112,7 @@ class LinearModel(HasPage):
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
         count = len(self.warnings)
-        note = f"; {count} warning{'s' * (count > 1)}, see .warnings" if count else ""
+        note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return (
             f"<LinearModel about {self.about}: {len(self.states)} states; "
             f"inputs: {inputs or 'none'}; outputs: {outputs or 'none'}{note}>"

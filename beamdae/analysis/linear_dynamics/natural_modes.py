@@ -26,7 +26,14 @@ from beamdae.analysis.linear_dynamics.linearization import (
 from beamdae.analysis.linear_dynamics.mesh_errors import mesh_warnings
 from beamdae.beams.beam import Beam
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
-from beamdae.errors import BeamdaeError, require_choice, require_count, require_finite, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    format_count,
+    require_choice,
+    require_count,
+    require_finite,
+    short_repr,
+)
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.model_functions import Model
@@ -105,7 +112,7 @@ class Modes(HasModeShapes):
         frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies[:_REPR_FREQUENCIES])
         more = ", ..." if len(self) > _REPR_FREQUENCIES else ""
         count = len(self.warnings)
-        note = f"; {count} warning{'s' * (count > 1)}, see .warnings" if count else ""
+        note = f"; {format_count(count, 'warning')}, see .warnings" if count else ""
         return f"<Modes about {self.about}: {len(self)}, {frequencies}{more} Hz{note}>"
 
     def describe(self, k: int) -> str:

@@ -37,7 +37,7 @@ from beamdae.analysis.optimization.search import (
     find_active_bounds,
 )
 from beamdae.beams.beam import Beam
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_count
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
@@ -182,10 +182,10 @@ class Optimization:
     def __repr__(self) -> str:
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
         count = len(self.constraints)
-        limits = f", {count} constraint{'s' * (count > 1)}" if count else ""
+        limits = f", {format_count(count, 'constraint')}" if count else ""
         return (
             f"<Optimization: {self.status.sentence}; objective {self.objective_text}{limits}, "
-            f"{self.evaluations} evaluation{'s' * (self.evaluations > 1)}{bounds}>"
+            f"{format_count(self.evaluations, 'evaluation')}{bounds}>"
             + "".join(f" {x}" for x in self.warnings)
         )
 

@@ -12,7 +12,13 @@ import numpy as np
 from scipy.optimize import BFGS, Bounds, NonlinearConstraint, minimize, nnls
 
 from beamdae.analysis.optimization.problem import FEASIBILITY_TOLERANCE, Design, DesignProblem
-from beamdae.errors import BeamdaeError, ProgressError, call_progress, format_exception
+from beamdae.errors import (
+    BeamdaeError,
+    ProgressError,
+    call_progress,
+    format_count,
+    format_exception,
+)
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
 
@@ -191,8 +197,7 @@ class Search:
             status = end.status
         except KeyboardInterrupt:
             acknowledge()
-            count = len(self._trials)
-            sentence = f"interrupted after {count} evaluation{'s' * (count > 1)}"
+            sentence = f"interrupted after {format_count(len(self._trials), 'evaluation')}"
             status = Status("interrupted", sentence)
             return self._result(self._best(), status)
         except ProgressError as error:
@@ -391,7 +396,7 @@ class Search:
 
     def _evaluate(self, numbers: Array) -> Trial:
         if len(self._trials) >= self._max_evaluations:
-            count = f"{self._max_evaluations} evaluation{'s' * (self._max_evaluations > 1)}"
+            count = format_count(self._max_evaluations, "evaluation")
             sentence = f"stopped after {count}; {self._remedy}"
             raise _SearchEndError(Status("limited", sentence))
         try:

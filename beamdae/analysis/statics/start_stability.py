@@ -11,6 +11,7 @@ from beamdae.analysis.statics.stability import MAX_DENSE_STIFFNESS
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import format_count
 
 
 def describe_unstable_start(equations: EquationsOfMotion, t: float) -> str:
@@ -34,7 +35,7 @@ def describe_unstable_start(equations: EquationsOfMotion, t: float) -> str:
     if count <= 0:
         return ""
     return (
-        f"start: the equilibrium is unstable in {count} direction{'s' * (count > 1)}; a real "
+        f"start: the equilibrium is unstable in {format_count(count, 'direction')}; a real "
         "structure leaves it at the smallest disturbance, but a run without disturbances stays "
         "until rounding errors have grown; start from other positions, or add an imperfection "
         "(bd.imperfect) or a small load."

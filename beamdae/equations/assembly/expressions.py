@@ -13,6 +13,7 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    join_names,
     plain_text,
     require_entries,
     require_finite,
@@ -67,11 +68,11 @@ class Expressions:
                 f"sizes {t.numel()}, {q.numel()} and {v.numel()}."
             )
         if any(not isinstance(symbol, type(t)) for symbol in symbols.values()):
-            raise BeamdaeError(f"{KIND}: {_join_names(symbols)} must be all SX or all MX symbols.")
+            raise BeamdaeError(f"{KIND}: {join_names(symbols)} must be all SX or all MX symbols.")
         expressions = cls(t, q, v, lam, _parse_parameters(type(t), parameters))
         keys = [_symbol_key(x) for symbol in expressions.symbols for x in ca.symvar(symbol)]
         if len(keys) > len(set(keys)):
-            names = _join_names([*symbols, *(["parameters"] if expressions.parameters else [])])
+            names = join_names([*symbols, *(["parameters"] if expressions.parameters else [])])
             raise BeamdaeError(f"{KIND}: {names} must be different symbols.")
         return expressions
 
@@ -130,7 +131,7 @@ class Expressions:
             SX, or, unless `observed`, has a constant entry that is nan, inf or too large.
         """
         kind = type(self.t)
-        allowed_names = _join_names([*on, *(["parameters"] if self.parameters else [])])
+        allowed_names = join_names([*on, *(["parameters"] if self.parameters else [])])
         try:
             stacked = kind(_stack(expression))
         except Exception:
@@ -225,11 +226,6 @@ def _require_entry(expression: Any) -> Any:
 def _symbol_key(symbol: Any) -> int:
     """Return a key that identifies a symbol, because names are not unique."""
     return symbol.element_hash() if isinstance(symbol, SX) else hash(symbol)
-
-
-def _join_names(names: Any) -> str:
-    *first, last = names
-    return f"{', '.join(first)} and {last}"
 
 
 def parse_header(header: Any) -> Variable:

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.rank import RANK_TOLERANCE
-from beamdae.equations.starts.rigid_motions import describe_largest_motion, join_names
+from beamdae.equations.starts.rigid_motions import describe_largest_motion, join_some_names
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.sparse_operators import column_indices
@@ -152,8 +152,8 @@ def describe_dependent_sets(sets: Sequence[DependentSet]) -> str:
 def _describe_sets(sets: Sequence[DependentSet]) -> str:
     """Return a phrase that describes sets of the same parts."""
     first = sets[0]
-    blocks = join_names(list(dict.fromkeys(one.blocks for one in sets)))
-    parts = join_names(first.parts)
+    blocks = join_some_names(list(dict.fromkeys(one.blocks for one in sets)))
+    parts = join_some_names(first.parts)
     both = "both" if len(first.parts) == 2 else "all"
     sentence = f"{parts} {both} block {blocks}"
     if len(first.parts) == 1:

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import list_first
+from beamdae.errors import join_names, list_first
 
 Array = np.ndarray
 
@@ -23,11 +23,9 @@ _MAX_CACHED_COORDINATES = 20_000
 _NODE_COORDINATES = ("x", "y", "psi")  # of bodies without a floating frame
 
 
-def join_names(names: Sequence[str]) -> str:
-    """Join names as "a, b and c"; of more than nine, list eight and the number of more names."""
-    if len(names) > _MAX_NAMES:
-        return list_first(names, _MAX_NAMES - 1)
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def join_some_names(names: Sequence[str]) -> str:
+    """Join names; of more than nine, list eight and the number of more names."""
+    return list_first(names, _MAX_NAMES - 1) if len(names) > _MAX_NAMES else join_names(names)
 
 
 class Body(NamedTuple):
@@ -171,7 +169,9 @@ def describe_free_motion(e: EquationsOfMotion, q: Array, motion: Array) -> str:
         names_by_motion.setdefault(phrase, []).append(body.name)
     if len(bodies) > 1 and [len(x) for x in names_by_motion.values()] == [len(bodies)]:
         return f"the whole mechanism can {next(iter(names_by_motion))}"
-    phrases = [f"{join_names(names)} can {phrase}" for phrase, names in names_by_motion.items()]
+    phrases = [
+        f"{join_some_names(names)} can {phrase}" for phrase, names in names_by_motion.items()
+    ]
     others = sum(len(names) for names in list(names_by_motion.values())[_MAX_NAMES:])
     more = [f"{others} more move along"] if others else []
     return ", ".join([*phrases[:_MAX_NAMES], *more])

@@ -13,6 +13,7 @@ from beamdae.equations.starts.rank import (
     build_constraint_jacobian,
     has_closed_loops,
 )
+from beamdae.errors import format_count
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -187,7 +188,7 @@ def singularity_warnings(positions: tuple[SingularPosition, ...]) -> tuple[str, 
     first, count = positions[0], len(positions)
     later = ""
     if count > 1:
-        later = f" and at {count - 1} later time{'s' if count > 2 else ''}"
+        later = f" and at {format_count(count - 1, 'later time')}"
     warning = (
         f"{', '.join(first.joints)}: the constraints lose rank near t = {first.t:.5g} s{later}, "
         "where the motion may branch; check that the run continues on the intended branch."
