@@ -632,6 +632,19 @@ class EquationsOfMotion:
                 scales[part.rows] = part.size
         return scales
 
+    @cached_property
+    def part_scales(self) -> Array:
+        """Size of the part of each coordinate [m], or 1 rad for an angle, (n,).
+
+        Unlike `position_scales`, it does not depend on other parts, which may be much larger.
+        """
+        scales = self.position_scales.copy()
+        angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
+        for part in self.parts:
+            if not part.is_state:
+                scales[part.rows] = np.where(angle[part.rows], 1.0, part.size)
+        return scales
+
 
 # Fields that may differ from those of newly assembled equations of the same mechanism.
 _PICKLED_NUMBERS = ("q0", "v0", "p", "length", "breakpoints", "scales", "start", "build_warnings")

@@ -605,3 +605,24 @@ def test_regression_elements_are_not_too_long_for_the_long_waves_of_taut_wires()
     assert np.all(errors[:4] < 2e-4)
     assert errors[first] > 1e-3
     assert np.max(errors) > 0.006
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-5])
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+@pytest.mark.parametrize("ratio", [1e-5, 1e-4, 1e-3, 1e4])
+def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_parts(
+    ratio, formulation, damping
+):
+    """From 1:1e4 on, small beams had "no inertia", and loads of large ones were not balanced."""
+    mech = bd.Mechanism()
+    for k, length in enumerate((1.0, ratio)):
+        section = bd.Section.rectangle(STEEL, 0.02 * length, 0.01 * length, damping=damping)
+        line = bd.Line((2.0 * k, 0.0), (2.0 * k + length, 0.0))
+        beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
+        mech.add(bd.Weld(f"clamp {k}", mech.ground.at(2.0 * k, 0.0), beam.start))
+        mech.add(bd.Force(f"load {k}", beam.end, (0.0, -0.1 * section.EI / length**2)))
+    modes = bd.modes(mech, about="equilibrium", n=2)
+    assert modes.warnings == ()
+    # Of one beam of 1 m; the frequencies of similar beams are inverse to their lengths.
+    expected = {"exact": [8.361524, 52.324725], "floating frame": [8.362345, 52.315540]}
+    assert_allclose(modes.frequencies * max(1.0, ratio), expected[formulation], rtol=2e-6)

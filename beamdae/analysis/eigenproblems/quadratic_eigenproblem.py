@@ -25,9 +25,8 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     convergence_error,
     is_symmetric,
     is_symmetric_matrix,
-    orthonormalize,
+    orthonormal_motions,
     quadratic_form_rounding,
-    scaled_null_space,
 )
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -435,7 +434,7 @@ class QuadraticProblem:
         tangent, e, s = self.tangent, self.e, self.shift
         free = sp.csc_array(self._weighted_free.T)
         rows = sp.csc_array(sp.vstack([tangent.position_jacobian, free]))
-        basis = orthonormalize(scaled_null_space(rows, e.position_scales), tangent.mass)
+        basis = orthonormal_motions(e, rows, tangent.mass)
         weighted = tangent.mass @ basis
         images = -s * self._invert_columns(weighted)
         by_rate = weighted.T @ images

@@ -140,28 +140,16 @@ class LoadedEquations:
         return BorderedSystem(*equations, self.loaded.time, self.scales, self.held_coordinates)
 
     @cached_property
-    def sizes(self) -> Array:
-        """Size of the part of each coordinate [m], or 1 rad for an angle, (n,).
-
-        Unlike `position_scales`, it does not depend on other parts, which may be much larger.
-        """
-        e, sizes = self.equations, self.equations.position_scales.copy()
-        is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
-        for part in e.parts:
-            if not part.is_state:
-                sizes[part.rows] = np.where(is_angle[part.rows], 1.0, part.size)
-        return sizes
-
-    @cached_property
     def scales(self) -> Array:
         """Natural sizes S of the coordinates, (n,), that make all parts equally stiff.
 
-        S is `sizes` times sqrt(E / e). e is the largest entry, in `sizes`, of the stiffness in the
-        rows of the part, and E that of all parts, as drawn and without scaled loads. Otherwise,
-        rounding errors of large and stiff parts would exceed the stiffness of small and soft ones.
-        By Sylvester's law of inertia, S does not change the number of negative eigenvalues.
+        S is `part_scales` times sqrt(E / e). e is the largest entry, in `part_scales`, of the
+        stiffness in the rows of the part, and E that of all parts, as drawn and without scaled
+        loads. Otherwise, rounding errors of large and stiff parts would exceed the stiffness of
+        small and soft ones. By Sylvester's law of inertia, S does not change the number of negative
+        eigenvalues.
         """
-        e, scales = self.equations, self.sizes.copy()
+        e, scales = self.equations, self.equations.part_scales.copy()
         tangent = self.unloaded.matrix(e.q0, np.zeros(e.m))[: e.n, : e.n]
         rows = abs(sp.csr_array(tangent) * scales * scales[:, None]).max(axis=1).toarray().ravel()
         energy = np.max(rows, initial=0.0)

@@ -198,7 +198,7 @@ def stiffness_rounding(
     n = len(right)
     direction = np.append(right, np.zeros(len(x) - n))[:, None]
     # Beams in a floating frame have small coordinates, but add their strains to 1.
-    sizes = np.maximum(np.abs(x[:n]), _MIN_COORDINATE * system.sizes)
+    sizes = np.maximum(np.abs(x[:n]), _MIN_COORDINATE * system.equations.part_scales)
     phases = np.arange(n) ** 2.0
     samples = []
     for k in range(_SAMPLE_COUNT):

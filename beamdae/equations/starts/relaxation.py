@@ -39,7 +39,7 @@ _SQUARE_GROWTH = 4.0
 _MAX_STEPS = 400
 
 # Sensitivity to rounding: the change of a step when positions are perturbed by rounding.
-_PERTURBATION = 1e-14  # in units of `position_scales`
+_PERTURBATION = 1e-14  # relative to the coordinate and the size of its part
 _RELIABLE_ROUNDING = 1e-9
 _MAX_ROUNDING_RATIO = 10.0  # steps above this multiple of `_RELIABLE_ROUNDING` are unreliable
 _CONVERGED_ROUNDING_RATIO = 100.0  # steps below this multiple of their rounding have converged
@@ -125,8 +125,10 @@ class GradientFlow:
     @cached_property
     def _perturbation(self) -> Array:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begin))
+        # Parts may be far smaller than the mechanism.
+        sizes = np.maximum(np.abs(self.begin), self.static.equations.part_scales)
         # States of fast filters are far smaller than their scale.
-        return self.static.equations.without_states(_PERTURBATION * self.measure.scale * signs)
+        return self.static.equations.without_states(_PERTURBATION * sizes * signs)
 
     def initial_acceleration(self) -> tuple[Array, Array]:
         """Return the acceleration (n,) and the multipliers (m,) at rest in `begin`.
