@@ -8,9 +8,8 @@ import pytest
 from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
-from beamdae.analysis.fit.column_rates import column_rates
 from beamdae.analysis.fit.data import read_series
-from beamdae.analysis.fit.problem import FitProblem
+from beamdae.analysis.fit.problem import FitProblem, column_rates
 from beamdae.cli.commands.fit import _json_results
 from beamdae.report.terminal.text_tables import estimates_table
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.fit.column_rates import column_rates
 from beamdae.analysis.fit.data import FitData, Series, convert_units, read_data
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
@@ -32,6 +31,7 @@ from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
 from beamdae.model_parameters import convert_text, format_with_unit
 from beamdae.results.columns import select_observed_columns
+from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -488,3 +488,33 @@ class Scaling:
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
         return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), 1.0)
+
+
+def column_rates(run: Solution) -> dict[str, Array]:
+    """Return the time derivatives (k,) of the observed columns at the times of a run, by header.
+
+    With an observable y(t, q, v, a, lam), these are y_t + y_q q' + y_v v' + y_a a' + y_lam lam',
+    where the rates are the derivatives of the dense output. They are therefore the exact
+    derivatives of the interpolated columns; at an accepted step, those of the step that ends there.
+    """
+    equations, trajectory = run.equations, run.trajectory
+    times, at = trajectory.at(run.t)
+    rate = trajectory.derivative_at(run.t)
+    # Rates of (t, branch): laws do not change their piece.
+    clock = np.broadcast_to([1.0, 0.0], times.shape)
+    result: dict[str, Array] = {}
+    numbers = trajectory.observed_numbers(equations, run.t)
+    for o in equations.observables:
+        p, lam, count = numbers(o.data), at.lam[:, o.rows], len(o.columns)
+        q, v, dq, dv = (np.asarray(o.operator @ x.T).T for x in (at.q, at.v, rate.q, rate.v))
+        arguments, rates = [times, q, v, p, lam], {0: clock, 1: dq, 2: dv, 4: rate.lam[:, o.rows]}
+        if o.has_accelerations:
+            local, rates[5] = (np.asarray(o.operator @ x.T).T for x in (at.a, rate.a))
+            arguments.append(local)
+        values = np.zeros((len(times), count))
+        for argument, along in rates.items():
+            jacobian = o.function.derivative(argument)(*arguments)
+            shape = (len(times), along.shape[1], count)
+            values += np.einsum("rij,ri->rj", jacobian.reshape(shape), along)
+        result |= dict(zip(o.headers, values.T, strict=True))
+    return result

@@ -33,7 +33,6 @@ from beamdae.analysis.gradients.column_seeds import (
 )
 from beamdae.analysis.gradients.objectives import ColumnObjective, Objective
 from beamdae.analysis.gradients.radau_adjoint import transpose_radau_steps
-from beamdae.analysis.gradients.redundant_adjoint import transpose_reactions
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_replay import differentiate_alpha_steps
 from beamdae.analysis.sensitivities.further_forces import (
@@ -44,7 +43,7 @@ from beamdae.analysis.sensitivities.further_forces import (
 from beamdae.analysis.sensitivities.model_differences import Difference, interpolate
 from beamdae.analysis.sensitivities.operator_changes import moves_operators
 from beamdae.analysis.sensitivities.phases import ImpactDifference, Phase
-from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
+from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints, ScaledRows
 from beamdae.analysis.sensitivities.run_derivatives import (
     breakpoint_derivatives,
     differentiate_breakpoint,
@@ -538,7 +537,7 @@ class _RunSweep:
             reduced = np.zeros((len(seeds), len(redundant.reduced.independent)))
             for row in np.flatnonzero(np.any(seeds[:, 2 * n :], axis=1)).tolist():
                 time, at = node_state(interval, row)
-                by_q, by_scales, reduced[row] = transpose_reactions(
+                by_q, by_scales, reduced[row] = _transpose_reactions(
                     adjoint, redundant.reduced.independent, time, at, seeds[row, 2 * n :]
                 )
                 seeds[row, :n] += by_q
@@ -670,3 +669,45 @@ def _affecting(function: Callable[[Array], Array], q: Array, deltas: Array) -> l
         else:
             sets += np.array_split(members, 2)
     return result
+
+
+def _transpose_reactions(
+    adjoint: StartAdjoint, independent: Array, time: Array, at: State, by_lam: Array
+) -> tuple[Array, Array, Array]:
+    """Transpose the derivatives of `redundant_derivatives` at one state.
+
+    Parameters
+    ----------
+    adjoint
+        Equations with all constraints. The derivatives with respect to p are added to its
+        `numbers`.
+    independent
+        Indices of the independent constraints.
+    time, at
+        (t, branch), and the state with the multipliers of the independent constraints.
+    by_lam
+        Derivatives of an objective with respect to all multipliers, (m,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Derivatives with respect to the positions and to the scales of the coordinates, (n,) each,
+        and to the multipliers of the independent constraints.
+    """
+    full = adjoint.equations
+    gradient = adjoint.solver.constraint_matrix(time, at.q).toarray()
+    rows = ScaledRows.of(gradient, full.position_scales)
+    start = np.zeros(full.m)
+    start[independent] = at.lam
+    scaled_start = rows.length * start
+    rest = scaled_start - rows.project(scaled_start)
+    by_result = by_lam / rows.length
+    by_length = -by_result * (scaled_start - rest) / rows.length
+    by_start = rows.project(by_result)
+    by_scaled = np.outer(by_result - by_start, rows.inverse @ scaled_start)
+    by_scaled += np.outer(rest, rows.inverse @ by_result)
+    by_length += by_start * start - np.sum(by_scaled * rows.scaled, axis=1) / rows.length
+    by_rate = by_scaled / rows.length[:, None] + by_length[:, None] * rows.scaled
+    by_q = adjoint.weigh_constraint_matrix(time, at.q, by_rate * full.position_scales)
+    by_scales = np.sum(by_rate * gradient, axis=0)
+    return by_q, by_scales, (rows.length * by_start)[independent]

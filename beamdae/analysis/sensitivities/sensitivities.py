@@ -16,7 +16,6 @@ from beamdae.analysis.sensitivities.differentiable_methods import (
     warn_of_step_errors,
     warn_of_unreliable_run,
 )
-from beamdae.analysis.sensitivities.energy_derivatives import differentiate_energies
 from beamdae.analysis.sensitivities.further_forces import further_key, locate_numbers
 from beamdae.analysis.sensitivities.model_differences import (
     Difference,
@@ -24,7 +23,7 @@ from beamdae.analysis.sensitivities.model_differences import (
     difference_model,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_columns
-from beamdae.analysis.sensitivities.operator_changes import moves_operators
+from beamdae.analysis.sensitivities.operator_changes import directional_plan_along, moves_operators
 from beamdae.analysis.sensitivities.redundant_derivatives import RedundantConstraints
 from beamdae.analysis.sensitivities.run_derivatives import (
     RunDerivatives,
@@ -38,6 +37,8 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 )
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
+from beamdae.equations.formulations.sums import N_BALANCE_SCALARS
+from beamdae.equations.measures import ENERGIES, plan_balance
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
@@ -64,6 +65,8 @@ from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations, simulate
+from beamdae.symbolic.directional_sums import directional_plan
+from beamdae.symbolic.kernel_sums import SumPlan, evaluate_sum, set_time
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:
@@ -200,7 +203,7 @@ class Sensitivities(SensitivityResult):
         times, at = trajectory.at(self.t)
         columns = {measures.TIME: self.t}
         for name, along in self.trajectories.items():
-            rows = differentiate_energies(self._differences[name], times, at, along.at(self.t)[1])
+            rows = _differentiate_energies(self._differences[name], times, at, along.at(self.t)[1])
             headers = (derivative_header(x, name) for x in measures.LEDGER_COLUMNS)
             columns |= dict(zip(headers, rows.T, strict=False))
         return pd.DataFrame(columns)
@@ -597,3 +600,36 @@ def _require_memory(solution: Solution, count: int) -> None:
         _COPIES_OF_ROWS * 8.0 * nodes * count * (3 * equations.n + equations.m),
         "use longer steps or fewer parameters",
     )
+
+
+def _differentiate_energies(difference: Difference, times: Array, at: State, along: State) -> Array:
+    """Return the derivatives of the kinetic, strain and gravitational energies [J], (rows, 3).
+
+    Parameters
+    ----------
+    difference
+        Models at neighboring values of the parameter.
+    times
+        Rows of (t, branch).
+    at, along
+        States of the run and their derivatives, one row per time.
+    """
+    e = difference.base
+
+    def balance(equations: EquationsOfMotion) -> SumPlan:
+        return plan_balance(equations.structure).total
+
+    size = 3 * e.n + e.m
+    plan = (
+        directional_plan_along(difference, balance, size)
+        if moves_operators(difference)
+        else directional_plan(balance(e), size)
+    )
+    total, dp = plan.sum(False, e.p), difference.derivative(lambda x: x.p)
+    value = np.zeros(N_BALANCE_SCALARS + size + e.m)
+    energies = np.zeros((len(times), len(ENERGIES)))
+    for k, inputs in enumerate(np.hstack([*at, *along])):
+        set_time(total, *times[k])
+        evaluate_sum(total, np.concatenate([inputs, dp]), value)
+        energies[k] = value[: len(ENERGIES)]
+    return energies
