@@ -47,7 +47,7 @@ from beamdae.integrators.alpha import generalized_alpha  # noqa: E402
 from beamdae.native import lane_kernels, llvm, loops, object_code, prebuilt_objects  # noqa: E402
 from beamdae.parts.part import Part  # noqa: E402
 from beamdae.results.storage.number_text import format_rows  # noqa: E402
-from beamdae.symbolic.sum_evaluator import SumEvaluator  # noqa: E402
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator  # noqa: E402
 
 # Without x86-64-v2 (before AVX2, of 2013), for which LLVM takes four to six times as long.
 _LEVELS = llvm.X86_LEVELS[1:]

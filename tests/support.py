@@ -16,7 +16,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.integrators.ida import stepper
 from beamdae.sundials.library import UnavailableError
-from beamdae.symbolic.kernel_sums import evaluate_sum
+from beamdae.symbolic.sums.kernel_sums import evaluate_sum
 
 # Stiffness, mass and damping of order one, so that finite differences have eight correct digits.
 SOFT_MATERIAL = bd.Material(E=60.0, nu=0.3, rho=1.3)

@@ -9,7 +9,7 @@ import pytest
 from beamdae.beams import sliding
 from beamdae.bounded_cache import array_bytes, bounded_cache
 from beamdae.linear import pivots
-from beamdae.symbolic.compiled import MAX_MAPPED_FUNCTIONS, RowFunction
+from beamdae.symbolic.functions.compiled import MAX_MAPPED_FUNCTIONS, RowFunction
 
 
 def counting(limit):

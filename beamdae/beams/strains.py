@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import casadi as ca
 
 from beamdae.beams.element_data import ElementData, ElementDataLayout
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import Formula
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, Local
 
 # Components of a strain vector (eps11, 2 eps12, kappa11) and of (EA, GA, EI).

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import ControllerTerm
-from beamdae.symbolic.compiled import Compiled
+from beamdae.symbolic.functions.compiled import Compiled
 
 Array = np.ndarray
 

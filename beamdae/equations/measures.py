@@ -14,8 +14,8 @@ from beamdae.equations.structure import Structure, share_plans
 from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.loops import prepare_loop
 from beamdae.native.return_codes import DONE
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
 from beamdae.symbolic.sparse_operators import ConstantOperator
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 

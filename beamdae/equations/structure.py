@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from beamdae.bounded_cache import bounded_cache
 from beamdae.symbolic.constraint_kernel import ConstraintKernel
 from beamdae.symbolic.force_kernel import ForceKernel
-from beamdae.symbolic.kernel_sums import SumPlan
-from beamdae.symbolic.rotations import LocalRotation
+from beamdae.symbolic.sums.kernel_sums import SumPlan
+from beamdae.symbolic.sums.rotations import LocalRotation
 
 
 class CacheOwner(Protocol):

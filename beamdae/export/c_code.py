@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.table_functions import FIND, PICK
-from beamdae.symbolic.table_lookups import has_lookups
+from beamdae.symbolic.functions.table_lookups import has_lookups
 
 Array = np.ndarray
 

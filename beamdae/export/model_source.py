@@ -31,10 +31,10 @@ from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau import coefficients
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.linear.fixed_order import FixedOrder
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import Kernel, SumPlan
 from beamdae.symbolic.sparse_operators import build_selection
-from beamdae.symbolic.sum_builder import LocalInput, SumBuilder
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan
+from beamdae.symbolic.sums.sum_builder import LocalInput, SumBuilder
 
 Array = np.ndarray
 SX = ca.SX

@@ -23,7 +23,7 @@ from beamdae.equations.starts.state_evaluator import plan_state_sums
 from beamdae.integrators.compiled_run import FactorizedMatrix, RepeatedCall, StepLoop
 from beamdae.native.loop_functions import combine, factorize, fill, max_norm, solve
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
-from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
+from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum, set_matrix_factors, set_time
 
 Array = np.ndarray
 

@@ -31,6 +31,7 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import parse_unit, split_unit, standardize_header, suggest_unit
 from beamdae.read_only import read_only
+from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
 from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
 from beamdae.symbolic.signals import Signal, as_expression, find_signals
 from beamdae.symbolic.statements import SX, Local
@@ -40,7 +41,6 @@ from beamdae.symbolic.table_calls import (
     record_call,
     uses_symbols_for_numbers,
 )
-from beamdae.symbolic.table_lookups import find_row, pick_numbers
 
 Array = np.ndarray
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import casadi as ca
 
-from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
+from beamdae.symbolic.sums.kernel_sums import Kernel
 
 # Level of constraints whose equation is replaced by mu = 0.
 NO_LEVEL = -1

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import casadi as ca
 
-from beamdae.symbolic.compiled import RowFunction
-from beamdae.symbolic.kernel_sums import Kernel
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import SignalBinding, bind_signals, find_signals
+from beamdae.symbolic.sums.kernel_sums import Kernel
 from beamdae.symbolic.table_calls import TableCall
 
 # Indices of dF/dq, dF/dv and dF/da in `Tangents`.

@@ -16,12 +16,13 @@ import numpy as np
 
 from beamdae.read_only import read_only
 from beamdae.symbolic.formula import cache_kernels
-from beamdae.symbolic.instructions import (
+from beamdae.symbolic.functions.instructions import (
     Instruction,
     read_constants,
     read_instructions,
     repeat_instructions,
 )
+from beamdae.symbolic.functions.table_lookups import LOOKUPS, look_up
 from beamdae.symbolic.statements import (
     SX,
     ConstraintKernel,
@@ -31,7 +32,6 @@ from beamdae.symbolic.statements import (
     Local,
     QuantityKernel,
 )
-from beamdae.symbolic.table_lookups import LOOKUPS, look_up
 
 Array = np.ndarray
 AnyKernel = ForceKernel | ConstraintKernel | QuantityKernel

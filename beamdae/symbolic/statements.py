@@ -18,9 +18,9 @@ import scipy.sparse as sp
 
 from beamdae.errors import BeamdaeError, set_fields
 from beamdae.read_only import read_only_data
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.constraint_kernel import ConstraintKernel, NonholonomicKernel
 from beamdae.symbolic.force_kernel import ForceKernel
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.local_symbols import SX, Local, describe_column_error
 from beamdae.symbolic.signals import (
     SignalBinding,

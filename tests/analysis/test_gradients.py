@@ -15,9 +15,9 @@ from beamdae.analysis.gradients.objectives import SampleGrid, read_column
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts import initial_conditions
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
-from beamdae.symbolic.transposed_sums import transposed_plan
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 MASS, SPEED = 2.0, 0.3
 # Derivatives of positions along both paths differ by rounding errors. In derivatives of multipliers

@@ -10,7 +10,7 @@ from beamdae.equations.formulations.static_equations import plan_static_sums
 from beamdae.equations.formulations.step_equations import plan_step_sums
 from beamdae.equations.measures import plan_balance
 from beamdae.equations.starts.state_evaluator import plan_state_sums
-from beamdae.symbolic.kernel_sums import SumPlan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 pytestmark = pytest.mark.slow(reason="kernels of beams are built: one second in all")
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 import beamdae as bd
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.symbolic.kernel_sums import evaluate_sum, set_time
+from beamdae.symbolic.sums.kernel_sums import evaluate_sum, set_time
 
 TIME = np.zeros(2)
 

@@ -6,14 +6,14 @@ import pytest
 
 import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
-from beamdae.symbolic.directional_sums import (
+from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.sums.directional_sums import (
     StackedSum,
     direction_inputs,
     directional_plan,
     motion_plan,
 )
-from beamdae.symbolic.kernel_sums import evaluate_sum, evaluate_with_data, set_time
-from beamdae.symbolic.powers import expand_powers
+from beamdae.symbolic.sums.kernel_sums import evaluate_sum, evaluate_with_data, set_time
 
 
 def two_beams(formulation):

@@ -11,7 +11,7 @@ from beamdae.equations.formulations.step_equations import (
     set_lane,
 )
 from beamdae.linear.lane_operations import LANES
-from beamdae.symbolic.lane_sums import create_lane_sum
+from beamdae.symbolic.sums.lane_sums import create_lane_sum
 
 COEFFICIENTS = np.array([30.0, 800.0, 1e-3])
 

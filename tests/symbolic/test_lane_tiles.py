@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from beamdae.native.lane_kernels import pad_copies
 from beamdae.native.loop_functions import add_tiles, pick_tiles
-from beamdae.symbolic.lane_tiles import BatchRows, find_tiles
+from beamdae.symbolic.sums.lane_tiles import BatchRows, find_tiles
 
 NODE = 3  # coordinates
 

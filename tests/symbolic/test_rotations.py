@@ -24,8 +24,8 @@ from beamdae.equations.formulations.step_equations import (
 from beamdae.equations.formulations.sums import term_data
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.kernel_sums import Kernel
-from beamdae.symbolic.rotations import factor_operator, rotate_kernel
+from beamdae.symbolic.sums.kernel_sums import Kernel
+from beamdae.symbolic.sums.rotations import factor_operator, rotate_kernel
 
 TIME = np.array([0.1, 0.5])
 # Rounding errors of sums over 100 elements.

@@ -10,9 +10,9 @@ import beamdae as bd
 from beamdae.native.object_code import is_native_enabled
 from beamdae.studies.execution.case_run import run_task
 from beamdae.studies.tasks import Task
-from beamdae.symbolic import row_kernels
-from beamdae.symbolic.compiled import Compiled, RowFunction
-from beamdae.symbolic.row_kernels import compile_row_functions
+from beamdae.symbolic.functions import row_kernels
+from beamdae.symbolic.functions.compiled import Compiled, RowFunction
+from beamdae.symbolic.functions.row_kernels import compile_row_functions
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
 EXPRESSIONS = ca.vertcat(
@@ -130,7 +130,7 @@ def falling_ball(mass=1.0):
 
 
 def is_requested(solution):
-    from beamdae.symbolic import row_kernels
+    from beamdae.symbolic.functions import row_kernels
 
     return row_kernels._is_requested.get()
 

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from beamdae.symbolic.compiled import Compiled, RowFunction
-from beamdae.symbolic.row_programs import RowProgram, can_vectorize
+from beamdae.symbolic.functions.compiled import Compiled, RowFunction
+from beamdae.symbolic.functions.row_programs import RowProgram, can_vectorize
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
 EXPRESSIONS = ca.vertcat(

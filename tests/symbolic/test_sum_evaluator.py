@@ -9,8 +9,9 @@ from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.native.llvm import MachineCodeError
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic import row_kernels, sum_evaluator
-from beamdae.symbolic.row_kernels import compile_row_functions
+from beamdae.symbolic.functions import row_kernels
+from beamdae.symbolic.functions.row_kernels import compile_row_functions
+from beamdae.symbolic.sums import sum_evaluator
 
 TIME = np.array([0.1, 0.1])
 

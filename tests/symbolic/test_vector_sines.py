@@ -12,8 +12,8 @@ import beamdae as bd
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.kernel_sums import Sum, evaluate_sum, set_time
-from beamdae.symbolic.vector_sines import expand_sines, sine_and_cosine
+from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum, set_time
+from beamdae.symbolic.sums.vector_sines import expand_sines, sine_and_cosine
 
 SX = ca.SX
 

@@ -40,10 +40,10 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
-from beamdae.symbolic.lane_sums import LaneSum
 from beamdae.symbolic.sparse_operators import transpose_pattern
-from beamdae.symbolic.transposed_sums import transposed_plan
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.sums.lane_sums import LaneSum
+from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 

@@ -51,9 +51,9 @@ from beamdae.native.loop_functions import (
 )
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
 from beamdae.symbolic.sparse_operators import transpose_pattern
-from beamdae.symbolic.transposed_sums import transposed_plan
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 

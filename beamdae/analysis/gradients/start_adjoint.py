@@ -25,10 +25,10 @@ from beamdae.equations.starts.state_evaluator import (
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.linear.factorizations import Factorization, create_factorization
-from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sparse_operators import column_indices, transpose_pattern
-from beamdae.symbolic.sum_evaluator import SumEvaluator
-from beamdae.symbolic.transposed_sums import transposed_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
+from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 

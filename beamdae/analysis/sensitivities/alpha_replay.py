@@ -51,8 +51,14 @@ from beamdae.native.batch_elimination import (
 from beamdae.native.loop_functions import combine, eliminate, factorize, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
-from beamdae.symbolic.lane_sums import LaneSum, create_lane_sum, empty_lane_sum, has_lane_code
+from beamdae.symbolic.sums.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    evaluate_with_data,
+    set_time,
+)
+from beamdae.symbolic.sums.lane_sums import LaneSum, create_lane_sum, empty_lane_sum, has_lane_code
 
 Array = np.ndarray
 

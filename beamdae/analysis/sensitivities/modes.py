@@ -50,7 +50,7 @@ from beamdae.results.columns import remove_unit
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
-from beamdae.symbolic.kernel_sums import SumPlan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from beamdae.analysis.sensitivities.model_differences import Difference
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import SumPlan
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 
 def moves_operators(difference: Difference) -> bool:

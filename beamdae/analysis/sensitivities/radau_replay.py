@@ -45,7 +45,13 @@ from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import combine, fill, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum, evaluate_with_data, set_time
+from beamdae.symbolic.sums.kernel_sums import (
+    Sum,
+    SumPlan,
+    evaluate_sum,
+    evaluate_with_data,
+    set_time,
+)
 
 Array = np.ndarray
 

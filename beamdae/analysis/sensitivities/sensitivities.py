@@ -65,8 +65,8 @@ from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations, simulate
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import SumPlan, evaluate_sum, set_time
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import SumPlan, evaluate_sum, set_time
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
 if TYPE_CHECKING:

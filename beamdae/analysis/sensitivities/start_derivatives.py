@@ -26,14 +26,14 @@ from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.integrators.alpha.family import JERK_INTERVAL, STIFF_TIME, AlphaStart
 from beamdae.integrators.alpha.workspace import Motion
 from beamdae.linear.factorizations import Factorization, create_factorization
-from beamdae.symbolic.directional_sums import (
+from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sums.directional_sums import (
     StackedSum,
     direction_inputs,
     directional_plan,
     motion_plan,
 )
-from beamdae.symbolic.kernel_sums import Sum, SumPlan
-from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan
 
 Array = np.ndarray
 Numbers = float | Array

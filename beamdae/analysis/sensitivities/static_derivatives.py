@@ -34,8 +34,8 @@ from beamdae.equations.formulations.tangents import (
 )
 from beamdae.equations.structure import Structure, cache_on_owner, has_same_patterns
 from beamdae.errors import BeamdaeError
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
     evaluate_sum,

@@ -62,8 +62,8 @@ from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE, NOT_CONVERGED
-from beamdae.symbolic.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sums.kernel_sums import Kernel, SumPlan, set_matrix_factors, set_time
 
 Array = np.ndarray
 

@@ -48,7 +48,7 @@ from beamdae.native.loop_functions import (
     solve,
 )
 from beamdae.native.return_codes import DONE, FULL, NEW_PIVOTS, NOT_CONVERGED, NOT_FINITE
-from beamdae.symbolic.kernel_sums import Sum, evaluate_sum
+from beamdae.symbolic.sums.kernel_sums import Sum, evaluate_sum
 
 Array = np.ndarray
 

@@ -18,8 +18,8 @@ from beamdae.beams.element_data import ElementData, ElementDataLayout
 from beamdae.beams.kinematics import Element, InertiaPoint, StrainRatePoint
 from beamdae.beams.shape_functions import gauss_points, shape_functions
 from beamdae.beams.strains import AXIAL, BENDING, elastic_work, half_height
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import cache_kernels
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, ForceKernel, Local
 
 NODE_SIZE = 3  # coordinates (x, y, psi) of a node

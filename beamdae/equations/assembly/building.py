@@ -51,7 +51,6 @@ from beamdae.parts.signals import Activity, Input
 from beamdae.read_only import ReadOnlyDict, read_only_copy
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
 from beamdae.symbolic.kernel_groups import Statement, generalize_quantity, group_by_kernel
-from beamdae.symbolic.rotations import RotatedOperator, factor_operator
 from beamdae.symbolic.signals import SignalNumbers, bind_laws, bind_signals, find_signals
 from beamdae.symbolic.sparse_operators import build_selection
 from beamdae.symbolic.statements import (
@@ -66,6 +65,7 @@ from beamdae.symbolic.statements import (
     RangeStatement,
     Variable,
 )
+from beamdae.symbolic.sums.rotations import RotatedOperator, factor_operator
 
 Array = np.ndarray
 

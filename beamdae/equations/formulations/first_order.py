@@ -44,14 +44,14 @@ from beamdae.errors import require_choice
 from beamdae.native.loop_functions import combine
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.local_symbols import C_A
+from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
     evaluate_sum,
     set_matrix_factors,
     set_time,
 )
-from beamdae.symbolic.local_symbols import C_A
 
 Array = np.ndarray
 

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from beamdae.equations.formulations.first_order import FirstOrderForm, plan_jacobian
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.native.loop_functions import combine, pick
-from beamdae.symbolic.kernel_sums import SumPlan
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 

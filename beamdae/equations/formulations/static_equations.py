@@ -18,8 +18,8 @@ from beamdae.equations.formulations.sums import (
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.errors import BeamdaeError
 from beamdae.symbolic.force_kernel import STIFFNESS
-from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
-from beamdae.symbolic.sum_evaluator import SumEvaluator
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 

@@ -25,14 +25,14 @@ from beamdae.equations.structure import Structure, cache_on_owner, share_plans
 from beamdae.linear.lane_operations import LANES
 from beamdae.native.loop_functions import combine, fill
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
     evaluate_sum,
     set_matrix_factors,
     set_time,
 )
-from beamdae.symbolic.lane_sums import LaneSum, evaluate_lanes
+from beamdae.symbolic.sums.lane_sums import LaneSum, evaluate_lanes
 
 Array = np.ndarray
 

@@ -12,10 +12,10 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import Tangents
-from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.local_symbols import MATRIX_SHARED
-from beamdae.symbolic.rotations import rotate_kernel
-from beamdae.symbolic.sum_builder import KernelCopies, LocalInput, SumBuilder
+from beamdae.symbolic.sums.kernel_sums import Kernel
+from beamdae.symbolic.sums.rotations import rotate_kernel
+from beamdae.symbolic.sums.sum_builder import KernelCopies, LocalInput, SumBuilder
 
 Array = np.ndarray
 

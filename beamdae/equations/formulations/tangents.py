@@ -19,8 +19,8 @@ from beamdae.equations.formulations.first_order import (
     plan_residual,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
-from beamdae.symbolic.directional_sums import directional_plan
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.sums.directional_sums import directional_plan
+from beamdae.symbolic.sums.kernel_sums import (
     SumPlan,
     evaluate_sum,
     set_matrix_factors,

@@ -25,10 +25,10 @@ from beamdae.equations.formulations.sums import (
 )
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.symbolic.force_kernel import DAMPING, MASS, STIFFNESS, Tangents
-from beamdae.symbolic.kernel_sums import SumPlan, set_matrix_factors, set_time
 from beamdae.symbolic.local_symbols import C_A
 from beamdae.symbolic.sparse_operators import column_indices
-from beamdae.symbolic.sum_evaluator import SumEvaluator
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_matrix_factors, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 # Coefficients (c0, c1, c2) of stiffness, damping and mass.

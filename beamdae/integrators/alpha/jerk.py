@@ -19,7 +19,7 @@ from beamdae.integrators.alpha.workspace import AlphaWorkspace, Motion
 from beamdae.integrators.compiled_run import FactorizedMatrix
 from beamdae.native.loop_functions import combine, factorize, fill, solve
 from beamdae.native.return_codes import DONE
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.sums.kernel_sums import (
     Sum,
     SumPlan,
     evaluate_sum,

@@ -13,8 +13,8 @@ from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint, PointFunction
 from beamdae.parts.laws import Law
 from beamdae.parts.part import Part
-from beamdae.symbolic.compiled import RowFunction
 from beamdae.symbolic.formula import MAX_SHARED_KERNELS, FormulaExpression
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.signals import with_references
 from beamdae.symbolic.statements import (
     SX,

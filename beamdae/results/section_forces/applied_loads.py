@@ -26,7 +26,7 @@ from beamdae.results.section_forces.section_motions import (
     section_jacobian,
     section_motion,
 )
-from beamdae.symbolic.compiled import RowFunction
+from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import ConstraintStatement, ForceStatement, Local
 
 Array = np.ndarray

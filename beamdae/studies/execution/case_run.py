@@ -37,7 +37,7 @@ from beamdae.studies.store.file_reads import (
 )
 from beamdae.studies.store.trajectory_csv import format_numbers
 from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
-from beamdae.symbolic.row_kernels import compile_row_functions
+from beamdae.symbolic.functions.row_kernels import compile_row_functions
 
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 

@@ -11,7 +11,11 @@ from functools import cache
 
 import casadi as ca
 
-from beamdae.symbolic.instructions import read_operations, rebuild_output, repeat_operation
+from beamdae.symbolic.functions.instructions import (
+    read_operations,
+    rebuild_output,
+    repeat_operation,
+)
 from beamdae.symbolic.local_symbols import SX
 
 # Coefficients of (sin x - x) / x^3 and of (cos x - 1 + x^2 / 2) / x^4, in powers of x^2, for

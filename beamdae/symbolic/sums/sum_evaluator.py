@@ -17,7 +17,7 @@ import numpy as np
 from beamdae.native.llvm import MachineCodeError
 from beamdae.native.loops import CompiledLoop
 from beamdae.native.return_codes import DONE
-from beamdae.symbolic.kernel_sums import Sum, SumPlan, evaluate_sum
+from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
 
 Array = np.ndarray
 

@@ -34,12 +34,12 @@ from beamdae.native.loop_functions import (
     pick_tiles,
 )
 from beamdae.native.object_code import is_native_enabled
-from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
-from beamdae.symbolic.lane_tiles import BatchRows, Tiles, find_tiles
+from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
+from beamdae.symbolic.functions.row_kernels import CodeOnDemand
+from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
-from beamdae.symbolic.row_kernels import CodeOnDemand
-from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
-from beamdae.symbolic.vector_sines import expand_sines
+from beamdae.symbolic.sums.lane_tiles import BatchRows, Tiles, find_tiles
+from beamdae.symbolic.sums.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX

@@ -15,11 +15,11 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.directional_sums import group_by_batch
-from beamdae.symbolic.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan
-from beamdae.symbolic.powers import expand_powers
-from beamdae.symbolic.table_lookups import has_lookups, weighted_derivative
-from beamdae.symbolic.vector_sines import expand_sines
+from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.functions.table_lookups import has_lookups, weighted_derivative
+from beamdae.symbolic.sums.directional_sums import group_by_batch
+from beamdae.symbolic.sums.kernel_sums import ADD_END, LANES, WEIGHTED_END, Batch, Kernel, SumPlan
+from beamdae.symbolic.sums.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX

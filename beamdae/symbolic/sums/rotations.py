@@ -17,8 +17,8 @@ import scipy.sparse as sp
 
 from beamdae.bounded_cache import bounded_cache
 from beamdae.read_only import read_only
-from beamdae.symbolic.kernel_sums import Kernel
 from beamdae.symbolic.sparse_operators import ConstantOperator
+from beamdae.symbolic.sums.kernel_sums import Kernel
 
 Array = np.ndarray
 SX = ca.SX

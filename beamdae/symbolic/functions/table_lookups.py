@@ -21,7 +21,7 @@ from beamdae.native.table_functions import (
     pick_function,
     spread_function,
 )
-from beamdae.symbolic.instructions import rebuild_output, repeat_call
+from beamdae.symbolic.functions.instructions import rebuild_output, repeat_call
 
 SX = ca.SX
 

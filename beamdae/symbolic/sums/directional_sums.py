@@ -17,7 +17,9 @@ import casadi as ca
 import numpy as np
 
 from beamdae.linear.lane_operations import aligned_zeros
-from beamdae.symbolic.kernel_sums import (
+from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.functions.table_lookups import directional_derivative, has_lookups
+from beamdae.symbolic.sums.kernel_sums import (
     ADD_END,
     GATHER_END,
     PICK_END,
@@ -27,9 +29,7 @@ from beamdae.symbolic.kernel_sums import (
     Kernel,
     SumPlan,
 )
-from beamdae.symbolic.powers import expand_powers
-from beamdae.symbolic.table_lookups import directional_derivative, has_lookups
-from beamdae.symbolic.vector_sines import expand_sines
+from beamdae.symbolic.sums.vector_sines import expand_sines
 
 Array = np.ndarray
 SX = ca.SX

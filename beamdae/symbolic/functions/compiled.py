@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from beamdae.symbolic.powers import expand_powers
-from beamdae.symbolic.row_kernels import RowKernels, evaluate_copies, evaluate_rows
-from beamdae.symbolic.row_programs import RowProgram, can_vectorize
-from beamdae.symbolic.table_lookups import has_lookups, jacobian, weighted_derivative
+from beamdae.symbolic.functions.powers import expand_powers
+from beamdae.symbolic.functions.row_kernels import RowKernels, evaluate_copies, evaluate_rows
+from beamdae.symbolic.functions.row_programs import RowProgram, can_vectorize
+from beamdae.symbolic.functions.table_lookups import has_lookups, jacobian, weighted_derivative
 
 Array = np.ndarray
 _Mapped = TypeVar("_Mapped")

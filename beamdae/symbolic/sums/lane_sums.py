@@ -13,7 +13,13 @@ import numpy as np
 
 from beamdae.linear.lane_operations import LANES, add_entry, aligned_zeros, set_entry
 from beamdae.native.loop_functions import call_kernel
-from beamdae.symbolic.kernel_sums import ADD_END, WEIGHTED_END, Batch, InterpretedKernel, SumPlan
+from beamdae.symbolic.sums.kernel_sums import (
+    ADD_END,
+    WEIGHTED_END,
+    Batch,
+    InterpretedKernel,
+    SumPlan,
+)
 
 Array = np.ndarray
 

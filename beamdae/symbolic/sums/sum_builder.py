@@ -9,8 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.native.lane_kernels import pad_copies
-from beamdae.symbolic.kernel_sums import Batch, Kernel, SumPlan
 from beamdae.symbolic.sparse_operators import pair_entries, row_indices
+from beamdae.symbolic.sums.kernel_sums import Batch, Kernel, SumPlan
 
 Array = np.ndarray
 

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel, pad_copies
-from beamdae.symbolic.table_lookups import has_lookups
+from beamdae.symbolic.functions.table_lookups import has_lookups
 
 Array = np.ndarray
 Code = TypeVar("Code")

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 
-from beamdae.symbolic.instructions import read_operations, rebuild_output, repeat_operation
+from beamdae.symbolic.functions.instructions import (
+    read_operations,
+    rebuild_output,
+    repeat_operation,
+)
 
 SX = ca.SX
 
