@@ -11,6 +11,7 @@ import lazy_loader
 from beamdae.catalog import attributes_by_module
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
+from beamdae.unused_imports import unused_imports_deferred
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
 __version__ = "0.1.0"
@@ -23,7 +24,7 @@ def __getattr__(name: str) -> Any:
     if name in __all__:
         if name in _imported:
             return _load(name)
-        with paused_collection():
+        with paused_collection(), unused_imports_deferred():
             value = _import(name)
         _imported.add(name)
         return value

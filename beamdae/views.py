@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdae import deferred
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.figures import require_picture_path, save_figure
 from beamdae.results.displays import Plot
-from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    from beamdae.results.solution import Solution
 
 # Module in `beamdae.report` and name of each function that is defined elsewhere.
 _FUNCTIONS = {

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import gc
+from importlib import import_module
 
-from beamdae.unused_imports import defer_unused_imports
+from beamdae.unused_imports import unused_imports_deferred
+
+# Modules that import everything that runs of models, or models alone, need.
+RUNS = "beamdae.simulation"
+MODELS = "beamdae.parts.mechanism"
 
 _is_starting = False
 
@@ -12,22 +17,22 @@ _is_starting = False
 def begin_startup() -> None:
     """Disable the garbage collector: imported modules are numerous, but not garbage.
 
-    `import_equations` enables the garbage collector again. Searching the objects of the imported
-    modules for garbage takes 0.2 s.
+    `import_before_models` enables the garbage collector again. Searching the objects of the
+    imported modules for garbage takes 0.2 s.
     """
     global _is_starting
     _is_starting = True
     gc.disable()
 
 
-def import_equations() -> None:
-    """Import the modules that build and run models, before a model file is imported.
+def import_before_models(module: str) -> None:
+    """Import a module, `RUNS` or `MODELS`, before a model file is imported.
 
-    A model file, or a file in its folder, may have the name of one of these modules.
+    A model file, or a file in its folder, may have the name of one of the modules that it imports.
     """
     global _is_starting
-    defer_unused_imports()
-    import beamdae.simulation  # noqa: F401
+    with unused_imports_deferred():
+        import_module(module)
 
     if _is_starting:
         _is_starting = False

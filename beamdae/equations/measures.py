@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from beamdae.bounded_cache import array_bytes, bounded_cache
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.sums import N_BALANCE_SCALARS, InputLayout, assemble_balance
 from beamdae.equations.structure import Structure, share_plans
 from beamdae.native.loop_functions import combine, max_norm
@@ -16,6 +16,9 @@ from beamdae.native.loops import prepare_loop
 from beamdae.native.return_codes import DONE
 from beamdae.symbolic.sparse_operators import ConstantOperator
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum
+
+if TYPE_CHECKING:
+    from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 

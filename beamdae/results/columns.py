@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME, ObservedRows
 from beamdae.errors import (
     BeamdaeError,
@@ -22,6 +21,9 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import split_unit
 from beamdae.read_only import ReadOnlyDict
+
+if TYPE_CHECKING:
+    from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 # Units of the columns that a certificate covers by default.
 _CONTROLLED_UNITS = ("m", "rad")

@@ -78,7 +78,12 @@ def test_a_run_imports_only_what_it_needs(tmp_path):
         (["modes", str(MODEL.with_name("pendulum.py"))], ("scipy.optimize",)),
         (
             ["draw", str(MODEL)],
-            ("pandas", "scipy.optimize", "beamdae.analysis", "beamdae.parts.joints.gears"),
+            (
+                *("pandas", "scipy.linalg", "scipy.optimize", "llvmlite", "threadpoolctl"),
+                *("beamdae.analysis", "beamdae.integrators", "beamdae.simulation"),
+                *("beamdae.equations.equations_of_motion", "beamdae.results.solution"),
+                "beamdae.parts.joints.gears",
+            ),
         ),
     ],
 )
@@ -123,12 +128,14 @@ def test_regression_the_import_of_casadi_does_not_count_as_import_of_a_listed_fi
     code = f"""
 import sys
 from pathlib import Path
+from beamdae.cli import startup
 from beamdae.cli.model_files import listing
-listing._import_what_models_need()
+startup.import_before_models(startup.MODELS)
 from beamdae.cli.model_files.model_file import ModelFile
 imported = set(sys.modules)
+assert not {{"scipy.linalg", "beamdae.simulation", "beamdae.studies"}} & imported
 file = Path({str(MODEL)!r})
-assert listing._describe_content(file, ModelFile(file)).models
+assert listing._describe_content(file, ModelFile(file, startup.MODELS)).models
 print(*{{name.partition(".")[0] for name in set(sys.modules) - imported}})
 """
     result = subprocess.run(
@@ -138,13 +145,36 @@ print(*{{name.partition(".")[0] for name in set(sys.modules) - imported}})
 
 
 @pytest.mark.slow(reason="starts a process")
+def test_scripts_do_not_import_modules_of_numpy_for_scipy():
+    """SciPy imports all modules of NumPy, and `numpy.testing` imports `unittest`."""
+    code = """
+import sys
+import beamdae as bd
+mech = bd.Mechanism(gravity=(0.0, -9.81))
+mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+bd.simulate(mech, t_end=0.1)
+assert "scipy.sparse" in sys.modules
+names = ("numpy.char", "numpy.ctypeslib", "numpy.f2py", "numpy.testing", "unittest")
+assert not set(names) & set(sys.modules), set(names) & set(sys.modules)
+assert not {"rich", "typer", "pandas", "matplotlib", "numba", "sksundae"} & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow(reason="starts a process")
 def test_regression_the_library_leaves_modules_of_numpy_alone():
     """The first use of a public name replaced `numpy.testing` by a module that loads on access."""
     code = """
 import sys
 import beamdae
+import numpy as np
 beamdae.Mechanism()
 for name in ("numpy.f2py", "numpy.testing"):
-    assert type(sys.modules.get(name, sys)) is type(sys), name
+    assert name not in sys.modules, name
+    assert name.partition(".")[2] not in vars(np), name
+from numpy.testing import assert_allclose
+from scipy._lib._array_api import xp_assert_close
+assert np.testing is sys.modules["numpy.testing"]
+xp_assert_close(np.ones(2), np.ones(2))  # uses its copy of `np.testing`
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from beamdae.cli import startup
 from beamdae.cli.options import (
     ModelName,
     ModelPath,
@@ -35,7 +36,7 @@ def draw_command(
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
-    model = load_configured_model(ModelFile(path), model_name, settings)
+    model = load_configured_model(ModelFile(path, startup.MODELS), model_name, settings)
     picture = out / f"{model.name}_drawing.png"
     require_writable(("--out", (picture,)))
     from beamdae.parts.mechanism import Mechanism

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from beamdae.cli import startup
 from beamdae.errors import BeamdaeError
 
 if TYPE_CHECKING:
@@ -110,7 +111,9 @@ class _ListingProcess:
 def _serve_files(connection: Connection) -> None:
     """Main function of the process; interrupts are handled by the main process, which kills it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _import_what_models_need()
+    startup.begin_startup()
+    # Importing CasADi and NumPy must not count as import of a file.
+    startup.import_before_models(startup.MODELS)
     from beamdae.cli.model_files.model_file import ModelFile
 
     connection.send_bytes(b"ready")
@@ -120,17 +123,11 @@ def _serve_files(connection: Connection) -> None:
         except (EOFError, OSError):
             return
         try:
-            model_file = ModelFile(file)
+            model_file = ModelFile(file, startup.MODELS)
             content = _describe_content(file, model_file)
         except BeamdaeError as problem:
             content = FileContent(problem=str(problem))
         connection.send_bytes(pickle.dumps(content))
-
-
-def _import_what_models_need() -> None:
-    """Import beamdae, CasADi and NumPy, whose import must not count as import of a file."""
-    import beamdae.model_functions
-    import beamdae.studies.definition  # noqa: F401
 
 
 def _describe_content(file: Path, model_file: Any) -> FileContent:

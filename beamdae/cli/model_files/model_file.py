@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from beamdae.cli.model_files.example_files import resolve_path
 from beamdae.cli.model_files.user_errors import describe_error
-from beamdae.cli.startup import import_equations
+from beamdae.cli.startup import RUNS, import_before_models
 from beamdae.errors import (
     BeamdaeError,
     path_as_text,
@@ -79,6 +79,9 @@ class ModelFile:
     ----------
     path
         Path of the file, or `example:NAME`.
+    needs
+        What is done with the models, which determines the modules that are imported before the
+        file: `startup.RUNS` or `startup.MODELS`.
 
     Raises
     ------
@@ -86,9 +89,9 @@ class ModelFile:
         If the file is missing or its import fails.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, needs: str = RUNS) -> None:
         self.path = resolve_path(path)
-        self._module = _import_file(self.path)
+        self._module = _import_file(self.path, needs)
 
     @property
     def models(self) -> dict[str, Model]:
@@ -101,7 +104,9 @@ class ModelFile:
     @property
     def studies(self) -> dict[str, Study]:
         """Studies and sweeps of the file by name."""
-        # Imported here because a model loads faster without the modules of studies.
+        # The file has imported this module if it contains a study; models load faster without it.
+        if "beamdae.studies.definition" not in sys.modules:
+            return {}
         from beamdae.studies import Study
 
         studies = [value for value in vars(self._module).values() if isinstance(value, Study)]
@@ -182,10 +187,10 @@ def translate_errors(call: str, path: Path) -> Iterator[None]:
         raise BeamdaeError(f"{call} failed: {describe_error(problem, path)}.") from problem
 
 
-def _import_file(path: Path) -> ModuleType:
+def _import_file(path: Path, needs: str) -> ModuleType:
     code = _compile_file(path)
     # Import first: the model file, or a file in its folder, may shadow modules used by beamdae.
-    import_equations()
+    import_before_models(needs)
 
     name = f"beamdae_model_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path.absolute())

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, Structure
 from beamdae.symbolic.constraint_kernel import NO_LEVEL
 from beamdae.symbolic.force_kernel import Tangents
@@ -16,6 +16,9 @@ from beamdae.symbolic.local_symbols import MATRIX_SHARED
 from beamdae.symbolic.sums.kernel_sums import Kernel
 from beamdae.symbolic.sums.rotations import rotate_kernel
 from beamdae.symbolic.sums.sum_builder import KernelCopies, LocalInput, SumBuilder
+
+if TYPE_CHECKING:
+    from beamdae.equations.equations_of_motion import EquationsOfMotion
 
 Array = np.ndarray
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from beamdae.report.pictures.figures import COLORS
-from beamdae.report.scene.beam_colors import BeamColors
 from beamdae.report.scene.scene import Glyph, MovingCurve, Scene, bounding_box
 
 if TYPE_CHECKING:
@@ -17,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
     from matplotlib.figure import Figure
     from matplotlib.text import Text
+
+    from beamdae.report.scene.beam_colors import BeamColors
 
 Array = np.ndarray
 
