@@ -6,7 +6,7 @@ They include a structure, which models that differ only in numbers share, and th
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -371,6 +371,8 @@ class PartCoordinates(NamedTuple):
     size
         Largest distance between points of the outline of the part [m], which converts rotations to
         displacements. For a single point, and in a constrained system, the characteristic length.
+    group_size
+        Characteristic length [m] of the parts that bodies connect to this part.
     rigid_count
         Number of leading coordinates that describe a rigid motion: for a beam, those of its
         floating frame, or none in absolute coordinates; otherwise all, unless a part overrides
@@ -386,6 +388,7 @@ class PartCoordinates(NamedTuple):
     name: str
     rows: slice
     size: float
+    group_size: float
     rigid_count: int
     follows_section: bool = False
     is_state: bool = False
@@ -638,11 +641,22 @@ class EquationsOfMotion:
 
         Unlike `position_scales`, it does not depend on other parts, which may be much larger.
         """
+        return self._scale_lengths(lambda part: part.size)
+
+    @cached_property
+    def group_scales(self) -> Array:
+        """Size of the connected parts of each coordinate [m], or 1 rad for an angle, (n,).
+
+        It does not depend on parts that only the ground connects to the coordinate.
+        """
+        return self._scale_lengths(lambda part: part.group_size)
+
+    def _scale_lengths(self, size: Callable[[PartCoordinates], float]) -> Array:
         scales = self.position_scales.copy()
-        angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
         for part in self.parts:
             if not part.is_state:
-                scales[part.rows] = np.where(angle[part.rows], 1.0, part.size)
+                units = (coordinate.unit for coordinate in self.coordinates[part.rows])
+                scales[part.rows] = [1.0 if unit == "rad" else size(part) for unit in units]
         return scales
 
 

@@ -370,3 +370,29 @@ def test_regression_paths_whose_loads_are_zero_have_a_note():
     with pytest.warns(bd.BeamdaeWarning, match="all scaled loads are zero at t = 0 s, so all"):
         assert bd.equilibrium(hang(0.0)).status.success
     assert not bd.equilibrium(hang(1e-9)).warnings
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e2, 1e4, 1e-4])
+@pytest.mark.parametrize("height", [0.2, 0.3])
+def test_regression_arc_length_does_not_depend_on_the_size_of_other_trusses(ratio, height):
+    """From 1:1000 on, the limit points of the small truss were skipped or called branch points."""
+    mech = bd.Mechanism()
+    for k, (size, load, rise) in enumerate([(1.0, 1.0, 0.2), (ratio, 0.7, height)]):
+        middle = 3.0 * k * max(1.0, ratio)
+        crown = mech.add(bd.PointMass(f"crown {k}", 1.0, at=(middle, rise * size)))
+        for side in (-1.0, 1.0):
+            foot = mech.ground.at(middle + side * size, 0.0)
+            mech.add(bd.Spring(f"bar {k} {side:+g}", foot, crown.point, 1000.0))
+        mech.add(bd.Force(f"load {k}", crown.point, (0.0, -load * size)))
+    path = bd.equilibrium(mech, to=6.0, control="arc length")
+    assert path.status.success
+    # Two springs k of length l from +-1 to (0, y): F = 2 k y (1 - l / sqrt(1 + y^2)).
+    y = np.linspace(0.0, 0.2, 100001)
+    limit = np.max(2000.0 * y * (np.sqrt(1.04 / (1.0 + y**2)) - 1.0))
+    other = limit / 0.7
+    signs = {
+        0.2: [limit, -limit, other, -limit, limit, -other, limit, -limit],
+        0.3: [limit, -limit],
+    }
+    assert [point.kind for point in path.critical] == ["limit point"] * len(signs[height])
+    assert_allclose([point.factor for point in path.critical], signs[height], rtol=1e-6)

@@ -379,7 +379,7 @@ class BorderedSystem:
         self._eliminates = True
         self._initial_q = loaded.q0
         self.increments = StrainIncrements.of(loaded)
-        self.measure = DisplacementMeasure.of(loaded)
+        self.measure = replace(DisplacementMeasure.of(loaded), scale=loaded.group_scales)
         loop = self._take_idle_loop() or self._make_loop(compiles=False)
         self._set_loop(loop)
         self._compilation_seconds = np.inf if self.is_native else self._estimate_compilation()

@@ -110,11 +110,11 @@ class _FineMesh:
         lam = [multipliers.get(name, 0.0) for name in e.lam_names]
         x = np.append(self.start + self.prolongation @ point.x[:n], lam)
         along = np.append(self.prolongation @ secant.x[:n], np.zeros(e.m))
-        motion = StepNorm(e.position_scales, np.inf).max_norm(along)
+        motion = StepNorm(e.group_scales, np.inf).max_norm(along)
         if point.system.held_coordinates:
             system = hold_neutral_motions(system, x)
         # Load and motion contribute equally to the distance along the path.
-        norm = StepNorm(e.position_scales, abs(secant.mu) / motion if secant.mu else np.inf)
+        norm = StepNorm(e.group_scales, abs(secant.mu) / motion if secant.mu else np.inf)
         control = norm.arc_length_control(x, point.mu, PathDirection(along, secant.mu))
         try:
             return Corrector(system).correct(control, 0.0, x, point.mu).negative_count

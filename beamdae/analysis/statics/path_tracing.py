@@ -536,7 +536,7 @@ def _choose_steps(
     corrector: Corrector, begin: EquilibriumPoint, settings: PathSettings, control: Control
 ) -> ContinuationSettings:
     """Return the continuation settings, with default step sizes where none are set."""
-    scale = corrector.system.equations.position_scales
+    scale = corrector.system.equations.group_scales
     initial_value = control.value(begin.x, begin.mu)
     reach = max(abs(target - initial_value) for target in settings.targets)
     reach = max(reach, _MIN_REACH)

@@ -116,7 +116,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
     ranges: list[RangeStatement] = []
     # The outlines of the bodies and the attachments of joints determine the size of the mechanism;
     # a single point mass without joints has that of its springs.
-    outlines = [np.asarray(part.outline, float) for part in parts]
+    outlines = {id(part): [np.asarray(part.outline, float)] for part in parts}
     for part in parts:
         part_forces, part_constraints, part_ranges = collect_statements(
             part, mechanism.gravity, coordinate_map.sizes
@@ -128,10 +128,17 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         constraints += part_constraints
         ranges += part_ranges
         if part_constraints:
-            outlines += [np.reshape(attachment.point, (1, 2)) for attachment in part.attachments]
+            outlines[id(part)] += [np.reshape(x.point, (1, 2)) for x in part.attachments]
     for name, quantity in snapshot.observables.items():
         require_pieces_fit(name, quantity.pieces, coordinate_map.sizes)
-    length = largest_distance(np.concatenate(outlines)) or _shortest_connection(parts) or 1.0
+
+    def measure(members: Sequence[Part]) -> float:
+        points = np.concatenate([points for part in members for points in outlines[id(part)]])
+        return largest_distance(points) or _shortest_connection(members)
+
+    length = measure(parts) or 1.0
+    groups = _connected_parts(parts, coordinate_map)
+    group_sizes = {id(part): measure(group) or length for group in groups for part in group}
     q0 = np.concatenate([part.initial_position for part in parts])
     _require_drawn_attachments(mechanism, coordinate_map, q0, length)
     time_scales = [law.time_scale for law in mechanism.laws if law.time_scale is not None]
@@ -144,7 +151,7 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
         q0=q0,
         v0=np.concatenate([part.initial_velocity for part in parts]),
         length=length,
-        parts=_part_coordinates(parts, coordinate_map, length),
+        parts=_part_coordinates(parts, coordinate_map, length, group_sizes),
         breakpoints=tuple(sorted({b for law in mechanism.laws for b in law.breakpoints})),
         time_scale=min(time_scales) if time_scales else None,
         forces=forces,
@@ -222,8 +229,22 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         forget_meshes()
 
 
+def _connected_parts(parts: Sequence[Part], coordinate_map: CoordinateMap) -> list[list[Part]]:
+    """Return the groups of parts that bodies connect; the ground connects none."""
+    groups = {id(part): [part] for part in parts}
+    for part in parts:
+        for body in part.bodies:
+            if coordinate_map.sizes.get(id(body), 0) and groups[id(body)] is not groups[id(part)]:
+                merged = groups[id(part)] + groups[id(body)]
+                groups.update((id(member), merged) for member in merged)
+    return list({id(group): group for group in groups.values()}.values())
+
+
 def _part_coordinates(
-    parts: Sequence[Part], coordinate_map: CoordinateMap, length: float
+    parts: Sequence[Part],
+    coordinate_map: CoordinateMap,
+    length: float,
+    group_sizes: dict[int, float],
 ) -> tuple[PartCoordinates, ...]:
     """Return the coordinates and the size of each part that has coordinates.
 
@@ -234,6 +255,7 @@ def _part_coordinates(
             part.name,
             coordinate_map.slice_of(part),
             part.scale or largest_distance(np.asarray(part.outline, float)) or length,
+            group_sizes[id(part)],
             part.rigid_coordinate_count,
             part.frame_follows_section,
             part.is_state,

@@ -378,6 +378,6 @@ def _group_into_bodies(names: Sequence[str], length: float) -> tuple[PartCoordin
     bodies, row = [], 0
     for body, group in groupby(names, lambda name: name.rpartition(".")[0] or name):
         count = len(list(group))
-        bodies.append(PartCoordinates(body, slice(row, row + count), length, count))
+        bodies.append(PartCoordinates(body, slice(row, row + count), length, length, count))
         row += count
     return tuple(bodies)
