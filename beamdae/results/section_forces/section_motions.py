@@ -85,9 +85,12 @@ def evaluate_sections(
     result: Array | None = None
     for (kind, size, count), members in groups.items():
         compile_rows = _compile_rows if count is None else _compile_shared_rows
-        compiled = compile_rows(build, kind, size, count)
+        compiled, is_used = compile_rows(build, kind, size, count)
         operators = sp.vstack([at[k].operator for k in members], format="csr")
-        local = [(operators @ x.T).T.reshape(-1, size) for x in (q, v, a)]
+        local = [
+            (operators @ x.T).T.reshape(-1, size) if is_read else np.zeros(size)
+            for x, is_read in zip((q, v, a), is_used, strict=True)
+        ]
         numbers = [() if count is None else at[k].function.numbers for k in members]
         data = np.array(numbers, float).reshape(len(members), -1)
         values = compiled(*local, np.tile(data, (len(q), 1))).reshape(len(q), len(members), -1)
@@ -99,16 +102,18 @@ def evaluate_sections(
 
 def _compile_rows(
     build: Build, kind: Callable[..., Any], size: int, count: int | None
-) -> RowFunction:
+) -> tuple[RowFunction, list[bool]]:
     """Compile the map from rows (q, v, a, numbers) to rows of values.
 
-    `numbers` are the numerical arguments of the section function. `count` is the length of
-    `numbers`, or None if the function has no numerical arguments.
+    Return also whether the values depend on q, v and a. `numbers` are the numerical arguments of
+    the section function. `count` is the length of `numbers`, or None if the function has no
+    numerical arguments.
     """
     local, numbers = Local(size), SX.sym("numbers", count or 0)
     values = build(local, kind if count is None else Formula(kind, numbers))
     inputs = [local.q, local.v, local.a, numbers]
-    return RowFunction(ca.Function("sections", inputs, [ca.densify(values)]))
+    function = ca.Function("sections", inputs, [ca.densify(values)])
+    return RowFunction(function), [ca.depends_on(values, x) for x in inputs[:3]]
 
 
 _compile_shared_rows = lru_cache(maxsize=MAX_SHARED_KERNELS)(_compile_rows)

@@ -7,6 +7,7 @@ hundreds of rows, one NumPy operation on a whole column takes less than a sixth 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -49,6 +50,10 @@ _BINARY: dict[int, Callable[..., Any]] = {
 _MAX_OPERATIONS = 1000
 
 
+# Cached because most operations of a program have the same few shapes.
+_broadcast_shapes = lru_cache(np.broadcast_shapes)
+
+
 class RowProgram:
     """A function with one dense output, evaluated at many points at a time.
 
@@ -89,7 +94,7 @@ class RowProgram:
                 self._steps.append((np.positive, (values[operands[0]], self.output[results[1]])))
             else:
                 arguments = [values[i] for i in operands]
-                shape = np.broadcast_shapes(*(x.shape for x in arguments))
+                shape = _broadcast_shapes(*(x.shape for x in arguments))
                 slot = results[0], shape
                 if slot not in work:
                     work[slot] = np.zeros(shape)
