@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from beamdae.bounded_cache import bounded_cache
 from beamdae.equations.equations_of_motion import Configuration, EquationsOfMotion, State
 from beamdae.errors import BeamdaeError, require_finite, warn_user
 from beamdae.read_only import read_only, read_only_data
+from beamdae.symbolic.sparse_operators import assemble_csr
 
 Array = np.ndarray
 
@@ -190,16 +191,18 @@ class Interval:
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
         return State(positions, _combine(motion, v), _combine(reaction, a), _combine(reaction, lam))
 
-    def positions_at(self, t: Array) -> Array:
-        """Return the coordinates q of `at` (j, n)."""
+    def positions_at(self, t: Array, coordinates: Sequence[int] | None = None) -> Array:
+        """Return the coordinates q of `at` (j, n), or only some of them."""
+        columns = slice(None) if coordinates is None else coordinates
+        q = self.rows.q[:, columns]
         if self.nodes_per_step == 1:
             if np.array_equal(t, self.nodes):
-                return self.rows.q
+                return q
             step = self.find_steps(t)
             # The polynomials pass through the steps.
-            return self.interpolate(self.rows.q, t) if step is None else self.rows.q[step]
+            return self.interpolate(q, t) if step is None else q[step]
         by_q, by_v = self._position_weights(t)
-        return by_q @ self.rows.q + by_v @ self.rows.v
+        return by_q @ q + by_v @ self.rows.v[:, columns]
 
     def derivative_at(self, t: Array) -> State:
         """Return the exact time derivatives of the polynomials of `at` at times (j,) [s].
@@ -318,9 +321,8 @@ class Interval:
         data = weights[0] * half * terms[0]
         for weight, term in zip(weights[1:], terms[1:], strict=True):
             data += weight * half * term
-        return sp.csr_array(
-            (data, at_points.indices[: ends[-1]], ends), shape=(len(t), len(self.nodes))
-        )
+        shape = (len(t), len(self.nodes))
+        return assemble_csr(data, at_points.indices[: ends[-1]], ends, shape)
 
     def _position_weights(self, t: Array) -> tuple[sp.csr_array, sp.csr_array]:
         """Return the weights (j, k) of q and of v at the nodes in the positions at times (j,).
@@ -380,7 +382,7 @@ class Interval:
                 weights = slopes
         ends = np.arange(len(t) + 1) * (degree + 1)
         shape = (len(t), len(self.nodes))
-        return sp.csr_array((weights.T.ravel(), through.T.ravel(), ends), shape=shape)
+        return assemble_csr(weights.T.ravel(), through.T.ravel(), ends, shape)
 
 
 # The runs of a sweep with fixed steps have the same nodes.
@@ -481,6 +483,8 @@ class Trajectory:
 
     def interval_index(self, times: Array) -> Array:
         """Return the index of the interval of each time; at a boundary, of the earlier interval."""
+        if len(self.intervals) == 1:
+            return np.zeros(len(times), int)
         starts = np.array([interval.t[0] for interval in self.intervals])
         return np.clip(np.searchsorted(starts, times, side="left") - 1, 0, None)
 
@@ -533,10 +537,12 @@ class Trajectory:
         parts = [x.derivative_at(times[index == k]) for k, x in enumerate(self.intervals)]
         return State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
-    def positions_at(self, times: Array) -> Array:
-        """Return the coordinates q (k, n) at ascending times (k,) [s]."""
+    def positions_at(self, times: Array, coordinates: Sequence[int] | None = None) -> Array:
+        """Return the coordinates q (k, n), or only some of them, at ascending times (k,) [s]."""
         index = self.interval_index(times)
-        parts = [x.positions_at(times[index == k]) for k, x in enumerate(self.intervals)]
+        parts = [
+            x.positions_at(times[index == k], coordinates) for k, x in enumerate(self.intervals)
+        ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

@@ -6,13 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-import beamdae as bd
 from beamdae.native.object_code import is_native_enabled
-from beamdae.studies.execution.case_run import run_task
-from beamdae.studies.tasks import Task
 from beamdae.symbolic.functions import row_kernels
 from beamdae.symbolic.functions.compiled import Compiled, RowFunction
-from beamdae.symbolic.functions.row_kernels import compile_row_functions
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
 EXPRESSIONS = ca.vertcat(
@@ -27,13 +23,7 @@ FUNCTION = ca.Function("f", [X, Y], [ca.densify(EXPRESSIONS)])
 
 
 @pytest.fixture
-def switched_on():
-    with compile_row_functions():
-        yield
-
-
-@pytest.fixture
-def compiled_at_once(switched_on, monkeypatch):
+def compiled_at_once(monkeypatch):
     monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_COMPILING", 0.0)
 
 
@@ -69,7 +59,7 @@ def test_rows_have_the_bits_of_the_virtual_machine(compiled_at_once, rows):
 
 
 @pytest.mark.parametrize(("copies", "rows"), [(8, 1), (8, 17), (3, 300), (2, 1500)])
-def test_copies_have_the_bits_of_the_virtual_machine(switched_on, monkeypatch, copies, rows):
+def test_copies_have_the_bits_of_the_virtual_machine(monkeypatch, copies, rows):
     monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_COMPILING", 0.0)
     monkeypatch.setattr(row_kernels, "_MIN_ROWS", 1)
     rng = np.random.default_rng(copies)
@@ -88,9 +78,7 @@ def test_one_run_does_not_compile(builds):
     assert builds == []
 
 
-def test_functions_are_loaded_after_some_rows_and_compiled_after_many(
-    switched_on, monkeypatch, builds
-):
+def test_functions_are_loaded_after_some_rows_and_compiled_after_many(monkeypatch, builds):
     evaluate, (x, y) = RowFunction(FUNCTION), (np.ones((100, 3)), np.ones(2))
     operations = 100 * FUNCTION.n_instructions()
     monkeypatch.setattr(row_kernels, "_OPERATIONS_BEFORE_LOADING", 2.5 * operations)
@@ -120,25 +108,3 @@ def test_compiled_functions_can_be_pickled(compiled_at_once):
     copied = pickle.loads(pickle.dumps(evaluate))
     assert copied._kernels._codes == {}
     np.testing.assert_array_equal(copied(x, y), values)
-
-
-@bd.model(t_end=0.01)
-def falling_ball(mass=1.0):
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    mech.observe("ball", mech.add(bd.PointMass("ball", mass, at=(0.0, 1.0))).point)
-    return mech
-
-
-def is_requested(solution):
-    from beamdae.symbolic.functions import row_kernels
-
-    return row_kernels._is_requested.get()
-
-
-def test_cases_of_studies_compile_row_functions():
-    case = bd.Case(falling_ball, {}, bd.GeneralizedAlpha(1e-3))
-    task = Task("ball", case, 0.01, 0.005, outputs={"requested": is_requested})
-    outcome = run_task(task.serialize({}))
-    assert outcome.status.success, outcome.status
-    assert outcome.values["output requested"] is True
-    assert not is_requested(None)

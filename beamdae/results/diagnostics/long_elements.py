@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import (
@@ -79,10 +80,9 @@ class _Spectrum(NamedTuple):
         into higher frequencies.
         """
         halves = values.reshape(2, len(values) // 2, -1)
-        x = np.linspace(-1.0, 1.0, halves.shape[1])[:, None]
+        x, window = _window(halves.shape[1])
         halves = halves - halves.mean(axis=1, keepdims=True)
         halves -= x * (np.sum(x * halves, axis=1, keepdims=True) / np.sum(x**2))
-        window = np.cos(0.5 * np.pi * x) ** 4
         amplitudes = np.abs(np.fft.rfft(window * halves, axis=1))
         squares = 2.0 * amplitudes**2 / (len(x) * np.sum(window**2))
         squares[:, :_MIN_PERIODS] = 0.0
@@ -107,6 +107,13 @@ class _Spectrum(NamedTuple):
         # Vibrations in opposite phase differ by twice the amplitude.
         factors = (np.minimum(phases, 2.0) / divisors) ** 2
         return np.sqrt(2.0 * np.max(np.sum(factors[:, :, None] * self.squares, axis=1), axis=0))
+
+
+@lru_cache(maxsize=4)
+def _window(count: int) -> tuple[Array, Array]:
+    """Return equally spaced numbers from -1 to 1 and the window cos^4 at these, (count, 1) each."""
+    x = np.linspace(-1.0, 1.0, count)[:, None]
+    return x, np.cos(0.5 * np.pi * x) ** 4
 
 
 def long_element_warnings(
@@ -152,13 +159,15 @@ def long_element_warnings(
     if not beams or count * equations.n > _MAX_SAMPLED_NUMBERS or not has_free_vibrations():
         return
     times = np.linspace(trajectory.start, trajectory.end, count)
-    q = trajectory.positions_at(times)
     spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
     for beam in beams:
         half_ranges = _select_columns(equations, beam, extremes)
-        rotations = _rotations(equations, beam, q)
-        if not half_ranges or not rotations.size:
+        columns = _rotation_coordinates(equations, beam)
+        if not half_ranges or len(columns) < 2:
             continue
+        angles = trajectory.positions_at(times, columns)
+        # Sums over long columns are faster and more accurate than over short rows.
+        rotations = np.asfortranarray(angles[:, 1:] - angles[:, :1])
         vibration = _Vibration(beam, _Spectrum.of_samples(rotations, duration))
         if not vibration.has_errors(half_ranges):
             continue
@@ -265,10 +274,15 @@ def _select_columns(
     half_ranges = dict(zip(headers, sizes.tolist(), strict=True))
     small = {x for x, small in zip(headers, is_small, strict=True) if small}
     rows = _coordinates_of(equations, beam)
+
+    def depends_on_beam(operator: sp.csr_array) -> bool:
+        indices = operator.indices
+        return bool(((indices >= rows.start) & (indices < rows.stop)).any())
+
     return {
         header: half_ranges[header]
         for observable in equations.observables
-        if np.isin(observable.operator.indices, rows).any()
+        if depends_on_beam(observable.operator)
         for header in observable.headers
         if header in half_ranges and header not in small and Header.of(header).unit in _UNITS
     }
@@ -291,9 +305,8 @@ def _coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
     return range(part.rows.start, part.rows.stop)
 
 
-def _rotations(equations: EquationsOfMotion, beam: Beam, q: Array) -> Array:
-    """Return the rotations of the sections relative to the first one [rad], (times, sections)."""
+def _rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
+    """Return the indices of the rotations of a beam's sections among the coordinates."""
     (part,) = (x for x in equations.parts if x.name == beam.name)
     rows = range(part.rigid.stop, part.rows.stop)
-    angles = q[:, [k for k in rows if equations.coordinates[k].unit == "rad"]]
-    return np.asarray(angles[:, 1:] - angles[:, :1])
+    return [k for k in rows if equations.coordinates[k].unit == "rad"]

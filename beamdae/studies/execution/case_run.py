@@ -37,7 +37,7 @@ from beamdae.studies.store.file_reads import (
 )
 from beamdae.studies.store.trajectory_csv import format_numbers
 from beamdae.studies.tasks import MEASURED, Limits, Outcome, Task, describe_exception
-from beamdae.symbolic.functions.row_kernels import compile_row_functions
+from beamdae.symbolic.sums.sum_evaluator import compile_sums
 
 _MIN_PROGRESS = 1e-5  # simulated time per `Limits.patience`, relative to the end time
 
@@ -51,7 +51,7 @@ def run_task(serialized: bytes) -> Outcome:
     folder = working_folder()
     is_deleted = not folder.samefile(os.curdir)
     try:
-        with record_file_reads() as reads, compile_row_functions():
+        with record_file_reads() as reads, compile_sums():
             home = folder
             try:
                 task = pickle.loads(serialized)

@@ -1,17 +1,14 @@
-"""Machine code of row functions, for processes that evaluate them in many runs.
+"""Machine code of row functions that a process evaluates often, usually in many runs.
 
 Loading or compiling machine code takes longer than the rows of a single run take in NumPy or in
-CasADi's virtual machine. Only the cases of studies therefore use it, see `compile_row_functions`,
-and a function is compiled once it has taken about as long as the compiler takes. Results have the
-same bits in any case. The same holds for sums that are evaluated at single states, see
-`sum_evaluator`.
+CasADi's virtual machine. A function is therefore compiled once its rows, in all runs of a process,
+have taken about as long as the compiler takes. Results have the same bits in any case. The same
+holds for sums that are evaluated at single states, see `sum_evaluator`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Generic, TypeVar
 
@@ -34,19 +31,6 @@ _OPERATIONS_BEFORE_LOADING = 3e6
 _OPERATIONS_BEFORE_COMPILING = 5e7
 
 
-_is_requested: ContextVar[bool] = ContextVar("machine code of row functions", default=False)
-
-
-@contextmanager
-def compile_row_functions() -> Iterator[None]:
-    """Use machine code for row functions and sums that are evaluated often, within this context."""
-    token = _is_requested.set(True)
-    try:
-        yield
-    finally:
-        _is_requested.reset(token)
-
-
 class CodeOnDemand(Generic[Code]):
     """Machine code that is loaded, and later compiled, after many operations without it."""
 
@@ -55,18 +39,18 @@ class CodeOnDemand(Generic[Code]):
         self._operations = 0.0
         self._is_searched = self._is_final = False
 
-    def find(self, operations: float, build: Callable[[bool], Code | None]) -> Code | None:
+    def find(
+        self, operations: float, build: Callable[[bool], Code | None], compiles: bool = True
+    ) -> Code | None:
         """Return machine code for as many operations; None to use none.
 
         `build` returns the machine code if it is available; its argument is False to look only into
-        the cache.
+        the cache, as always if `compiles` is False.
         """
-        if not _is_requested.get():
-            return None
         if self._is_final:
             return self._code
         self._operations += operations
-        if self._operations > _OPERATIONS_BEFORE_COMPILING:
+        if compiles and self._operations > _OPERATIONS_BEFORE_COMPILING:
             self._code, self._is_final = build(True), True
         elif self._operations > _OPERATIONS_BEFORE_LOADING and not self._is_searched:
             self._code, self._is_searched = build(False), True

@@ -1,12 +1,16 @@
-"""Evaluation of sums at single states, in machine code if a study evaluates them often.
+"""Evaluation of sums at single states, in machine code if a process evaluates them often.
 
 In a single run, CasADi's virtual machine evaluates these sums sooner than their machine code is
-loaded. The cases of a study share the plans of sums, see `row_kernels`. Results have the same bits
-in any case.
+loaded. Runs of the same model with other numbers share the plans of sums, see `row_kernels`.
+Loops take seconds to compile, and therefore only studies compile them, see `compile_sums`. Results
+have the same bits in any case.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -23,6 +27,18 @@ Array = np.ndarray
 
 # Largest inputs of sums that are kept for later models.
 _MAX_IDLE_NUMBERS = 100_000
+
+_compiles: ContextVar[bool] = ContextVar("compilation of loops of sums", default=False)
+
+
+@contextmanager
+def compile_sums() -> Iterator[None]:
+    """Compile the loops of sums that are evaluated often, within this context."""
+    token = _compiles.set(True)
+    try:
+        yield
+    finally:
+        _compiles.reset(token)
 
 
 @dataclass(slots=True)
@@ -80,10 +96,12 @@ class SumEvaluator:
 
     def __call__(self, x: Array, size: int) -> Array:
         """Return the sum at x, (size,); all calls have equal sizes of x and of the result."""
-        buffers, load = self._buffers, partial(self.load_native, len(x), size)
-        # Another evaluator of the plan may have loaded the machine code.
-        if buffers.native is None and self._plan.code.find(self._plan.operations_per_kernel, load):
-            load(compiles=False)
+        buffers, plan = self._buffers, self._plan
+        if buffers.native is None:
+            load = partial(self.load_native, len(x), size)
+            if plan.code.find(plan.operations_per_kernel, load, _compiles.get()):
+                # Another evaluator of the plan may have loaded the machine code.
+                load(compiles=False)
         if buffers.native is None:
             result = np.zeros(size)
             evaluate_sum(buffers.total, x, result)
