@@ -33,7 +33,7 @@ _UNCHECKED_BYTES = 1e6
 # In messages of CasADi, and of the dynamic linker.
 _OUT_OF_MEMORY_WORDS = ("bad_alloc", "failed to map segment", "cannot allocate memory")
 # Writing this to clear_refs resets the peak of resident memory.
-_RESET_PEAK = "5"
+_RESET_PEAK = b"5"
 # Smallest limit above the present memory [GB]. The memory check of a run must stop the run before
 # the limit is reached, so that results are kept.
 _MIN_LIMIT = 0.5
@@ -166,7 +166,8 @@ def limit_memory(memory: float | None) -> Iterator[None]:
 def reset_peak_memory() -> None:
     """Reset the value of `peak_memory`, if the system supports resetting."""
     try:
-        _CLEAR_FILE.write_text(_RESET_PEAK)
+        with open(_CLEAR_FILE, "wb", buffering=0) as file:
+            file.write(_RESET_PEAK)
     except OSError:
         return
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -33,12 +33,19 @@ def shape_functions(nodes: int, xi: Array, derivative: int = 0) -> Array:
     return values
 
 
-def lagrange_weights(points: Array, xi: float) -> list[float]:
+def lagrange_weights(points: Array, xi: float) -> tuple[float, ...]:
     """Return the weights that interpolate values at `points` to `xi` by Lagrange's polynomial."""
-    return [
+    return _lagrange_weights(points.tobytes(), float(xi))
+
+
+# Runs of a model with other numbers have the same sections.
+@lru_cache(maxsize=1024)
+def _lagrange_weights(points_bytes: bytes, xi: float) -> tuple[float, ...]:
+    points = np.frombuffer(points_bytes)
+    return tuple(
         float(np.prod((xi - (x := np.delete(points, k))) / (points[k] - x)))
         for k in range(len(points))
-    ]
+    )
 
 
 @cache

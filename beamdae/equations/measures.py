@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
 import numpy as np
 import scipy.sparse as sp
@@ -96,6 +97,7 @@ class BalancePlan:
     m: int
     total: SumPlan
     states: tuple[int, ...]
+    _idle: list[Any] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def rows(self, p: Array) -> BalanceRows:
         """Return an evaluator of rows (energies, powers, norms) for one run with the numbers p."""
@@ -175,12 +177,22 @@ def evaluate_balance(run: BalanceBuffers) -> int:
 
 
 class BalanceRows:
-    """Evaluates the energy balance of one run, in machine code if available."""
+    """Evaluates the energy balance of one run, in machine code if available.
+
+    Its buffers are reused by later runs of the same plan.
+    """
 
     def __init__(self, balance: BalancePlan, p: Array) -> None:
-        self._run, self._loop = prepare_loop(
-            evaluate_balance, lambda native: balance.buffers(native, p), balance.total.is_native
-        )
+        try:
+            # Not a test of the length, because a concurrent thread may take the last one.
+            self._run, self._loop = balance._idle.pop()
+        except IndexError:
+            self._run, self._loop = prepare_loop(
+                evaluate_balance, lambda native: balance.buffers(native, p), balance.total.is_native
+            )
+        else:
+            balance.total.set_data(self._run.total, p)
+        finalize(self, balance._idle.append, (self._run, self._loop)).atexit = False
 
     def __call__(self, times: Array, *state: Array) -> Array:
         """Return rows (energies, powers, norms) of states (q, v, a, lam) at (t, branch)."""

@@ -7,8 +7,9 @@ contraction, so that results agree to the last bit. This is tested whenever a ke
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -103,8 +104,16 @@ class LaneKernel:
                 f"{self.name}: out must be a writable C-contiguous float64 array of shape "
                 f"{(self.n_out, count)}, got {out.dtype} {out.shape}."
             )
-        self._call(shared.ctypes.data, local.ctypes.data, out.ctypes.data, count)
+        self.bind(shared, local, out)(count)
         return out
+
+    def bind(self, shared: Array, local: Array, out: Array) -> Callable[[int], None]:
+        """Return a function that evaluates as many copies as its argument, in these buffers.
+
+        The buffers are C-contiguous arrays of float64, which are large enough and exist as long as
+        the function; they are not checked. The argument is a multiple of `LANE_WIDTH`.
+        """
+        return partial(self._call, *(x.ctypes.data for x in (shared, local, out)))
 
 
 def build_lane_kernel(function: ca.Function, compiles: bool = True) -> LaneKernel | None:

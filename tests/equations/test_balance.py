@@ -36,6 +36,21 @@ def test_rows_do_not_depend_on_neighboring_rows(balance):
     assert len(np.unique(together[:, 0])) == len(times)
 
 
+def test_buffers_are_reused_with_the_numbers_of_the_next_run(balance):
+    evaluate, _, times, state = balance
+    equations = as_equations("simulate", hub_beam(elements=2))
+    plan, p = measures.plan_balance(equations.structure), equations.p
+    expected = evaluate(times, *state)
+    other = plan.rows(1.5 * p)
+    assert not np.array_equal(other(times, *state), expected)
+    buffers = other._run
+    assert buffers is not evaluate._run
+    del other
+    again = plan.rows(p)
+    assert again._run is buffers
+    assert_array_equal(again(times, *state), expected)
+
+
 def test_machine_code_and_plain_python_agree(balance):
     evaluate, run, times, state = balance
     run.n_rows = count = 7

@@ -223,6 +223,18 @@ def test_polynomials_do_not_cross_jumps(nodes_per_step, steps):
     assert half == pytest.approx(first(1.0) - first(0.0) + second(1.5) - second(1.0))
 
 
+@pytest.mark.parametrize("nodes_per_step", [1, 3])
+@pytest.mark.parametrize("step", [0.25, 0.3])  # at the steps or between
+def test_selected_coordinates_are_those_of_all(nodes_per_step, step):
+    steps = np.linspace(0.0, 1.0, 5)
+    nodes = np.append(0.0, (steps[:-1, None] + 0.25 * C).ravel()) if nodes_per_step > 1 else steps
+    state = State(*np.random.default_rng(1).normal(size=(4, len(nodes), 5)))
+    trajectory = Trajectory((Interval(nodes, state, 0.5, nodes_per_step),))
+    times, columns = np.arange(0.0, 1.0, step), [0, 3, 4]
+    expected = trajectory.positions_at(times)[:, columns]
+    assert_array_equal(trajectory.positions_at(times, columns), expected)
+
+
 def test_positions_at_steps_are_those_of_the_polynomials():
     t = np.linspace(0.0, 1.0, 21)
     interval = make_interval(t, [np.sin, np.cos, np.tan, np.exp])

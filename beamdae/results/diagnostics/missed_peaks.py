@@ -386,10 +386,12 @@ def find_missed_peaks(
     magnitudes
         Headers of magnitudes, of which only the largest value matters.
     """
-    names = [x for x in extremes if np.isfinite(observed[x]).all()]
+    columns = np.array([observed[x] for x in extremes])
+    is_finite = np.isfinite(columns).all(axis=1) if extremes else np.zeros(0, bool)
+    names = [name for name, finite in zip(extremes, is_finite.tolist(), strict=True) if finite]
     if not names:
         return ColumnDict()
-    rows = np.array([[np.min(observed[x]), np.max(observed[x])] for x in names]).T
+    rows = np.stack([np.min(columns[is_finite], axis=1), np.max(columns[is_finite], axis=1)])
     steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range, values = 0.5 * (high - low), np.stack([low, high])

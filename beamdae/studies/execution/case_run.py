@@ -105,7 +105,8 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         reads |= built.reads
         solutions = []
         for _ in range(task.repetitions):
-            monitor = _LimitMonitor(task.limits, task.t_end)
+            limits = task.limits
+            monitor = None if limits == Limits() else _LimitMonitor(limits, task.t_end)
             solution = simulate(
                 built.equations,
                 task.case.integrator,

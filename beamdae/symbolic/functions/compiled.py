@@ -150,8 +150,9 @@ class RowFunction:
         Arguments have shape (rows, k), or (k,) if all rows share the argument; at least one
         argument must be two-dimensional.
         """
-        shared = [i for i, a in enumerate(arguments) if np.ndim(a) == 1]
-        rows = max(len(a) for a in arguments if np.ndim(a) == 2)
+        arguments = tuple(map(np.asarray, arguments))
+        shared = [i for i, a in enumerate(arguments) if a.ndim == 1]
+        rows = max(len(a) for a in arguments if a.ndim == 2)
         result = np.empty((rows, self._function.nnz_out(0)))
         if not rows:
             return result
@@ -166,7 +167,7 @@ class RowFunction:
         # The last chunk overlaps the previous chunk, because mapping to another size costs more.
         for first in [*range(0, rows - count, count), rows - count]:
             chunk = slice(first, first + count)
-            values = [a if np.ndim(a) == 1 else a[chunk] for a in arguments]
+            values = [a if a.ndim == 1 else a[chunk] for a in arguments]
             result[chunk] = evaluator.evaluate(values)
         pool.release(evaluator)
         return result

@@ -101,9 +101,9 @@ def evaluate_rows(kernel: LaneKernel, arguments: Sequence[Array], result: Array)
 
     `result` (rows, size) receives the values.
     """
-    shared = np.concatenate([np.zeros(0), *(a for a in arguments if np.ndim(a) == 1)])
-    columns = [a.T for a in arguments if np.ndim(a) == 2]
-    _evaluate_columns(kernel, shared, columns, result.T)
+    shared = np.concatenate([np.zeros(0), *(a for a in arguments if a.ndim == 1)])
+    columns = [a.T for a in arguments if a.ndim == 2]
+    _BlockEvaluator(kernel, len(result))(shared, columns, result.T)
 
 
 def evaluate_copies(kernel: LaneKernel, columns: Array, data: Array, result: Array) -> None:
@@ -111,23 +111,36 @@ def evaluate_copies(kernel: LaneKernel, columns: Array, data: Array, result: Arr
 
     `result` (outputs, c, k) receives the values.
     """
+    evaluate = _BlockEvaluator(kernel, columns.shape[2])
     for copy, column in enumerate(columns):
-        _evaluate_columns(kernel, data[:, copy], [column], result[:, copy])
+        evaluate(data[:, copy], [column], result[:, copy])
 
 
-def _evaluate_columns(
-    kernel: LaneKernel, shared: Array, columns: Sequence[Array], result: Array
-) -> None:
-    """Evaluate machine code for inputs (k, rows) each; `result` (outputs, rows)."""
-    rows = result.shape[1]
-    for first in range(0, rows, _MAX_ROWS):
-        block = slice(first, min(first + _MAX_ROWS, rows))
-        count = block.stop - first
-        local = np.empty((kernel.n_local, pad_copies(count)))
-        position = 0
-        for column in columns:
-            local[position : position + len(column), :count] = column[:, block]
-            position += len(column)
-        # Lanes without a row repeat the last one.
-        local[:, count:] = local[:, count - 1 : count]
-        result[:, block] = kernel(shared, local)[:, :count]
+class _BlockEvaluator:
+    """Evaluates machine code for blocks of rows with the same buffers."""
+
+    def __init__(self, kernel: LaneKernel, rows: int) -> None:
+        length = pad_copies(min(rows, _MAX_ROWS))
+        self._shared = np.empty(kernel.n_shared)
+        self._local, self._out = np.empty(kernel.n_local * length), np.empty(kernel.n_out * length)
+        self._sizes = kernel.n_local, kernel.n_out
+        self._call = kernel.bind(self._shared, self._local, self._out)
+
+    def __call__(self, shared: Array, columns: Sequence[Array], result: Array) -> None:
+        """Write the values of inputs (k, rows) each into `result` (outputs, rows)."""
+        n_local, n_out = self._sizes
+        rows = result.shape[1]
+        self._shared[:] = shared
+        for first in range(0, rows, _MAX_ROWS):
+            block = slice(first, min(first + _MAX_ROWS, rows))
+            count = block.stop - first
+            length = pad_copies(count)
+            local = self._local[: n_local * length].reshape(n_local, length)
+            position = 0
+            for column in columns:
+                local[position : position + len(column), :count] = column[:, block]
+                position += len(column)
+            # Lanes without a row repeat the last one.
+            local[:, count:] = local[:, count - 1 : count]
+            self._call(length)
+            result[:, block] = self._out[: n_out * length].reshape(n_out, length)[:, :count]

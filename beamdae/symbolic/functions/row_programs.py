@@ -118,7 +118,7 @@ class RowProgram:
         All shapes must be (count,).
         """
         for buffer, argument in zip(self.inputs, arguments, strict=True):
-            buffer[:] = argument[:, None] if np.ndim(argument) == 1 else argument.T
+            buffer[:] = argument[:, None] if argument.ndim == 1 else argument.T
         return self().T
 
 
