@@ -18,6 +18,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -215,13 +216,14 @@ def _solver_settings(end: float, step: float, tolerance: float, rho_inf: float) 
     return settings
 
 
-def main() -> None:
+def answer_jobs(run: Callable[..., dict[str, Any]]) -> None:
+    """Answer the jobs in the arguments or, without arguments, in the lines of standard input."""
     # Output of the library goes to standard error, so that answers are the only output.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     for line in sys.argv[1:] or sys.stdin:
-        print(json.dumps(time_run(**json.loads(line))), file=answers, flush=True)
+        print(json.dumps(run(**json.loads(line))), file=answers, flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    answer_jobs(time_run)

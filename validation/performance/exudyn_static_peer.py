@@ -7,15 +7,11 @@ steps are adaptive, one thread is used, and no files are written.
 
 from __future__ import annotations
 
-import contextlib
-import io
-import json
-import os
-import sys
 import time
 from typing import Any
 
 import numpy as np
+from exudyn_peer import answer_jobs, exd, exu
 from static_systems import (
     POISSON,
     RHO,
@@ -26,12 +22,6 @@ from static_systems import (
     Segment,
     Structure,
 )
-
-# Import the module without range checks, which prints a note.
-sys.exudynFast = True
-with contextlib.redirect_stdout(io.StringIO()):
-    import exudyn as exu
-    from exudyn import utilities as exd
 
 RELATIVE_TOLERANCE = 1e-8
 ABSOLUTE_TOLERANCE = 1e-8
@@ -158,13 +148,5 @@ def time_run(system: str, elements: int, steps: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    # Output of the library goes to standard error, so that answers are the only output.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    for line in sys.argv[1:] or sys.stdin:
-        print(json.dumps(time_run(**json.loads(line))), file=answers, flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    answer_jobs(time_run)

@@ -17,14 +17,12 @@ import argparse
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
-from measurement import RESULTS, time_action, time_in_turns, write_table
+from measurement import RESULTS, time_action, time_calls, time_in_turns, write_table
 
 import beamdae as bd
 from beamdae.analysis.gradients import gradients, number_derivatives
@@ -95,33 +93,17 @@ def measure(name: str, integrator: str, t_end: float, rounds: int) -> dict[str, 
     times = np.linspace(0.0, t_end, 1001)
     point = "rocker" if name.startswith("four_bar") else "tip"
     objective = bd.EndValue(f"{point}.y") + bd.SmoothMaximum(f"{point}.x")
-    parts = {"sweep": 0.0, "model": 0.0}
     derivatives = np.zeros(0)
-
-    def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
-            begin = time.process_time()
-            result = function(*arguments)
-            parts[part] += time.process_time() - begin
-            return result
-
-        return call
 
     def differentiate(part: str) -> float:
         nonlocal derivatives
-        parts.update(dict.fromkeys(parts, 0.0))
         if part != "later":
             # The search for the numbers that parameters affect, which only the first call needs.
             number_derivatives._latest_masks.clear()
-        is_total = part in ("gradient", "later", "estimate")
         begin = time.process_time()
         with (
-            patch.object(gradients, "transpose_run", timed("sweep", gradients.transpose_run)),
-            patch.object(
-                gradients,
-                "differentiate_numbers",
-                timed("model", gradients.differentiate_numbers),
-            ),
+            time_calls(gradients, "transpose_run") as sweep,
+            time_calls(gradients, "differentiate_numbers") as calls,
         ):
             derivatives = bd.gradient(
                 model,
@@ -132,7 +114,8 @@ def measure(name: str, integrator: str, t_end: float, rounds: int) -> dict[str, 
                 parameters=parameters,
                 estimate_error=part == "estimate",
             ).array
-        return time.process_time() - begin if is_total else parts[part]
+        parts = {"sweep": sum(sweep), "model": sum(calls)}
+        return parts.get(part, time.process_time() - begin)
 
     samples = time_in_turns(
         {

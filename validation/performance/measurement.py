@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import resource
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -81,19 +83,24 @@ def time_within_loops(
     equations: bd.EquationsOfMotion, integrator: bd.Integrator, times: Array
 ) -> tuple[float, float]:
     """Return the time of the integration, and its part within compiled loops [s]."""
-    inside = 0.0
-    call = CompiledLoop.__call__
-
-    def timed(loop: CompiledLoop) -> int:
-        nonlocal inside
-        begin = time.process_time()
-        code = call(loop)
-        inside += time.process_time() - begin
-        return code
-
-    with patch.object(CompiledLoop, "__call__", timed):
+    with time_calls(CompiledLoop, "__call__") as inside:
         whole, _ = time_integration(equations, integrator, times)
-    return whole, inside
+    return whole, sum(inside)
+
+
+@contextmanager
+def time_calls(owner: Any, name: str) -> Iterator[list[float]]:
+    """Within the context, collect the processor times of calls of an attribute of `owner` [s]."""
+    function, times = getattr(owner, name), []
+
+    def timed(*arguments: Any, **options: Any) -> Any:
+        begin = time.process_time()
+        result = function(*arguments, **options)
+        times.append(time.process_time() - begin)
+        return result
+
+    with patch.object(owner, name, timed):
+        yield times
 
 
 def time_action(action: Callable[[], object]) -> float:

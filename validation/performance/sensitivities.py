@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
-from measurement import RESULTS, time_action, time_in_turns, write_table
+from measurement import RESULTS, time_action, time_calls, time_in_turns, write_table
 
 import beamdae as bd
 from beamdae.analysis.sensitivities import sensitivities
@@ -45,37 +42,17 @@ def measure(
     method = METHODS[integrator]
     equations = bd.equations_of_motion(model())
     times = np.linspace(0.0, t_end, 1001)
-    parts = {"derivatives": 0.0, "model": 0.0}
 
-    def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            begin = time.process_time()
-            result = function(*arguments, **options)
-            parts[part] += time.process_time() - begin
-            return result
-
-        return call
-
-    def differentiate(part: str) -> float:
-        parts.update(dict.fromkeys(parts, 0.0))
-        with (
-            patch.object(
-                sensitivities.RunDerivatives,
-                "trajectories",
-                timed("derivatives", sensitivities.RunDerivatives.trajectories),
-            ),
-            patch.object(
-                sensitivities, "difference_model", timed("model", sensitivities.difference_model)
-            ),
-        ):
+    def time_part(owner: Any, name: str) -> float:
+        with time_calls(owner, name) as part:
             bd.sensitivities(model, parameters, method, t_end, estimate_error=False)
-        return parts[part]
+        return sum(part)
 
     samples = time_in_turns(
         {
             "run": lambda: time_action(lambda: method.integrate(equations, times)),
-            "derivatives": lambda: differentiate("derivatives"),
-            "model": lambda: differentiate("model"),
+            "derivatives": lambda: time_part(sensitivities.RunDerivatives, "trajectories"),
+            "model": lambda: time_part(sensitivities, "difference_model"),
         },
         rounds,
     )

@@ -215,10 +215,6 @@ class RowFunction:
     def _can_vectorize(self) -> bool:
         return can_vectorize(self._function)
 
-    def evaluator(self) -> Compiled:
-        """Return an evaluator of single rows, for one thread, whose calls take microseconds."""
-        return Compiled(self._function)
-
     def express(self, *symbols: ca.SX) -> ca.SX:
         """Return the outputs as an expression in symbols, one column per argument."""
         return ca.densify(ca.vec(self._function(*symbols)))
