@@ -21,8 +21,7 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     quadratic_form_rounding,
     scaled_null_space,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.formulations.tangents import Tangent
+from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
 
@@ -194,7 +193,7 @@ def _solve_with_states(lin: LinearizedEquations, damped: bool) -> tuple[Array, A
     return values[is_upper], shapes[:, is_upper]
 
 
-def massless_error(e: EquationsOfMotion, tangent: Tangent) -> BeamdaeError:
+def massless_error(e: LinearizedCoordinates, tangent: Tangent) -> BeamdaeError:
     """Return the error for a singular mass matrix; it names the coordinate without inertia."""
     rows = tangent.acceleration_jacobian(e)
     states = np.zeros(e.n)

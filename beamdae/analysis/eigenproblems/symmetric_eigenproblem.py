@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.formulations.tangents import LinearizedCoordinates, compute_tangent
 from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
@@ -284,7 +284,7 @@ def _eliminated_null_space(rows: sp.csc_array, scales: Array) -> Array:
     return scales[:, None] * basis
 
 
-def orthonormal_motions(e: EquationsOfMotion, rows: sp.csc_array, mass: sp.csc_array) -> Array:
+def orthonormal_motions(e: LinearizedCoordinates, rows: sp.csc_array, mass: sp.csc_array) -> Array:
     """Return a basis (n, k) of the motions x with `rows` x = 0, with X^T M X = I.
 
     Orthonormal motions combine those of all parts, whose rounding errors exceed the inertia of

@@ -35,7 +35,7 @@ from beamdae.analysis.sensitivities.static_derivatives import LoadDerivatives
 from beamdae.analysis.statics.critical_points import BRANCH, LIMIT
 from beamdae.analysis.statics.load_scaling import LoadedEquations
 from beamdae.analysis.statics.null_vectors import SingularityTest, natural_scales
-from beamdae.analysis.statics.stability import solve_slowest_modes
+from beamdae.analysis.statics.stability import merge_modes, solve_slowest_modes
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.tangents import Tangent
 from beamdae.errors import BeamdaeError
@@ -196,7 +196,8 @@ class FlutterPoint:
     @cached_property
     def _pairs(self) -> list[EigenpairDerivatives]:
         """Critical eigenpair with damping, and the two that coalesce without."""
-        solution, e = solve_slowest_modes(self._linearized), self.system.equations
+        e = self.system.equations
+        solution = merge_modes(solve_slowest_modes(self._linearized, e))
         values = solution.values
         oscillating = np.flatnonzero(np.abs(values.imag) > _MIN_OSCILLATION * np.abs(values))
         if self._is_damped:

@@ -37,6 +37,7 @@ from beamdae.analysis.statics.slender_modes import (
     refine_modes,
     refine_subspace,
 )
+from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.linear.orderings import compute_bordered_ordering
@@ -277,8 +278,12 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     e = system.equations
     state = ConsistencySolver(e).rest_state(x[: e.n])._replace(lam=x[e.n :])
     linearized = LinearizedEquations(e, system.motion_tangent(state, mu))
-    solution = solve_slowest_modes(linearized)
-    solution = refine_modes(system, x, mu, linearized, solution)
+    solution = merge_modes(
+        [
+            refine_modes(system, x, mu, linearized, modes)
+            for modes in solve_slowest_modes(linearized, e)
+        ]
+    )
     kinds = classify_modes(linearized, solution)
     is_growing = np.array([kind == UNSTABLE for kind in kinds], bool)
     growth = solution.values[is_growing]
@@ -296,15 +301,38 @@ def _assess_motion(system: LoadedEquations, x: Array, mu: float) -> Stability:
     )
 
 
-def solve_slowest_modes(linearized: LinearizedEquations) -> EigenSolution:
-    """Return the slowest modes, with `_MODE_COUNT` of those that do not decay strongly.
+def solve_slowest_modes(
+    linearized: LinearizedEquations, e: EquationsOfMotion
+) -> list[EigenSolution]:
+    """Return the slowest modes of each group of coupled parts of `e`.
+
+    They contain `_MODE_COUNT` of those that do not decay strongly. All modes of a small structure
+    may be faster than as many modes of a large one.
 
     Raises
     ------
     BeamdaeError
         If the equations are singular, or if they are too many to compute these modes.
     """
-    return solve_eigenproblem(linearized, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+    solutions = []
+    for group, rows in linearized.split(e.parts):
+        modes = solve_eigenproblem(group, _MODE_COUNT, max_damping_ratio=_MAX_GROWTH_DAMPING)
+        shapes = np.zeros((e.n, modes.shapes.shape[1]), complex)
+        shapes[rows] = modes.shapes
+        others = None
+        if modes.others is not None:
+            others = np.zeros((e.n, modes.others.shape[1]))
+            others[rows] = modes.others
+        solutions.append(EigenSolution(modes.values, shapes, others))
+    return solutions
+
+
+def merge_modes(solutions: list[EigenSolution]) -> EigenSolution:
+    """Return all modes in ascending order of |eigenvalue|."""
+    values = np.concatenate([modes.values for modes in solutions])
+    shapes = np.hstack([modes.shapes for modes in solutions])
+    order = np.argsort(np.abs(values), kind="stable")
+    return EigenSolution(values[order], shapes[:, order])
 
 
 def _build_stability(
