@@ -35,6 +35,7 @@ from beamdae.results.diagnostics.beam_ranges import (
 from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.hard_impacts import (
     HardImpact,
@@ -356,14 +357,25 @@ class RunData:
 
     def _long_element_warnings(self) -> Iterator[str]:
         """Yield warnings about elements that are too long for vibrations."""
-        if not self._is_at_rest:
-            yield from long_element_warnings(
+        if self._is_at_rest:
+            return
+        examined = dict(
+            examine_vibrations(
                 self.equations,
                 self.trajectory,
                 self.step_extremes,
-                self._observe_at,
-                lambda: self._energy_ledger.has_free_vibrations,
+                lambda rows, state: self._observe(rows, *state),
             )
+        )
+        yield from filter(None, examined.values())
+        yield from long_element_warnings(
+            self.equations,
+            self.trajectory,
+            self.step_extremes,
+            self._observe_at,
+            lambda: self._energy_ledger.has_free_vibrations,
+            examined,
+        )
 
     def _coarse_row_warnings(self) -> Iterator[str]:
         """Yield warnings about vibrations that the output rows do not show."""

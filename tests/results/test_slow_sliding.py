@@ -1,5 +1,6 @@
 """Warnings about contacts whose sliding speed is below the regularization of their friction."""
 
+import math
 import warnings
 
 import casadi as ca
@@ -206,3 +207,33 @@ def test_regression_creep_at_reversals_is_reported(speed, spring, is_reported):
     reported = [x for x in run.warnings if x.startswith("floor: at each reversal")]
     assert len(reported) == is_reported
     assert all("use friction_speed=" in x for x in reported)
+
+
+def block_on_incline(friction_speed=None, speed=0.0):
+    """Block on an incline of 20 degrees, which friction holds at 73 % of its limit."""
+    slope = math.radians(20.0)
+    along = (math.cos(slope), math.sin(slope))
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    velocity = (speed * along[0], speed * along[1])
+    block = mech.add(bd.PointMass("block", 2.0, at=(0.0, 0.0), velocity=velocity))
+    surface = bd.LineSurface(mech.ground.at(0.0, 0.0), along)
+    law = {"friction": 0.5, "restitution": 0.3, "impact_speed": 0.1}
+    if friction_speed is not None:
+        law["friction_speed"] = friction_speed
+    mech.add(bd.Contact("glass", block.point, surface, 1e6, **law))
+    mech.observe("block", block.point)
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_regression_creep_down_an_incline_is_reported(speed):
+    """A block crept 9 mm in 10 s, less than 1 % of the length, without a word."""
+    (sentence,) = friction_warnings(block_on_incline(speed=speed), t_end=10.0)
+    assert "the load is 72.8 % of friction N, so that friction should hold it, but it" in sentence
+    assert "creeps over 0.009" in sentence
+    for accurate in (
+        friction_warnings(block_on_incline(1e-5, speed), t_end=10.0),
+        friction_warnings(block_on_incline(speed=speed), t_end=1.0),
+    ):
+        assert not accurate

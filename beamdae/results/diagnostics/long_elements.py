@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ Array = np.ndarray
 # are up to 7 %, or belong to columns that vanish by symmetry or to vibrations that loads maintain.
 _MAX_PHASE_ERROR = 0.03
 _RECOMMENDED_PHASE_ERROR = 0.01
-_LARGE_ERROR = 0.95  # larger estimates are meaningless
+LARGE_ERROR = 0.95  # larger estimates are meaningless
 _UNITS = ("m", "rad")
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
 _MIN_SHARE = 1e-3
@@ -40,11 +40,11 @@ _MIN_SHARE = 1e-3
 # periods.
 _SAMPLES_PER_STEP = 2
 _MIN_SAMPLES, _MAX_SAMPLES = 512, 8192
-_MAX_SAMPLED_NUMBERS = 8_000_000  # coordinates, 64 MB
+MAX_SAMPLED_NUMBERS = 8_000_000  # coordinates, 64 MB
 _MIN_STEPS = 50
 # Vibrations with fewer periods in half the run are not distinguished from slow motions: the main
 # lobe of the window extends to 3 periods.
-_MIN_PERIODS = 4
+MIN_PERIODS = 4
 _STEPS_PER_PERIOD = 8.0  # fewer steps do not resolve a vibration
 _TENSION_SAMPLES = 5
 # Displacement of a point of a bending wave with the wave number k, times k / rotation: 1 between
@@ -52,7 +52,7 @@ _TENSION_SAMPLES = 5
 _MAX_SHAPE_FACTOR = 1.5
 _REFINEMENT = 1.1  # of the number of elements, in the search for a sufficient one
 _MAX_REFINEMENTS = 40
-_MAX_NAMES = 3  # of further columns
+MAX_NAMES = 3  # of further columns
 
 
 class _Spectrum(NamedTuple):
@@ -80,12 +80,12 @@ class _Spectrum(NamedTuple):
         into higher frequencies.
         """
         halves = values.reshape(2, len(values) // 2, -1)
-        x, window = _window(halves.shape[1])
+        x, window = spectral_window(halves.shape[1])
         halves = halves - halves.mean(axis=1, keepdims=True)
         halves -= x * (np.sum(x * halves, axis=1, keepdims=True) / np.sum(x**2))
         amplitudes = np.abs(np.fft.rfft(window * halves, axis=1))
         squares = 2.0 * amplitudes**2 / (len(x) * np.sum(window**2))
-        squares[:, :_MIN_PERIODS] = 0.0
+        squares[:, :MIN_PERIODS] = 0.0
         rates = 4.0 * np.pi / duration * np.arange(squares.shape[1])
         return cls(rates, squares, duration * np.array([0.5, 1.0]))
 
@@ -110,7 +110,7 @@ class _Spectrum(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _window(count: int) -> tuple[Array, Array]:
+def spectral_window(count: int) -> tuple[Array, Array]:
     """Return equally spaced numbers from -1 to 1 and the window cos^4 at these, (count, 1) each."""
     x = np.linspace(-1.0, 1.0, count)[:, None]
     return x, np.cos(0.5 * np.pi * x) ** 4
@@ -122,6 +122,7 @@ def long_element_warnings(
     extremes: Mapping[str, StepExtremes],
     observe: Callable[[Array], Array],
     has_free_vibrations: Callable[[], bool],
+    examined: Collection[str] = (),
 ) -> Iterator[str]:
     """Yield a warning per beam with elements so long that vibrations drift out of phase.
 
@@ -142,26 +143,27 @@ def long_element_warnings(
         Function that returns the observed columns (k, n) at ascending times (k,).
     has_free_vibrations
         Function that returns True if errors of vibrations accumulate.
+    examined
+        Names of beams to leave out; see `forced_vibrations`.
     """
     duration = trajectory.end - trajectory.start
-    n_steps = sum(len(x.t) - 1 for x in trajectory.intervals)
-    # Runs that store few of their steps do not contain fast vibrations.
-    is_stored = all(x.record is None for x in trajectory.intervals)
-    if n_steps < _MIN_STEPS or not is_stored or not extremes:
+    fastest = fastest_rate(trajectory)
+    if fastest is None or not extremes:
         return
-    fastest = 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * duration)
     beams = [
         beam
         for beam in beams_of(equations.mechanism)
-        if duration * fastest * bending_wave_errors(beam, np.array([fastest]))[0] > _MAX_PHASE_ERROR
+        if beam.name not in examined
+        and duration * fastest * bending_wave_errors(beam, np.array([fastest]))[0]
+        > _MAX_PHASE_ERROR
     ]
-    count = int(np.clip(_SAMPLES_PER_STEP * n_steps, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
-    if not beams or count * equations.n > _MAX_SAMPLED_NUMBERS or not has_free_vibrations():
+    count = sample_count(trajectory)
+    if not beams or count * equations.n > MAX_SAMPLED_NUMBERS or not has_free_vibrations():
         return
     times = np.linspace(trajectory.start, trajectory.end, count)
     spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
     for beam in beams:
-        half_ranges = _select_columns(equations, beam, extremes)
+        half_ranges = select_columns(equations, beam, extremes)
         columns = _rotation_coordinates(equations, beam)
         if not half_ranges or len(columns) < 2:
             continue
@@ -171,7 +173,7 @@ def long_element_warnings(
         vibration = _Vibration(beam, _Spectrum.of_samples(rotations, duration))
         if not vibration.has_errors(half_ranges):
             continue
-        vibration = vibration._replace(tension=_mean_tension(equations, beam, trajectory))
+        vibration = vibration._replace(tension=mean_tension(equations, beam, trajectory))
         if not vibration.has_errors(half_ranges):
             continue
         spectrum = spectrum_of_columns().select(
@@ -180,6 +182,26 @@ def long_element_warnings(
         errors = vibration.errors(half_ranges, spectrum)
         if max(errors.values()) > _MAX_PHASE_ERROR:
             yield _describe(vibration, half_ranges, spectrum, errors)
+
+
+def fastest_rate(trajectory: Trajectory) -> float | None:
+    """Return the largest angular frequency [rad/s] that steps resolve; None for few steps."""
+    # Runs that store few of their steps do not contain fast vibrations.
+    is_stored = all(x.record is None for x in trajectory.intervals)
+    n_steps = _count_steps(trajectory)
+    if n_steps < _MIN_STEPS or not is_stored:
+        return None
+    return 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * (trajectory.end - trajectory.start))
+
+
+def sample_count(trajectory: Trajectory) -> int:
+    """Return the even number of equally spaced times at which a run is sampled."""
+    count = _SAMPLES_PER_STEP * _count_steps(trajectory)
+    return int(np.clip(count, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
+
+
+def _count_steps(trajectory: Trajectory) -> int:
+    return sum(len(x.t) - 1 for x in trajectory.intervals)
 
 
 class _Vibration(NamedTuple):
@@ -248,9 +270,9 @@ def _describe(
     """Return the warning about a beam."""
     names = sorted((x for x in errors if errors[x] > _MAX_PHASE_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+    also = f" (also {list_first(others, MAX_NAMES)})" if others else ""
     largest = errors[names[0]]
-    size = f"about {100.0 * largest:.2g}" if largest < _LARGE_ERROR else "100 or more"
+    size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
     beam, refinement = vibration.beam, 1.0
     for _ in range(_MAX_REFINEMENTS):
         refinement *= _REFINEMENT
@@ -264,7 +286,7 @@ def _describe(
     )
 
 
-def _select_columns(
+def select_columns(
     equations: EquationsOfMotion, beam: Beam, extremes: Mapping[str, StepExtremes]
 ) -> dict[str, float]:
     """Return half the range of the positions and angles of a beam's points, by header."""
@@ -273,7 +295,7 @@ def _select_columns(
     is_small = sizes <= _MIN_SHARE * largest_of_kind(headers, sizes, equations.length)
     half_ranges = dict(zip(headers, sizes.tolist(), strict=True))
     small = {x for x, small in zip(headers, is_small, strict=True) if small}
-    rows = _coordinates_of(equations, beam)
+    rows = coordinates_of(equations, beam)
 
     def depends_on_beam(operator: sp.csr_array) -> bool:
         indices = operator.indices
@@ -288,7 +310,7 @@ def _select_columns(
     }
 
 
-def _mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajectory) -> Array:
+def mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajectory) -> Array:
     """Return the mean tension in the elements of a beam during a run, (elements,) [N]."""
     times = np.linspace(trajectory.start, trajectory.end, _TENSION_SAMPLES)
     _, states = trajectory.at(times)
@@ -299,7 +321,7 @@ def _mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajecto
     return np.maximum(np.mean(forces, axis=0), 0.0)
 
 
-def _coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
+def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
     """Return the indices of the coordinates of a beam."""
     (part,) = (x for x in equations.parts if x.name == beam.name)
     return range(part.rows.start, part.rows.stop)

@@ -23,6 +23,11 @@ _MIN_PRESCRIBED_DISTANCE = 1e-4
 _SPEED_CHANGE = 0.1  # relative to the regularization velocity
 _MIN_RATIO_CHANGE = 1e-6  # friction force / (friction N); less is a rounding error
 _RATIO_AT_FRICTION_SPEED = float(np.tanh(1.0))  # friction force / (friction N)
+# Parts that friction should hold, and that creep over more than this distance and more than this
+# share of the distance that they slide, are reported.
+_MAX_CREEP = 3e-3
+_MAX_CREEP_SHARE = 0.01
+_MAX_START_RATIO = 0.05  # friction force / (friction N) of a part that starts at rest
 # Friction balances the load of a part that creeps: the sliding speed is constant, within this ratio
 # of its median, ...
 _MAX_CREEP_SPREAD = 0.2
@@ -40,7 +45,7 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     """Yield one warning per part that slides below its regularization velocity most of the time.
 
     The friction force is then well below friction N. Parts that stick, and creep over less than
-    1 % of the length of the mechanism (in bearings 0.01 rad), are exempt; if drivers and joints
+    0.3 % of the length of the mechanism (in bearings 0.003 rad), are exempt; if drivers and joints
     prescribe the sliding, 0.01 %. Parts that slide to and fro, faster than this velocity, have a
     warning if they creep over more than 1 % of the distance between reversals while friction should
     hold them.
@@ -117,22 +122,27 @@ class _Sliding:
         slow = float(np.sum(duration[is_slow]))
         if not slow or slow <= _MAX_SLOW_SHARE * total:
             return None
+        slid = float(duration[~is_slow] @ np.abs(slip[~is_slow]))
         duration, ratio = duration[is_slow], ratio[is_slow]
         speed = self.law.speed * np.arctanh(ratio)
         # Vibrations of a part that sticks cancel.
         distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
         share_of_length = distance / (self.law.radius or self.equations.length)
         is_prescribed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(*slowest)
-        if not (share_of_length > _MIN_DISTANCE or is_prescribed):
+        # A part that starts at rest and never slides is held under any load.
+        is_held = load is not None or (not slid and abs(ratio[0]) < _MAX_START_RATIO)
+        has_crept = is_held and share_of_length > _MAX_CREEP and distance > _MAX_CREEP_SHARE * slid
+        if not (share_of_length > _MIN_DISTANCE or is_prescribed or has_crept):
             return None
         limit = f"{self.law.coefficient_name if self.law.static is None else 'static'} N"
         name = self.law.speed_name
-        if not is_prescribed and load is not None:
+        if not is_prescribed and has_crept:
             amount = f"{distance:.3g} m"
             if self.law.radius is not None:
                 amount = f"{distance / self.law.radius:.3g} rad"
+            size = f"{100.0 * load:.3g}" if load else f"up to {100.0 * np.max(np.abs(ratio)):.3g}"
             return (
-                f"{self.name}: the load is {100.0 * load:.3g} % of {limit}, so that friction "
+                f"{self.name}: the load is {size} % of {limit}, so that friction "
                 f"should hold it, but it creeps over {amount}, because {name} is "
                 f"{self.law.speed:g} m/s; "
                 f"use a smaller {name}=."

@@ -1,0 +1,311 @@
+"""Errors of vibrations about a mechanism at rest by the lengths of the elements of beams.
+
+Elements of the length h raise the natural frequencies of waves with the wave number k by a fraction
+e proportional to (k h)^p; see `beams.dispersion`. A vibration u(t) = Re(q exp(i omega t)) then has
+the error
+
+    d = D^-1 (2 e Kb q),    D = K - 2 e Kb + s C + s^2 M,    s = i omega + 1 / T
+
+under the constraints, where Kb is the stiffness of the beam, which is too large by 2 e. Near
+resonances, d is a multiple of q. The duration T of the vibration limits it: without damping and
+loads, d is the error e omega T q of a phase that is small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.dispersion import (
+    axial_wave_error,
+    bending_wave_errors,
+    convergence_order,
+    element_middles,
+    section_values,
+)
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.errors import list_first
+from beamdae.results.columns import remove_unit
+from beamdae.results.diagnostics.long_elements import (
+    LARGE_ERROR,
+    MAX_NAMES,
+    MAX_SAMPLED_NUMBERS,
+    MIN_PERIODS,
+    coordinates_of,
+    fastest_rate,
+    mean_tension,
+    sample_count,
+    select_columns,
+    spectral_window,
+)
+from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.section_forces.balance import elastic_section_forces
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Error relative to half the range of a column from which on a run has a warning. In 130 runs of
+# clamped, hinged, curved and shaken beams and of bars with 1 to 5 elements, the estimate was 0.2 to
+# 2 times the error up to 50 %, and 0.8 to 1.2 times near resonances.
+_MAX_ERROR = 0.02
+_RECOMMENDED_ERROR = 0.004
+_REFINEMENT = 1.2  # of the number of elements, in the search for a sufficient one
+_MAX_REFINEMENTS = 20
+# Smaller phase errors e omega T [rad], to which no damping adds, are not examined.
+_MIN_PHASE_ERROR = 1e-3
+_LARGEST_FREQUENCY_ERROR = 0.3  # larger estimates are meaningless
+# Peaks of the spectrum with less than this share of the largest strain energy are left out, and
+# further ones than these.
+_MIN_ENERGY = 1e-6
+_MAX_PEAKS = 10
+# Frames that turn by more [rad] have no constant matrices.
+_MAX_TURN = 0.5
+_DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
+
+
+def examine_vibrations(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[[Array, State], Array],
+) -> Iterator[tuple[str, str]]:
+    """Yield the name of each beam that vibrates about rest, and a warning or "".
+
+    The warning states that elements are so long that amplitudes or phases in the second half of the
+    run are wrong.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    extremes
+        Extremes of the observed columns, by header.
+    observe
+        Function that returns the observed columns at rows of (t, branch) and of states.
+    """
+    fastest = fastest_rate(trajectory)
+    if fastest is None or not extremes:
+        return
+    duration = trajectory.end - trajectory.start
+    beams = [
+        x
+        for x in beams_of(equations.mechanism)
+        if bending_wave_errors(x, np.array([fastest]))[0] * fastest * duration > _MIN_PHASE_ERROR
+    ]
+    count = sample_count(trajectory)
+    if not beams or count * equations.n > MAX_SAMPLED_NUMBERS:
+        return
+    vibration = _Vibration.of_run(equations, trajectory, count)
+    for beam in beams:
+        half_ranges = select_columns(equations, beam, extremes)
+        if not half_ranges:
+            continue
+        measure = partial(vibration.measure, beam, half_ranges, observe)
+        errors, warning = measure(), ""
+        if errors and max(errors.values()) > _MAX_ERROR:
+            measure = partial(measure, mean_tension(equations, beam, trajectory))
+            errors = measure()
+            if max(errors.values()) > _MAX_ERROR:
+                warning = _describe(beam, errors, measure)
+        if errors:
+            yield beam.name, warning
+
+
+@dataclass(frozen=True)
+class _Vibration:
+    """Vibration in the second half of a run about its mean position.
+
+    Attributes
+    ----------
+    equations
+        The equations of motion.
+    time
+        Time and branch of its middle, (2,).
+    state
+        Position of the vibration that is closest to the mean position, at rest. At the mean
+        position, a beam that bends would be compressed.
+    turn
+        Largest turn of each coordinate that is an angle during the vibration, (n,), else 0 [rad].
+    rates
+        Angular frequencies (k,) [rad/s].
+    amplitudes
+        Complex amplitudes (k, n).
+    duration
+        Duration of the run [s].
+    """
+
+    equations: EquationsOfMotion
+    time: Array
+    state: State
+    turn: Array
+    rates: Array
+    amplitudes: Array
+    duration: float
+
+    @classmethod
+    def of_run(cls, equations: EquationsOfMotion, trajectory: Trajectory, count: int) -> _Vibration:
+        """Return the vibration, from half of `count` samples of the run."""
+        start, end = trajectory.start, trajectory.end
+        times = np.linspace(0.5 * (start + end), end, count // 2)
+        q = trajectory.positions_at(times)
+        mean = q.mean(axis=0)
+        x, window = spectral_window(len(times))
+        centered = q - mean
+        centered -= x * (np.sum(x * centered, axis=0) / np.sum(x**2))
+        amplitudes = 2.0 / np.sum(window) * np.fft.rfft(window * centered, axis=0)
+        amplitudes[:MIN_PERIODS] = 0.0
+        middle = np.array([0.75 * end + 0.25 * start])
+        rows, _ = trajectory.at(middle)
+        rest = np.zeros(equations.n)
+        nearest = int(np.argmin(np.sum((centered / equations.position_scales) ** 2, axis=1)))
+        is_angle = np.array([x.unit == "rad" for x in equations.coordinates])
+        return cls(
+            equations,
+            rows[0],
+            State(q[nearest], rest, rest, np.zeros(equations.m)),
+            np.ptp(q, axis=0) * is_angle,
+            4.0 * np.pi / (end - start) * np.arange(len(amplitudes)),
+            amplitudes,
+            end - start,
+        )
+
+    @cached_property
+    def _matrices(self) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array, sp.csr_array]:
+        """Return K, C, M and the constraint Jacobian."""
+        e = self.equations
+        matrices = ConsistencySolver(e).linearize_forces(self.time, self.state)
+        jacobian = np.zeros((e.m, e.n))
+        if e.m:
+            gradient = build_constraint_jacobian(e)
+            (columns,) = np.nonzero(np.diff(gradient.pattern.indptr))
+            scaled = gradient.at(self.time[None], self.state.q[None])[0]
+            jacobian[:, columns] = scaled / e.position_scales[columns]
+        return *matrices, sp.csr_array(jacobian)
+
+    def measure(
+        self,
+        beam: Beam,
+        half_ranges: Mapping[str, float],
+        observe: Callable[[Array, State], Array],
+        tension: Array | float = 0.0,
+        refinement: float = 1.0,
+    ) -> dict[str, float]:
+        """Return the errors of columns relative to half their ranges, {} if they are unknown.
+
+        Parameters
+        ----------
+        beam
+            The beam.
+        half_ranges
+            Half the range of each column, by header.
+        observe
+            See `examine_vibrations`.
+        tension
+            Tension in the elements, (elements,) or the same in all [N].
+        refinement
+            Factor of the number of elements.
+        """
+        rows = coordinates_of(self.equations, beam)
+        (part,) = (x for x in self.equations.parts if x.name == beam.name)
+        if np.any(self.turn[part.rigid.start : part.rigid.stop] > _MAX_TURN):
+            return {}
+        stiffness, damping, mass, jacobian = self._matrices
+        is_own = np.zeros(self.equations.n)
+        is_own[rows.start : rows.stop] = 1.0
+        own = sp.diags_array(is_own)
+        own_stiffness = sp.csc_array(own @ stiffness @ own)
+        forces = (own_stiffness @ self.amplitudes.T).T
+        energies = np.sum((self.amplitudes.conj() * forces).real, axis=1)
+        padded = np.pad(energies, 1)
+        is_peak = (energies >= padded[:-2]) & (energies > padded[2:])
+        is_peak &= energies > _MIN_ENERGY * np.max(energies)
+        peaks = np.flatnonzero(is_peak)
+        peaks = peaks[np.argsort(-energies[peaks])][:_MAX_PEAKS]
+        totals = np.zeros(len(half_ranges))
+        for k in peaks.tolist():
+            rate = self._refine(energies, k)
+            error = float(bending_wave_errors(beam, np.array([rate]), tension)[0])
+            if error * rate * self.duration < _MIN_PHASE_ERROR:
+                continue
+            share = self._axial_share(beam, self.amplitudes[k])
+            error += share * (axial_wave_error(beam, rate) - error)
+            error *= refinement ** -convergence_order(beam)
+            change_of_stiffness = 2.0 * min(error, _LARGEST_FREQUENCY_ERROR)
+            s = 1j * rate + 1.0 / self.duration
+            dynamic = stiffness - change_of_stiffness * own_stiffness + s * damping + s**2 * mass
+            right = np.concatenate([change_of_stiffness * forces[k], np.zeros(self.equations.m)])
+            matrix = sp.block_array([[dynamic, jacobian.T], [jacobian, None]], format="csc")
+            change = spla.spsolve(matrix, right)[: self.equations.n]
+            totals += self._observe(change, half_ranges, observe)
+        sizes = np.array(list(half_ranges.values()))
+        return dict(zip(half_ranges, (totals / sizes).tolist(), strict=True))
+
+    def _refine(self, energies: Array, k: int) -> float:
+        """Return the angular frequency of the peak `k` of the spectrum [rad/s]."""
+        before, at, after = np.log(np.maximum(energies[k - 1 : k + 2], 1e-300))
+        offset = 0.5 * (before - after) / (before - 2.0 * at + after)
+        return float(self.rates[1] * (k + np.clip(offset, -0.5, 0.5)))
+
+    def _axial_share(self, beam: Beam, amplitude: Array) -> float:
+        """Return the share of axial strains in the strain energy of an amplitude (n,)."""
+        e, middles = self.equations, element_middles(beam)
+        scale = _DIFFERENCE / np.max(np.abs(amplitude) / e.position_scales)
+        energies = np.zeros(2)
+        axial, bending = section_values(beam, "EA", "EI")
+        for part in (amplitude.real, amplitude.imag):
+            forward, backward = (
+                elastic_section_forces(beam, e, self.state._replace(q=self.state.q + dq), middles)
+                for dq in (scale * part, -scale * part)
+            )
+            forces = (forward - backward) / scale
+            lengths = beam.mesh.element_lengths
+            energies += forces[0] ** 2 / axial @ lengths, forces[2] ** 2 / bending @ lengths
+        return float(energies[0] / max(np.sum(energies), 1e-300))
+
+    def _observe(
+        self,
+        change: Array,
+        half_ranges: Mapping[str, float],
+        observe: Callable[[Array, State], Array],
+    ) -> Array:
+        """Return the amplitudes of columns of a change (n,) of the amplitudes."""
+        e = self.equations
+        scale = _DIFFERENCE / np.max(np.abs(change) / e.position_scales)
+        steps = scale * np.array([change.real, -change.real, change.imag, -change.imag])
+        still = np.zeros_like(steps)
+        states = State(self.state.q + steps, still, still, np.zeros((4, e.m)))
+        values = observe(np.tile(self.time, (4, 1)), states)
+        columns = values[:, [e.observed_headers.index(x) for x in half_ranges]]
+        return np.asarray(
+            np.hypot(columns[0] - columns[1], columns[2] - columns[3]) / (2.0 * scale)
+        )
+
+
+def _describe(
+    beam: Beam, errors: Mapping[str, float], refined: Callable[[float], Mapping[str, float]]
+) -> str:
+    """Return the warning about a beam; `refined` returns the errors with shorter elements."""
+    names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
+    first, *others = map(remove_unit, names)
+    also = f" (also {list_first(others, MAX_NAMES)})" if others else ""
+    largest, refinement = errors[names[0]], 1.0
+    size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
+    for _ in range(_MAX_REFINEMENTS):
+        refinement *= _REFINEMENT
+        if max(refined(refinement).values()) < _RECOMMENDED_ERROR:
+            break
+    return (
+        f"{beam.name}: the elements are too long for its vibration, whose amplitude or phase is "
+        f"wrong by {size} % of half the range of {first}{also}; use "
+        f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
+    )
