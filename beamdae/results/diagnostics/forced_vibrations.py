@@ -19,7 +19,6 @@ from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import (
@@ -94,7 +93,8 @@ def examine_vibrations(
         Function that returns the observed columns at rows of (t, branch) and of states.
     """
     fastest = fastest_rate(trajectory)
-    if fastest is None or not extremes:
+    has_configurations = any(x.configuration is not None for x in trajectory.intervals)
+    if fastest is None or has_configurations or not extremes:
         return
     duration = trajectory.end - trajectory.start
     beams = [
@@ -103,79 +103,93 @@ def examine_vibrations(
         if bending_wave_errors(x, np.array([fastest]))[0] * fastest * duration > _MIN_PHASE_ERROR
     ]
     count = sample_count(trajectory)
-    if not beams or count * equations.n > MAX_SAMPLED_NUMBERS:
-        return
-    vibration = _Vibration.of_run(equations, trajectory, count)
     for beam in beams:
         half_ranges = select_columns(equations, beam, extremes)
-        if not half_ranges:
+        rows = coordinates_of(equations, beam)
+        is_large = count * len(rows) > MAX_SAMPLED_NUMBERS
+        if not half_ranges or is_large or _turns(equations, trajectory, beam):
             continue
-        measure = partial(vibration.measure, beam, half_ranges, observe)
-        errors, warning = measure(), ""
-        if errors and max(errors.values()) > _MAX_ERROR:
-            measure = partial(measure, mean_tension(equations, beam, trajectory))
-            errors = measure()
+        vibration = _Vibration.of_run(equations, trajectory, beam, count)
+        measure = partial(vibration.measure, half_ranges, observe)
+        try:
+            errors, warning = measure(), ""
             if max(errors.values()) > _MAX_ERROR:
-                warning = _describe(beam, errors, measure)
-        if errors:
-            yield beam.name, warning
+                measure = partial(measure, mean_tension(equations, beam, trajectory))
+                errors = measure()
+                if max(errors.values()) > _MAX_ERROR:
+                    warning = _describe(beam, errors, measure)
+        except RuntimeError:  # dependent constraints
+            continue
+        yield beam.name, warning
+
+
+def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam) -> bool:
+    """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
+    of_frame = [k for k in angles if part.rigid.start <= k < part.rigid.stop]
+    nodes = [x.rows.q[:, of_frame or angles] for x in trajectory.intervals]
+    high, low = np.max([x.max(axis=0) for x in nodes], axis=0), [x.min(axis=0) for x in nodes]
+    return bool(np.min(high - np.min(low, axis=0)) > _MAX_TURN)
 
 
 @dataclass(frozen=True)
 class _Vibration:
-    """Vibration in the second half of a run about its mean position.
+    """Vibration of a beam in the second half of a run about its mean position.
 
     Attributes
     ----------
     equations
         The equations of motion.
+    beam
+        The beam.
     time
         Time and branch of its middle, (2,).
     state
         Position of the vibration that is closest to the mean position, at rest. At the mean
         position, a beam that bends would be compressed.
-    turn
-        Largest turn of each coordinate that is an angle during the vibration, (n,), else 0 [rad].
     rates
         Angular frequencies (k,) [rad/s].
     amplitudes
-        Complex amplitudes (k, n).
+        Complex amplitudes (k, n), zero for coordinates of other parts.
     duration
         Duration of the run [s].
     """
 
     equations: EquationsOfMotion
+    beam: Beam
     time: Array
     state: State
-    turn: Array
     rates: Array
     amplitudes: Array
     duration: float
 
     @classmethod
-    def of_run(cls, equations: EquationsOfMotion, trajectory: Trajectory, count: int) -> _Vibration:
+    def of_run(
+        cls, equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, count: int
+    ) -> _Vibration:
         """Return the vibration, from half of `count` samples of the run."""
         start, end = trajectory.start, trajectory.end
         times = np.linspace(0.5 * (start + end), end, count // 2)
-        q = trajectory.positions_at(times)
-        mean = q.mean(axis=0)
+        columns = coordinates_of(equations, beam)
+        q = np.asfortranarray(trajectory.positions_at(times, columns))
         x, window = spectral_window(len(times))
-        centered = q - mean
-        centered -= x * (np.sum(x * centered, axis=0) / np.sum(x**2))
-        amplitudes = 2.0 / np.sum(window) * np.fft.rfft(window * centered, axis=0)
+        q = q - q.mean(axis=0)
+        q -= x * (np.sum(x * q, axis=0) / np.sum(x**2))
+        amplitudes = 2.0 / np.sum(window) * np.fft.rfft(window * q, axis=0)
         amplitudes[:MIN_PERIODS] = 0.0
-        middle = np.array([0.75 * end + 0.25 * start])
-        rows, _ = trajectory.at(middle)
+        of_all = np.zeros((len(amplitudes), equations.n), complex)
+        of_all[:, columns] = amplitudes
+        nearest = np.argmin(np.sum((q / equations.position_scales[columns]) ** 2, axis=1))
+        rows, state = trajectory.at(times[[nearest]])
         rest = np.zeros(equations.n)
-        nearest = int(np.argmin(np.sum((centered / equations.position_scales) ** 2, axis=1)))
-        is_angle = np.array([x.unit == "rad" for x in equations.coordinates])
         return cls(
             equations,
+            beam,
             rows[0],
-            State(q[nearest], rest, rest, np.zeros(equations.m)),
-            np.ptp(q, axis=0) * is_angle,
+            State(state.q[0], rest, rest, np.zeros(equations.m)),
             4.0 * np.pi / (end - start) * np.arange(len(amplitudes)),
-            amplitudes,
+            of_all,
             end - start,
         )
 
@@ -194,18 +208,15 @@ class _Vibration:
 
     def measure(
         self,
-        beam: Beam,
         half_ranges: Mapping[str, float],
         observe: Callable[[Array, State], Array],
         tension: Array | float = 0.0,
         refinement: float = 1.0,
     ) -> dict[str, float]:
-        """Return the errors of columns relative to half their ranges, {} if they are unknown.
+        """Return the errors of columns relative to half their ranges.
 
         Parameters
         ----------
-        beam
-            The beam.
         half_ranges
             Half the range of each column, by header.
         observe
@@ -215,10 +226,10 @@ class _Vibration:
         refinement
             Factor of the number of elements.
         """
-        rows = coordinates_of(self.equations, beam)
-        (part,) = (x for x in self.equations.parts if x.name == beam.name)
-        if np.any(self.turn[part.rigid.start : part.rigid.stop] > _MAX_TURN):
-            return {}
+        # Imported here because most runs need no factors.
+        from scipy.sparse.linalg import splu
+
+        beam, rows = self.beam, coordinates_of(self.equations, self.beam)
         stiffness, damping, mass, jacobian = self._matrices
         is_own = np.zeros(self.equations.n)
         is_own[rows.start : rows.stop] = 1.0
@@ -229,6 +240,7 @@ class _Vibration:
         padded = np.pad(energies, 1)
         is_peak = (energies >= padded[:-2]) & (energies > padded[2:])
         is_peak &= energies > _MIN_ENERGY * np.max(energies)
+        is_peak[-1] = False  # has only one neighbor
         peaks = np.flatnonzero(is_peak)
         peaks = peaks[np.argsort(-energies[peaks])][:_MAX_PEAKS]
         totals = np.zeros(len(half_ranges))
@@ -237,7 +249,7 @@ class _Vibration:
             error = float(bending_wave_errors(beam, np.array([rate]), tension)[0])
             if error * rate * self.duration < _MIN_PHASE_ERROR:
                 continue
-            share = self._axial_share(beam, self.amplitudes[k])
+            share = self._axial_share(self.amplitudes[k])
             error += share * (axial_wave_error(beam, rate) - error)
             error *= refinement ** -convergence_order(beam)
             change_of_stiffness = 2.0 * min(error, _LARGEST_FREQUENCY_ERROR)
@@ -245,7 +257,7 @@ class _Vibration:
             dynamic = stiffness - change_of_stiffness * own_stiffness + s * damping + s**2 * mass
             right = np.concatenate([change_of_stiffness * forces[k], np.zeros(self.equations.m)])
             matrix = sp.block_array([[dynamic, jacobian.T], [jacobian, None]], format="csc")
-            change = spla.spsolve(matrix, right)[: self.equations.n]
+            change = splu(matrix).solve(right)[: self.equations.n]
             totals += self._observe(change, half_ranges, observe)
         sizes = np.array(list(half_ranges.values()))
         return dict(zip(half_ranges, (totals / sizes).tolist(), strict=True))
@@ -256,9 +268,9 @@ class _Vibration:
         offset = 0.5 * (before - after) / (before - 2.0 * at + after)
         return float(self.rates[1] * (k + np.clip(offset, -0.5, 0.5)))
 
-    def _axial_share(self, beam: Beam, amplitude: Array) -> float:
+    def _axial_share(self, amplitude: Array) -> float:
         """Return the share of axial strains in the strain energy of an amplitude (n,)."""
-        e, middles = self.equations, element_middles(beam)
+        e, beam, middles = self.equations, self.beam, element_middles(self.beam)
         scale = _DIFFERENCE / np.max(np.abs(amplitude) / e.position_scales)
         energies = np.zeros(2)
         axial, bending = section_values(beam, "EA", "EI")
