@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from differentiable_models import skater, swing, turning
 from quick_return import quick_return
 from slider_crank import slider_crank
 
@@ -33,45 +34,6 @@ def oscillator(stiffness=40.0, damping=0.8, speed=SPEED, elements=1):
     mass = mech.add(bd.PointMass("mass", MASS, at=(1.0, 0.0), velocity=(speed, 0.0)))
     mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), mass.point, stiffness, damping))
     mech.observe("mass", mass.point)
-    return mech
-
-
-@bd.model(t_end=0.6)
-def swing(torque=3.0, width=0.4, mass=2.0, until=0.2):
-    """Pendulum driven by a torque with two breakpoints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
-    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
-    law = bd.piecewise((until, torque), (0.4, -torque), 0.0)
-    mech.add(bd.Moment("drive", on=rod.at(0.0, 0.0), law=law))
-    mech.observe("tip", rod.at(width, 0.0))
-    mech.observe("pin", pin.reaction)
-    return mech
-
-
-@bd.model(t_end=0.1)
-def turning(speed=2.0, length=0.5):
-    """Beam on a motor with constant speed, which sets the whole beam in rigid motion."""
-    mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), steel, elements=1))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
-    root = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Driver("motor", root, beam.start, lambda t: speed * t))
-    mech.observe("tip", beam.end)
-    return mech
-
-
-@bd.model(t_end=0.5)
-def skater(offset=0.1, spin=1.0, push=3.0):
-    """Body on a skate, a nonholonomic constraint."""
-    mech = bd.Mechanism()
-    center, velocity = (offset, 0.0), (1.0, spin * offset)
-    sled = bd.RigidBody("sled", 2.0, 0.3, center, velocity=velocity, angular_velocity=spin)
-    mech.add(sled)
-    mech.add(bd.Skate("blade", sled.at(0.0, 0.0)))
-    mech.add(bd.Force("push", sled.at(offset, 0.05), (push, 0.0)))
-    mech.observe("sled", sled.at(0.0, 0.0))
     return mech
 
 

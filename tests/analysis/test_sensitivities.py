@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.linalg
+from differentiable_models import skater, swing, turning
 from four_bar import four_bar
 from governor import governor
 from hub_beam import hub_beam
@@ -164,33 +165,8 @@ def test_contact_and_friction():
     assert_agree_with_runs(governor, ["torque", "coefficient"], 0.1, relative=3e-5)
 
 
-@bd.model(t_end=0.6)
-def swing(torque=3.0, width=0.4, mass=2.0):
-    """Pendulum driven by a torque with two breakpoints."""
-    mech = bd.Mechanism(gravity=(0.0, -9.81))
-    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (width, 0.0), mass=mass))
-    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
-    law = bd.piecewise((0.2, torque), (0.4, -torque), 0.0)
-    mech.add(bd.Moment("drive", on=rod.at(0.0, 0.0), law=law))
-    mech.observe("tip", rod.at(width, 0.0))
-    mech.observe("pin", pin.reaction)
-    return mech
-
-
 def test_breakpoints_that_do_not_move():
     assert_agree_with_runs(swing, ["torque", "width"], 0.6, step=2e-3, lam=1e-6)
-
-
-@bd.model(t_end=0.1)
-def turning(speed=2.0, length=0.5):
-    """Beam on a motor with constant speed, which sets the whole beam in rigid motion."""
-    mech = bd.Mechanism()
-    steel = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.01, damping=1e-3)
-    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (length, 0.0)), steel, elements=1))
-    mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), beam.start))
-    root = mech.ground.at(0.0, 0.0)
-    mech.add(bd.Driver("motor", root, beam.start, lambda t: speed * t))
-    return mech
 
 
 @pytest.mark.slow(reason="half a second and more")
@@ -227,18 +203,6 @@ def test_bodies_that_follow_a_given_velocity():
     for name in ("speed", "mass"):
         (column,) = [x for x in table.columns if x.startswith(f"d(ram.x)/d({name})")]
         assert gradient.derivatives[name] == pytest.approx(table[column].iloc[-1], rel=1e-9)
-
-
-@bd.model(t_end=0.5)
-def skater(offset=0.1, spin=1.0, push=3.0):
-    """Body on a skate, a nonholonomic constraint."""
-    mech = bd.Mechanism()
-    center, velocity = (offset, 0.0), (1.0, spin * offset)
-    sled = bd.RigidBody("sled", 2.0, 0.3, center, velocity=velocity, angular_velocity=spin)
-    mech.add(sled)
-    mech.add(bd.Skate("blade", sled.at(0.0, 0.0)))
-    mech.add(bd.Force("push", sled.at(offset, 0.05), (push, 0.0)))
-    return mech
 
 
 def test_nonholonomic_constraint():
