@@ -278,7 +278,8 @@ class Solution(RunData, TimeSeries):
             A time or ascending times within the run [s]. Defaults to the output times.
         s
             An arc length or several arc lengths [m]. Defaults to the element boundaries, the
-            sections at which concentrated loads are fixed, and three sections between neighbors.
+            sections at which concentrated loads are fixed (evaluated on both sides of the load),
+            and three sections between neighbors.
 
         Raises
         ------

@@ -18,32 +18,7 @@ _TIME_ROUNDING = 1e-12
 
 
 def plot_section_diagram(forces: SectionForces, what: str = "M", t: float | None = None) -> Plot:
-    """Plot N, Q or M of a beam over its arc length, at one time or as an envelope.
-
-    At one time, the line is the section force in equilibrium with the loads, the dots are computed
-    from the strains, and the gray band is the estimated error. For an envelope, the light gray
-    bands are the estimated errors of the extremes.
-
-    Parameters
-    ----------
-    forces
-        Section forces of the beam, see `section_forces`.
-    what
-        "N", "Q" or "M".
-    t
-        Time [s]; the nearest available time is used. Defaults to the envelope over all times if
-        there are several times.
-
-    Returns
-    -------
-    Plot
-        The figure, displayed by a notebook; `Plot.save` writes it to a file.
-
-    Raises
-    ------
-    BeamdaeError
-        If `what` is invalid, or `t` is not close to an available time.
-    """
+    """Plot N, Q or M of a beam over its arc length; see `SectionForces.diagram`."""
     # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.figure import Figure
 

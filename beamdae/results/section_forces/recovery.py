@@ -39,32 +39,7 @@ MAX_EVALUATIONS = 100_000  # sections times rows per evaluation, which limits th
 def recover_section_forces(
     run: RunData, beam: Beam | str, t: Any = None, s: Any = None
 ) -> SectionForces:
-    """Return axial force, shear force and bending moment along a beam.
-
-    Parameters
-    ----------
-    run
-        The run.
-    beam
-        The beam, or its name.
-    t
-        A time or ascending times within the run [s]. Defaults to the output times.
-    s
-        An arc length or several arc lengths [m]. Defaults to the element boundaries, the sections
-        at which concentrated loads are fixed (evaluated on both sides of the load), and three
-        sections between neighbors.
-
-    Returns
-    -------
-    SectionForces
-        Section forces at these times and arc lengths.
-
-    Raises
-    ------
-    BeamdaeError
-        If the mechanism does not contain the beam, the times do not ascend, or a time or an arc
-        length is out of range.
-    """
+    """Return axial force, shear force and bending moment of a run; see `Solution.section_forces`."""
     e, trajectory = run.equations, run.trajectory
     beam = _find_beam(e, beam)
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
@@ -147,7 +122,7 @@ def recover_section_forces_at_state(
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
     s
-        An arc length or several arc lengths [m]; see `recover_section_forces`.
+        An arc length or several arc lengths [m]; see `Solution.section_forces`.
 
     Returns
     -------
