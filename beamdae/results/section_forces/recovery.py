@@ -39,7 +39,7 @@ MAX_EVALUATIONS = 100_000  # sections times rows per evaluation, which limits th
 def recover_section_forces(
     run: RunData, beam: Beam | str, t: Any = None, s: Any = None
 ) -> SectionForces:
-    """Return axial force, shear force and bending moment of a run; see `Solution.section_forces`."""
+    """Return the section forces of a beam in a run; see `Solution.section_forces`."""
     e, trajectory = run.equations, run.trajectory
     beam = _find_beam(e, beam)
     times = run.t if t is None else _require_numbers(beam.name, "t", t)
