@@ -20,9 +20,7 @@ from beamdae.equations.assembly.coordinate_map import (
     map_coordinates,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
-from beamdae.equations.formulations.static_equations import StaticEquations
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.relaxation import relax_to_equilibrium
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import SingularMatrixError
@@ -482,6 +480,10 @@ def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State
     if _starts_in_equilibrium(equations):
         q, lam = state.q, state.lam
     else:
+        # Models without contacts start faster without these imports.
+        from beamdae.equations.formulations.static_equations import StaticEquations
+        from beamdae.equations.starts.relaxation import relax_to_equilibrium
+
         try:
             q, lam = relax_to_equilibrium(StaticEquations(equations, time), state.q)
         except (BeamdaeError, SingularMatrixError):

@@ -10,7 +10,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -23,11 +23,8 @@ from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.equations.table_arguments import compile_table_arguments, find_distinct, group_grids
 from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.error_control import count_periods
-from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
-from beamdae.integrators.events.event_detection import STEPS_PER_EVENT_CHECK, EventDetector
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.events.table_limits import TableDetector
 from beamdae.integrators.integrator import Integrator, Progress, require_limits
 from beamdae.integrators.limits import RunLimits, StallDetector
 from beamdae.integrators.method import (
@@ -59,6 +56,12 @@ from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
+
+# Imported where they are created: most models have no events, surfaces and tables.
+if TYPE_CHECKING:
+    from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
+    from beamdae.integrators.events.event_detection import EventDetector
+    from beamdae.integrators.events.table_limits import TableDetector
 
 Array = np.ndarray
 
@@ -161,13 +164,20 @@ def _drive(
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
     gaps = compile_surface_gaps(equations)
-    onset_detector = ContactOnsetDetector(gaps, equations.length) if gaps else None
+    onset_detector = table_detector = None
+    if gaps:
+        from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
+
+        onset_detector = ContactOnsetDetector(gaps, equations.length)
     is_adaptive = integrator.accuracy.name == "rtol"
     arguments = compile_table_arguments(equations)
     rtol = float(settings["rtol"]) if is_adaptive else None
     terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
     grids = group_grids(arguments) if is_adaptive else ()
-    table_detector = TableDetector(terms, is_adaptive, grids) if terms else None
+    if terms:
+        from beamdae.integrators.events.table_limits import TableDetector
+
+        table_detector = TableDetector(terms, is_adaptive, grids)
     run: _RunInProgress | None = None
     trajectory: Trajectory | None = None
     repeated: list[RepeatedSample] = []
@@ -289,13 +299,20 @@ class _RunInProgress:
         self._sampled_equations = equations.with_loads_of(self._configuration)
         self._repeated = repeated
         self._sampler = Sampler(self._sampled_equations, repeated)
-        self._detector = EventDetector(equations) if equations.events else None
+        self._detector: EventDetector | None = None
+        self._max_batch: int | None = None
+        if equations.events:
+            from beamdae.integrators.events.event_detection import (
+                STEPS_PER_EVENT_CHECK,
+                EventDetector,
+            )
+
+            self._detector = EventDetector(equations)
+            self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
         self._onset_detector, self._table_detector = onset_detector, table_detector
         self._rtol = rtol
         self._force_detector = self._detect_force_peaks()
         self._method_samples = self._let_method_sample()
-        stops = self._detector is not None and self._detector.may_stop
-        self._max_batch = STEPS_PER_EVENT_CHECK if stops else None
         self.steps = 0
         # Time [s] of the first peak of each force that steps passed over at first, by its part.
         self.force_peaks: dict[str, float] = {}

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.starts.reduced_equations import (
-    ReducedEquations,
-    remove_redundant_constraints,
-)
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
+
+if TYPE_CHECKING:
+    from beamdae.equations.starts.reduced_equations import ReducedEquations
 
 Array = np.ndarray
 
@@ -24,6 +24,9 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
     """
     if not equations.redundant:
         return None
+    # Models without redundant constraints start faster without this import.
+    from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
+
     after = next((b for b in equations.breakpoints if b > start), start + 1.0)
     return remove_redundant_constraints(equations, np.array([start, 0.5 * (start + after)]))
 

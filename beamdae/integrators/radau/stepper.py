@@ -6,7 +6,7 @@ import math
 import time as clock
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +32,6 @@ from beamdae.integrators.error_control import (
     reduce_tolerance,
     resolve_error_control,
 )
-from beamdae.integrators.input_jumps import InputJump
 from beamdae.integrators.method import (
     MATRIX_SINGULAR,
     MAX_TIME_BETWEEN_CHECKS,
@@ -50,6 +49,9 @@ from beamdae.integrators.run_plan import RunPlan
 from beamdae.integrators.sampling import Sampler
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
+
+if TYPE_CHECKING:
+    from beamdae.integrators.input_jumps import InputJump
 
 Array = np.ndarray
 
@@ -358,6 +360,9 @@ class RadauStepper:
 
     @cached_property
     def _input_jump(self) -> InputJump:
+        # Models without sampled inputs start faster without this import.
+        from beamdae.integrators.input_jumps import InputJump
+
         return InputJump(self._form)
 
     def advance(self, most: int) -> Array:

@@ -1,6 +1,7 @@
 """Symbols of springs, dampers, bushings and contacts.
 
-The length constants are relative to the symbol size.
+The length constants are relative to the symbol size. Classes of parts are imported in the functions
+that draw them: mechanisms without these parts are drawn faster.
 """
 
 from __future__ import annotations
@@ -10,8 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdae.parts.forces.springs import Damper, SpringDamper, TorsionDamper, TorsionSpring
-from beamdae.parts.forces.surfaces import CircleSurface
 from beamdae.report.scene.joint_symbols import draw_supports, find_travel
 from beamdae.report.scene.scene_builder import SceneBuilder
 from beamdae.report.scene.shapes import align_points, circle, hatched_line, join_lines
@@ -19,6 +18,8 @@ from beamdae.report.scene.shapes import align_points, circle, hatched_line, join
 if TYPE_CHECKING:
     from beamdae.parts.forces.bushing import Bushing
     from beamdae.parts.forces.contact import Contact
+    from beamdae.parts.forces.springs import SpringDamper, TorsionSpring
+    from beamdae.parts.forces.surfaces import CircleSurface
 
 Array = np.ndarray
 
@@ -46,6 +47,8 @@ _SURFACE_CORNERS = 90
 
 def draw_spring_damper(part: SpringDamper, builder: SceneBuilder) -> None:
     """Draw a coil, a dashpot or both side by side, or a spiral if the points stay close."""
+    from beamdae.parts.forces.springs import Damper
+
     draw_supports(part, builder)
     a, b, size = builder.add_attachment(part.a), builder.add_attachment(part.b), builder.size
     distances = np.hypot(*builder.relative_position(a, b).T)
@@ -110,6 +113,8 @@ def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> None:
 
     The line is drawn if the points are farther apart than a symbol.
     """
+    from beamdae.parts.forces.springs import TorsionDamper
+
     draw_supports(part, builder)
     a, b = builder.add_attachment(part.a), builder.add_attachment(part.b)
     # The moment depends only on the angles of the bodies; the part is drawn at the first point.
@@ -145,6 +150,8 @@ def draw_bushing(part: Bushing, builder: SceneBuilder) -> None:
 
 def draw_contact(part: Contact, builder: SceneBuilder) -> None:
     """Draw the surface, with hatches on its inaccessible side, and the contact point."""
+    from beamdae.parts.forces.surfaces import CircleSurface
+
     surface, point = part.surface, builder.add_attachment(part.point)
     on = builder.add_attachment(surface.on)
     if isinstance(surface, CircleSurface):

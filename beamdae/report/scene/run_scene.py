@@ -18,7 +18,6 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.parts.forces.contact import Contact
 from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import (
     build_scene,
@@ -110,7 +109,7 @@ def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
     beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
     in enlarged motions.
     """
-    if any(isinstance(x, Contact) for x in mechanism.parts.values()):
+    if any(part.symbol == "contact" for part in mechanism.parts.values()):
         return 1.0
     drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
     moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
