@@ -220,6 +220,10 @@ class Part:
         """Return the constraints of the part."""
         return ()
 
+    def gap_size(self, gap: float, t: float) -> float:
+        """Return the gap [m or rad] at a value of a constraint and a time [s], for messages."""
+        return abs(gap)
+
     @property
     def load_distribution(self) -> str:
         """Distribution of the forces along a beam, used to recover section forces.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from conformance import integrators
@@ -148,6 +150,21 @@ def test_open_joint_cannot_be_switched_on():
         solution = bd.simulate(mech, bd.Radau(), 1.0)
     assert solution.status.kind == "failed"
     assert_allclose(solution.trajectory.end, 0.25, rtol=1e-6)
+
+
+@pytest.mark.parametrize("x", [0.5, 1.5, 3.0])
+def test_regression_open_links_state_their_gap(x):
+    """A link of 1 m between points at 3 m had a gap of 4 instead of 2 m."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0)))
+    link = mech.add(bd.Distance("link", mech.ground.at(0.0, 0.0), ball.point))
+    mech.add(bd.Force("push", ball.point, (math.copysign(1.0, x - 1.0), 0.0)))
+    mech.observe("ball", ball.point)
+    mech.deactivate(link)
+    mech.when("ball.x", x, "up" if x > 1.0 else "down", bd.activate(link), "caught")
+    message = rf"link\.length: the joint has a gap of {abs(x - 1.0):.3g} \(in m or rad\) when"
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(mech, bd.Radau(), 4.0)
 
 
 @pytest.mark.slow(reason="thousands of switches")

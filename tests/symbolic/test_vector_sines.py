@@ -43,6 +43,17 @@ def test_large_angles_have_the_error_of_their_rounding():
         assert np.all(np.abs(value - expected) <= 2.0 * np.spacing(x))
 
 
+def test_regression_huge_angles_have_no_sine():
+    """Sines of angles of 1e17 rad were up to 6e6, of larger ones up to infinity."""
+    for largest in (1e13, 9.99e14):
+        x = np.random.default_rng(0).uniform(-largest, largest, 1000)
+        for value, expected in zip(evaluate(x), (np.sin(x), np.cos(x)), strict=True):
+            assert np.all(np.abs(value - expected) <= 2.0 * np.spacing(np.abs(x)))
+            assert np.max(np.abs(value)) <= 1.0 + 1e-12
+    x = np.array([1.001e15, -1e16, 1e17, -1e20, 1e100, -1e200, 1e308])
+    assert np.isnan(evaluate(x)).all()
+
+
 def test_special_values():
     sine, cosine = evaluate([0.0, np.inf, -np.inf, np.nan])
     assert_array_equal(sine, [0.0, np.nan, np.nan, np.nan])

@@ -145,11 +145,16 @@ def _update_intervals(
 
 def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:
     equations = solver.equations
-    gaps = np.abs(solver.position_gaps(time, q))
+    levels = solver.position_gaps(time, q)
+    gaps = np.abs(levels)
     if equations.m and not np.max(gaps) <= _MAX_GAP * min(1.0, equations.length):
         worst = int(np.argmax(gaps))
+        name, gap = equations.lam_names[worst], float(gaps[worst])
+        if equations.mechanism is not None:
+            joint = equations.mechanism.parts[name.rpartition(".")[0]]
+            gap = joint.gap_size(float(levels[worst]), float(time[0]))
         raise BeamdaeError(
-            f"{equations.lam_names[worst]}: the joint has a gap of {gaps[worst]:.3g} "
+            f"{name}: the joint has a gap of {gap:.3g} "
             "(in m or rad) when it is activated; close the gap first, or keep it with "
             "activate(..., as_is=True)."
         )

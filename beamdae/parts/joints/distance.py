@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -82,6 +83,11 @@ class Distance(DrivenJoint):
     def gap(t: SX, a: PlacedPoint, b: PlacedPoint, length: SX) -> SX:
         """Return the prescribed length minus the distance of the points [m], to first order."""
         return (length**2 - ca.sumsqr(b.position - a.position)) / (2.0 * length)
+
+    def gap_size(self, gap: float, t: float) -> float:
+        """Return the difference [m] of distance and length at a value of `gap` and a time [s]."""
+        length = self.laws[0].at(t)
+        return abs(length - math.sqrt(max(length**2 - 2.0 * length * gap, 0.0)))
 
     @property
     def law_argument(self) -> Any:

@@ -35,6 +35,8 @@ _QUARTER_TURN = (
     6.07710050630396597660e-11,
     2.02226624879595063154e-21,
 )
+_LARGEST_ANGLE = 1e15  # rad; the products with the parts above would leave a remainder that grows
+_OVERFLOW = 1e300  # makes larger angles infinite
 _QUARTER_TURNS_PER_RADIAN = 6.36619772367581382433e-01
 # Fewer sines and cosines take less time than rewriting a function. Exact elements have two at each
 # integration point, most joints two in all.
@@ -50,8 +52,10 @@ def sine_and_cosine(x: SX) -> tuple[SX, SX]:
     """Return sin x and cos x in arithmetic operations, for scalar x [rad].
 
     Errors are below 2.5 units in the last place for |x| < 1e6, and below 1.5 for |x| < 1000. For
-    larger |x|, they also contain the effect of an error of one unit in the last place of x.
+    larger |x|, they also contain the effect of an error of one unit in the last place of x. Beyond
+    1e15, where neighboring numbers are up to a radian apart, both are NaN, as those of infinity.
     """
+    x = x + _where(x * x > _LARGEST_ANGLE**2, x) * _OVERFLOW
     turns = ca.floor(x * _QUARTER_TURNS_PER_RADIAN + 0.5)
     for part in _QUARTER_TURN:
         x = x - turns * part
