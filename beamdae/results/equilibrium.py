@@ -174,28 +174,46 @@ class Equilibrium(HasPage):
 
     @property
     def instability(self) -> str:
-        """Sentence on an unstable end of a path under prescribed loads; "" if there is none.
+        """Sentence on an unstable end of the path; "" if there is none.
 
         A prescribed displacement, or arc length, also holds equilibria that are unstable under
-        constant loads. A critical point at the end is neither stable nor unstable.
+        constant loads. Such a path has a sentence only if no critical point shows where it became
+        unstable: it began unstable, or switched to an unstable path. A critical point at the end is
+        neither stable nor unstable.
         """
         count, end = int(self.unstable[-1]), len(self.q) - 1
-        is_critical = any(point.row == end for point in self.critical)
-        if count <= 0 or is_critical or self.settings.get("control", "load") != "load":
+        if count <= 0 or any(point.row == end for point in self.critical):
             return ""
         state = "the equilibrium" + (f" at load factor {self.factor:.6g}" if self.loads else "")
         state += f" is unstable in {format_count(count, 'direction')}"
         last_stable = max(np.flatnonzero(self.unstable == 0), default=-1)
         onset = next((x for x in self.critical if x.row >= last_stable >= 0), None)
+        by_load = self.settings.get("control", "load") == "load"
         if onset is None:
+            if not by_load and np.any(self.unstable <= 0):
+                if not np.all(self.unstable[last_stable + 1 :] > 0):
+                    return ""
+                factor = self.factors[last_stable].sum()
+                return (
+                    f"equilibrium: {state} since about load factor {factor:.6g}, where no critical "
+                    "point was found; use a smaller step=."
+                )
             return (
                 f"equilibrium: {state} from the beginning of the path; choose other positions with "
                 "start= to look for a stable one."
             )
+        number = sum(x.kind == "branch point" for x in self.critical if x.row <= onset.row)
+        if not by_load:
+            switches = np.cumsum(np.abs(self.settings.get("switch", []))).tolist()
+            if onset.kind != "branch point" or number not in switches:
+                return ""
+            return (
+                f"equilibrium: {state} since the branch point at load factor {onset.factor:.6g}, "
+                "where the path switches; simulate what the structure does at this point."
+            )
         state = f"{state} since the {onset.kind} at load factor {onset.factor:.6g}"
         if onset.kind != "branch point":
             return f"equilibrium: {state}; simulate what the structure does beyond it."
-        number = sum(x.kind == onset.kind for x in self.critical if x.row <= onset.row)
         crossing = f"follow the crossing path with switch={number}, or " * (len(self.loads) == 1)
         return (
             f"equilibrium: {state}, where a real structure leaves this path; {crossing}analyze an "

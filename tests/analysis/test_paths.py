@@ -181,6 +181,39 @@ def test_unstable_ends_of_load_control_warn():
     assert bd.equilibrium(rigid_column(), to=1.3, switch=1).instability == ""
 
 
+def leaning_bar():
+    """Return an upright bar of length 1 with a side spring: P = 10 cos(angle) is unstable."""
+    mech = bd.Mechanism()
+    bob = mech.add(bd.PointMass("bob", 1.0, at=(0.0, 1.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 0.0), bob.point))
+    mech.add(bd.Spring("side", mech.ground.at(-50.0, 1.0), bob.point, 10.0))
+    mech.add(bd.Force("push", bob.point, (0.0, -1.0)))
+    mech.observe("bob", bob.point)
+    return mech
+
+
+def test_regression_unstable_ends_by_arc_length_warn_if_no_critical_point_shows_them():
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction since the branch point at"):
+        path = bd.equilibrium(leaning_bar(), to={"bob.x": 0.5}, switch=1)
+    assert "where the path switches; simulate" in path.instability
+    assert path.factor < path.critical[0].factor
+    # The branch point that the path passes is visible.
+    for control in ("arc length", "displacement"):
+        path = bd.equilibrium(leaning_bar(), to={"bob.x": 0.5}, control=control)
+        assert path.unstable[-1] == 1
+        assert path.critical
+        assert path.instability == ""
+
+
+def test_regression_paths_by_arc_length_that_begin_unstable_warn():
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    mech.add(bd.Force("wind", rod.at(0.0, 1.0), (1.0, 0.0)))
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 1 direction from the beginning"):
+        bd.equilibrium(mech, loads=["wind"], control="arc length")
+
+
 def test_unstable_equilibria_without_scaled_loads_warn():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))

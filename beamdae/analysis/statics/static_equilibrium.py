@@ -129,7 +129,7 @@ def equilibrium(
     -----
     BeamdaeWarning
         If the path ended early (with the last converged load factor and the reason), and for each
-        of `Equilibrium.warnings`, which name an unstable end of a path by load control.
+        of `Equilibrium.warnings`, which name an unstable end that critical points do not show.
 
     Examples
     --------
