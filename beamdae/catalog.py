@@ -242,7 +242,7 @@ GROUPS = (
             Public("SavedRun", "beamdae.results.storage.saved_run"),
             Public("load", "beamdae.simulation"),
             Public("SectionForces", "beamdae.results.section_forces.section_forces"),
-            Public("BeamRange", "beamdae.results.diagnostics.beam_ranges"),
+            Public("BeamRange", "beamdae.results.diagnostics.meshes.beam_ranges"),
         ),
     ),
     Group(

@@ -13,7 +13,7 @@ from beamdae.equations.surface_gaps import SurfaceGapTerm
 from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
-from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
+from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000

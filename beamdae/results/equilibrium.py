@@ -17,13 +17,13 @@ from beamdae.errors import format_count, require_count
 from beamdae.interrupts import interruptible
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header, can_select, merge_columns, select_columns
-from beamdae.results.diagnostics.beam_ranges import (
+from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges,
     range_warnings,
     strain_warnings,
 )
-from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.displays import HasPage, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.section_forces.recovery import recover_section_forces_at_state

@@ -11,7 +11,7 @@ import numpy as np
 from beamdae.errors import list_first
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import Header
-from beamdae.results.diagnostics.beam_ranges import MAX_UNREPORTED_ERROR, range_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import MAX_UNREPORTED_ERROR, range_warnings
 from beamdae.results.displays import HasPage, HasTable, Plot
 from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution

@@ -25,29 +25,32 @@ from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.columns import ColumnDict, Header
-from beamdae.results.diagnostics.beam_ranges import (
+from beamdae.results.diagnostics.contacts.hard_impacts import (
+    HardImpact,
+    find_hard_impacts,
+    hard_impact_warnings,
+)
+from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
+from beamdae.results.diagnostics.contacts.impacts import impact_warnings
+from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
+from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
+from beamdae.results.diagnostics.forced_vibrations import examine_vibrations
+from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
     range_warnings,
     sample_positions,
     strain_warnings,
 )
-from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
-from beamdae.results.diagnostics.driven_reactions import driven_reaction_warnings
-from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
-from beamdae.results.diagnostics.forced_vibrations import examine_vibrations
-from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.hard_impacts import (
-    HardImpact,
-    find_hard_impacts,
-    hard_impact_warnings,
-)
-from beamdae.results.diagnostics.impact_speeds import impact_speed_warnings
-from beamdae.results.diagnostics.impacts import impact_warnings
-from beamdae.results.diagnostics.long_elements import long_element_warnings
-from beamdae.results.diagnostics.long_steps import long_step_warnings
-from beamdae.results.diagnostics.mesh_errors import LoadedState, mesh_error_warnings
-from beamdae.results.diagnostics.missed_peaks import (
+from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
+from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
+from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
+from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
+from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
+from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
     find_missed_peaks,
@@ -55,21 +58,18 @@ from beamdae.results.diagnostics.missed_peaks import (
     missed_peak_warnings,
     unknown_peak_warnings,
 )
-from beamdae.results.diagnostics.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
+from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
+from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
     singularity_warnings,
 )
-from beamdae.results.diagnostics.slow_sliding import slow_sliding_warnings
-from beamdae.results.diagnostics.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
-from beamdae.results.diagnostics.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status

@@ -10,7 +10,7 @@ import pytest
 import beamdae as bd
 from beamdae.beams.floating_frame.kinematics import FloatingFrame
 from beamdae.equations.equations_of_motion import State
-from beamdae.results.diagnostics.beam_ranges import (
+from beamdae.results.diagnostics.meshes.beam_ranges import (
     MAX_UNREPORTED_ERROR,
     BeamRange,
     _find_peaks,

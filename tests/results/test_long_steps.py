@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics import missed_peaks
-from beamdae.results.diagnostics.long_steps import long_step_warnings
+from beamdae.results.diagnostics.resolution import missed_peaks
+from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 
 OMEGA = 20.0
 

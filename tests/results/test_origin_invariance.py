@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.coarse_rows import coarse_row_warnings
+from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.verification import HALF_RANGE, RELATIVE_ERROR
 
 STEEL = bd.Material(E=2e11, nu=0.3, rho=7800.0)

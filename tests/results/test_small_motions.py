@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.small_motions import _deviations_between_steps
-from beamdae.results.diagnostics.small_motions import small_motion_warnings as diagnose
+from beamdae.results.diagnostics.resolution.small_motions import _deviations_between_steps
+from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings as diagnose
 
 SPEED, AMPLITUDE, FREQUENCY = 20.0, 1e-3, 18.0  # m/s, m, rad/s
 

@@ -16,7 +16,7 @@ from strain_validity.statics import (
 from tolerances import flexible_mechanisms as flexible
 
 import beamdae as bd
-from beamdae.results.diagnostics.beam_ranges import measure_beam_ranges
+from beamdae.results.diagnostics.meshes.beam_ranges import measure_beam_ranges
 
 FORCE, HALF_CIRCLE = ((0.0, 6.0 * EI), 0.0), ((0.0, 0.0), np.pi * EI)
 

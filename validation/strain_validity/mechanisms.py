@@ -35,7 +35,7 @@ from tolerances import mechanisms as wide
 import beamdae as bd
 from beamdae.beams.beam import EXACT_FORMULATION
 from beamdae.beams.remeshing import with_meshes
-from beamdae.results.diagnostics.beam_ranges import (
+from beamdae.results.diagnostics.meshes.beam_ranges import (
     count_oscillations,
     relative_change_by_exact_strains,
     sample_positions,

@@ -28,7 +28,7 @@ from beamdae.linear.blas_threads import single_threaded
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.model_functions import Model
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.diagnostics.beam_ranges import buckling_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import buckling_warnings
 from beamdae.results.displays import HasModeShapes
 
 if TYPE_CHECKING:

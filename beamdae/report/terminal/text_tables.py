@@ -17,8 +17,8 @@ from beamdae.report.text import make_printable
 if TYPE_CHECKING:
     import pandas as pd
 
-    from beamdae.results.diagnostics.beam_ranges import BeamRange
-    from beamdae.results.diagnostics.missed_peaks import StepExtremes
+    from beamdae.results.diagnostics.meshes.beam_ranges import BeamRange
+    from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 
     # A table by header.
     Columns = Mapping[str, Any] | pd.DataFrame

@@ -33,7 +33,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.errors import list_first
 from beamdae.results.columns import remove_unit
-from beamdae.results.diagnostics.long_elements import (
+from beamdae.results.diagnostics.meshes.long_elements import (
     LARGE_ERROR,
     MAX_NAMES,
     MAX_SAMPLED_NUMBERS,
@@ -45,7 +45,7 @@ from beamdae.results.diagnostics.long_elements import (
     select_columns,
     spectral_window,
 )
-from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.section_forces.balance import elastic_section_forces
 from beamdae.results.trajectory import Trajectory
 

@@ -12,7 +12,7 @@ from beamdae.errors import BeamdaeError, list_first
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
-from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray

@@ -19,7 +19,7 @@ from beamdae.beams.dispersion import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import list_first
 from beamdae.results.columns import Header, largest_of_kind, remove_unit
-from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.section_forces.balance import elastic_axial_forces
 from beamdae.results.trajectory import Trajectory
 

@@ -14,7 +14,7 @@ from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
 from beamdae.errors import list_first
 from beamdae.results.columns import remove_unit, split_unit
-from beamdae.results.diagnostics.moving_loads import measured_quantity
+from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
     SAME_SECTION_TOLERANCE,
     balanced_and_elastic_forces,

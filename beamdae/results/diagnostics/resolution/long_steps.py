@@ -14,7 +14,7 @@ from beamdae.results.columns import (
     mark_resting_columns,
     remove_unit,
 )
-from beamdae.results.diagnostics.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 
 # Root mean square of the second differences between steps relative to half the range. A vibration

@@ -11,7 +11,7 @@ from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.parts.signals import Sensor
-from beamdae.results.diagnostics.beam_ranges import sample_positions
+from beamdae.results.diagnostics.meshes.beam_ranges import sample_positions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
 
@@ -42,7 +42,7 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     if mechanism is None or not loads:
         return
     # Imports large modules of SciPy, which other models do not need.
-    from beamdae.results.diagnostics.sliding_errors import sliding_error_warnings
+    from beamdae.results.diagnostics.meshes.sliding_errors import sliding_error_warnings
 
     yield from sliding_error_warnings(equations, trajectory)
     paths: dict[str, tuple[float, float]] = {}
