@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -267,10 +267,15 @@ class Observable:
 
 def format_headers(name: str, columns: Sequence[Variable]) -> list[str]:
     """Return the CSV headers of the columns of an observable."""
-    return [
+    return list(_format_headers(name, tuple(columns)))
+
+
+@lru_cache(maxsize=1024)  # each run formats the headers of its observables several times
+def _format_headers(name: str, columns: tuple[Variable, ...]) -> tuple[str, ...]:
+    return tuple(
         Variable(".".join(filter(None, (name, column.name))), column.unit).header
         for column in columns
-    ]
+    )
 
 
 @dataclass(frozen=True)

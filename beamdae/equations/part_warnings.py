@@ -28,6 +28,7 @@ from beamdae.parts.events import select_impacts, select_switches
 from beamdae.parts.forces.regularized_friction import suggest_speed
 from beamdae.parts.mechanism import EQUILIBRIUM, Mechanism
 from beamdae.parts.part import Part, SurfaceGap
+from beamdae.symbolic.functions.compiled import Compiled
 from beamdae.symbolic.kernel_groups import group_by_kernel
 from beamdae.symbolic.statements import ForceStatement, Local, Quantity, QuantityKernel
 
@@ -178,13 +179,13 @@ def _is_zero(statement: ForceStatement, branches: Sequence[float]) -> bool:
     x = kernel.local
     # Compiled once for all models with this kernel, whose data include all numbers.
     (group,) = group_by_kernel([statement])
-    evaluate = group.kernel.force_kernel.function
+    evaluate = Compiled(group.kernel.force_kernel.function)
     state = _random_state(3 * x.size + x.n_multipliers)
     copies = group.data if group.data.shape[1] == 1 else np.unique(group.data, axis=1)
     for numbers in copies.T if copies.size else [np.zeros(0)]:
         for branch in branches if kernel.has_branches else branches[:1]:
             time = np.array([branch, branch])
-            if np.any(evaluate(time, np.concatenate([state, numbers])).full()):
+            if np.any(evaluate(time, np.concatenate([state, numbers]))[0]):
                 return False
             symbols = [x.data, x.time[1]]
             values = [ca.DM(numbers[: x.data.numel()]), ca.DM(branch)]

@@ -7,6 +7,7 @@ CasADi's virtual machine evaluates these quantities, because a run needs them on
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -67,8 +68,10 @@ class ForceBlock:
 
     def matrix(self, nonzeros: Array) -> sp.csc_array:
         """Return the block as a matrix, given the non-zeros of the saddle-point matrix."""
-        entries = (nonzeros[self.entries], self.pattern.indices, self.pattern.indptr)
-        return sp.csc_array(entries, shape=self.pattern.shape)
+        # In a tenth of the time of `sp.csc_array`, which checks the indices again.
+        matrix = copy(self.pattern)
+        matrix.data = nonzeros[self.entries]
+        return matrix
 
 
 @dataclass(frozen=True)

@@ -105,8 +105,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         reads |= built.reads
         solutions = []
         for _ in range(task.repetitions):
-            limits = task.limits
-            monitor = None if limits == Limits() else _LimitMonitor(limits, task.t_end)
+            monitor = _LimitMonitor(task.limits, task.t_end)
             solution = simulate(
                 built.equations,
                 task.case.integrator,

@@ -167,9 +167,9 @@ def long_element_warnings(
         columns = _rotation_coordinates(equations, beam)
         if not half_ranges or len(columns) < 2:
             continue
-        angles = trajectory.positions_at(times, columns)
         # Sums over long columns are faster and more accurate than over short rows.
-        rotations = np.asfortranarray(angles[:, 1:] - angles[:, :1])
+        angles = np.asfortranarray(trajectory.positions_at(times, columns))
+        rotations = angles[:, 1:] - angles[:, :1]
         vibration = _Vibration(beam, _Spectrum.of_samples(rotations, duration))
         if not vibration.has_errors(half_ranges):
             continue
