@@ -34,7 +34,6 @@ from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warn
 from beamdae.results.diagnostics.contacts.impacts import impact_warnings
 from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
-from beamdae.results.diagnostics.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
@@ -43,6 +42,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     sample_positions,
     strain_warnings,
 )
+from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
