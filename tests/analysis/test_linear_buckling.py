@@ -243,3 +243,21 @@ def test_regression_critical_points_of_long_elements_have_a_note():
     (note,) = coarse.notes
     assert note.startswith("equilibrium: column: the elements are too long for the branch point")
     assert not fine.notes
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+@pytest.mark.parametrize("stiffness", [40.0, 1000.0])
+def test_regression_factors_of_follower_loads_are_checked_along_the_path(stiffness, formulation):
+    """Every such load had a warning; with the spring, the column diverges before it flutters."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)
+    line = bd.Line((0.0, 0.0), (0.0, 1.0))
+    column = mech.add(bd.Beam("column", line, section, 4, formulation=formulation))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), column.start))
+    side = mech.ground.at(-1.0, 1.0)
+    mech.add(bd.Spring("side", side, column.end, stiffness * section.EI))
+    mech.add(bd.Force("push", column.end, (0.0, -section.EI), axes="body"))
+    buckling = bd.buckling(mech, n=1)
+    assert buckling.warnings == ()
+    path = bd.equilibrium(mech, to=30.0)
+    assert abs(buckling.factors[0] - path.critical[0].factor) < 3e-3 * buckling.factors[0]

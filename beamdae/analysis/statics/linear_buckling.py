@@ -13,6 +13,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.buckling_mesh_errors import buckling_mesh_warnings
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
+from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import (
@@ -46,6 +47,9 @@ _MAX_MOTION = 0.5
 # is sought up to this multiple of the first factor.
 _MAX_ERROR = 0.03
 _SEARCH_RATIO = 2.0
+# Under loads without a potential, first factors of larger motions, in natural sizes, are not
+# checked: flutter far below them takes seconds to minutes to locate.
+_MAX_CHECKED_MOTION = 0.05
 # Largest number of unknowns for dense path.
 _MAX_DENSE_UNKNOWNS = 400
 # Inverse factors below this fraction of the largest are lost in rounding; imaginary parts up to the
@@ -148,8 +152,9 @@ def buckling(
     derivative with respect to the load factor along the linear response to the loads. The factors
     are exact if the displacements before buckling are negligible, as for straight columns and rings
     under pressure. If the first one deviates by more than 3 % from the first critical point of the
-    equilibrium path, `Buckling.warnings` contains a warning; use `equilibrium` instead. This is not
-    checked for loads without a potential, which have a warning.
+    equilibrium path, which may be the onset of flutter, `Buckling.warnings` contains a warning; use
+    `equilibrium` instead. Loads without a potential have a warning if there is no factor, or one
+    of a motion above 5 % of the size of the mechanism, which is not checked.
 
     Parameters
     ----------
@@ -218,7 +223,10 @@ def buckling(
         asymmetry = abs(path.rate - path.rate.T).max()
         has_potential = asymmetry <= _IMAGINARY_TOLERANCE * abs(path.rate).max()
         warnings = []
-        if len(factors) and has_potential:
+        is_checked = len(factors) > 0 and (
+            has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
+        )
+        if is_checked:
             warnings = _check_prebuckling(corrector, begin, float(factors[0]))
     except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
         raise BeamdaeError(
@@ -233,15 +241,10 @@ def buckling(
     shapes = vectors[: e.n] / e.position_scales[:, None]
     largest = shapes[locate_largest(shapes), np.arange(shapes.shape[1])]
     shapes = shapes * e.position_scales[:, None] / largest
-    if not has_potential:
-        # The path, whose flutter points take long, is left to the recommended call.
-        if len(factors):
-            buckled = begin.x + float(factors[0]) * path.response.x
-            warnings += buckling_warnings(e, buckled[: e.n])
+    if not has_potential and not is_checked:
         warnings.append(
             f"{_NAME}: the loads have no potential, so the structure may flutter, which linear "
-            "buckling does not show, and displacements before buckling are not checked; use "
-            "equilibrium."
+            "buckling does not show; use equilibrium with a target load factor."
         )
     warn_of_result(warnings, e.build_warnings)
     if has_potential and len(factors) < count:
@@ -298,6 +301,12 @@ def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: flo
         critical = path.critical[0]
         point = path.points[critical.row]
         warnings += buckling_warnings(point.system.equations, point.x[: point.system.equations.n])
+        if critical.kind == FLUTTER:
+            text = (
+                f"{_NAME}: the structure flutters at the load factor {point.mu:.5g}, which linear "
+                f"buckling does not show (its first factor is {first:.5g}); use equilibrium."
+            )
+            return [text, *warnings] if point.mu < (1.0 + _MAX_ERROR) * first else warnings
         if abs(point.mu - first) <= _MAX_ERROR * point.mu:
             return warnings
         reason = f"the first critical point of the path is a {critical.kind} at {point.mu:.5g}"
