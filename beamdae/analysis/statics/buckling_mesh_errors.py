@@ -98,7 +98,8 @@ def critical_point_mesh_note(
 def _section_forces(equations: EquationsOfMotion, beam: Beam, s: Array, q: Array) -> Array:
     """Return (N, Q, M) at arc lengths (k,) of a beam at rest, (3, k)."""
     zero = np.zeros(equations.n)
-    return elastic_section_forces(beam, equations, State(q, zero, zero, np.zeros(equations.m)), s)
+    rows = State(*(x[None] for x in (q, zero, zero, np.zeros(equations.m))))
+    return np.asarray(elastic_section_forces(beam, equations, rows, s)[:, 0])
 
 
 def _differentiate(

@@ -87,15 +87,18 @@ def balanced_and_elastic_forces(
 
 def elastic_axial_forces(beam: Beam, equations: EquationsOfMotion, state: State, s: Array) -> Array:
     """Return the axial forces [N] from the strains at arc lengths (k,) [m] of one state, (k,)."""
-    return np.asarray(elastic_section_forces(beam, equations, state, s)[0])
+    rows = State(*(x[None] for x in state))
+    return np.asarray(elastic_section_forces(beam, equations, rows, s)[0, 0])
 
 
 def elastic_section_forces(
-    beam: Beam, equations: EquationsOfMotion, state: State, s: Array
+    beam: Beam, equations: EquationsOfMotion, states: State, s: Array
 ) -> Array:
-    """Return (N [N], Q [N], M [N m]) from the strains at arc lengths (k,) [m], (3, k)."""
-    sections = _BeamSections(beam, equations, State(*(x[None] for x in state)))
-    return np.asarray(sections.elastic_forces(s)[:, 0])
+    """Return (N [N], Q [N], M [N m]) from the strains at rows of states, (3, rows, k).
+
+    `s` are the arc lengths (k,) [m].
+    """
+    return np.asarray(_BeamSections(beam, equations, states).elastic_forces(s))
 
 
 def _accumulate_loads(beam: Beam, loads: AppliedLoads, s: Array, before: Array) -> Array:

@@ -244,12 +244,12 @@ class _Vibration:
         peaks = np.flatnonzero(is_peak)
         peaks = peaks[np.argsort(-energies[peaks])][:_MAX_PEAKS]
         totals = np.zeros(len(half_ranges))
-        for k in peaks.tolist():
-            rate = self._refine(energies, k)
-            error = float(bending_wave_errors(beam, np.array([rate]), tension)[0])
-            if error * rate * self.duration < _MIN_PHASE_ERROR:
-                continue
-            share = self._axial_share(self.amplitudes[k])
+        rates = np.array([self._refine(energies, k) for k in peaks.tolist()])
+        errors = bending_wave_errors(beam, rates, tension)
+        is_large = errors * rates * self.duration >= _MIN_PHASE_ERROR
+        peaks, rates, errors = peaks[is_large], rates[is_large].tolist(), errors[is_large].tolist()
+        shares = self._axial_shares(self.amplitudes[peaks])
+        for k, rate, error, share in zip(peaks.tolist(), rates, errors, shares, strict=True):
             error += share * (axial_wave_error(beam, rate) - error)
             error *= refinement ** -convergence_order(beam)
             change_of_stiffness = 2.0 * min(error, _LARGEST_FREQUENCY_ERROR)
@@ -268,21 +268,27 @@ class _Vibration:
         offset = 0.5 * (before - after) / (before - 2.0 * at + after)
         return float(self.rates[1] * (k + np.clip(offset, -0.5, 0.5)))
 
-    def _axial_share(self, amplitude: Array) -> float:
-        """Return the share of axial strains in the strain energy of an amplitude (n,)."""
-        e, beam, middles = self.equations, self.beam, element_middles(self.beam)
-        scale = _DIFFERENCE / np.max(np.abs(amplitude) / e.position_scales)
-        energies = np.zeros(2)
+    def _axial_shares(self, amplitudes: Array) -> list[float]:
+        """Return the shares of axial strains in the strain energies of amplitudes (k, n)."""
+        e, beam, count = self.equations, self.beam, len(amplitudes)
+        if not count:
+            return []
+        scales = _DIFFERENCE / np.max(np.abs(amplitudes) / e.position_scales, axis=1)
+        parts = np.concatenate([amplitudes.real, amplitudes.imag])
+        steps = np.tile(scales, 2)[:, None] * parts
+        # All states at once: sections and operators are prepared only once.
+        q = self.state.q + np.concatenate([steps, -steps])
+        states = State(q, np.zeros_like(q), np.zeros_like(q), np.zeros((len(q), e.m)))
+        forces = elastic_section_forces(beam, e, states, element_middles(beam))
+        changes = (forces[:, : 2 * count] - forces[:, 2 * count :]) / np.tile(scales, 2)[:, None]
         axial, bending = section_values(beam, "EA", "EI")
-        for part in (amplitude.real, amplitude.imag):
-            forward, backward = (
-                elastic_section_forces(beam, e, self.state._replace(q=self.state.q + dq), middles)
-                for dq in (scale * part, -scale * part)
-            )
-            forces = (forward - backward) / scale
-            lengths = beam.mesh.element_lengths
-            energies += forces[0] ** 2 / axial @ lengths, forces[2] ** 2 / bending @ lengths
-        return float(energies[0] / max(np.sum(energies), 1e-300))
+        lengths = beam.mesh.element_lengths
+        of_axial, of_bending = (
+            (changes[k] ** 2 / stiffness @ lengths).reshape(2, count).sum(axis=0)
+            for k, stiffness in ((0, axial), (2, bending))
+        )
+        shares: list[float] = (of_axial / np.maximum(of_axial + of_bending, 1e-300)).tolist()
+        return shares
 
     def _observe(
         self,
