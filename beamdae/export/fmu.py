@@ -35,11 +35,6 @@ from beamdae.errors import (
     suggest,
     warn_user,
 )
-from beamdae.export.abrupt_forces import (
-    choose_integrator,
-    warn_of_fixed_steps,
-    warn_of_short_peaks,
-)
 from beamdae.export.c_code import UnsupportedOperationError, format_string
 from beamdae.export.compilers import (
     PLATFORMS,
@@ -58,6 +53,7 @@ from beamdae.export.model_description import (
 from beamdae.export.model_source import ExportedModel, Output, Value, write_model_source
 from beamdae.export.parameter_maps import map_numbers
 from beamdae.export.radau_settings import plan_radau
+from beamdae.export.trial_run import warn_of_fixed_steps, warn_of_trial_run
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import INCREMENT_ROUNDING
 from beamdae.integrators.radau.radau import Radau
@@ -188,11 +184,13 @@ def export_fmu(
 ) -> ExportedFmu:
     """Export a model as an FMU for co-simulation, which needs neither Python nor beamdae.
 
-    The FMU contains C source and binaries. It takes the steps of
-    `GeneralizedAlpha(step, rho_inf, newton_tolerance=1e-9)` with the same kernels and equations;
-    results differ from those of `simulate` with this method by rounding errors, below 1e-7 of the
-    range of an output. Models with abrupt forces (contacts, stops, joint
-    friction, and formulas or tables with kinks in the motion) get adaptive steps of `Radau(rtol)`.
+    The FMU contains C source and binaries. It takes the adaptive steps of `Radau(rtol)` with the
+    same kernels and equations. With `integrator="alpha"`, it takes the fixed steps of
+    `GeneralizedAlpha(step, rho_inf, newton_tolerance=1e-9)`; results differ from those of
+    `simulate` with this method by rounding errors, below 1e-7 of the range of an output. Unless it
+    takes more than 20 000 steps, a trial run with the start values of inputs and parameters checks
+    these steps; its warnings, such as those of fixed steps that are too long, are those of the
+    export.
 
     Communication steps can have any length. Generalized-alpha divides them into equal internal
     steps of at most `step`. Each change of the internal step, and each breakpoint of a law,
@@ -226,9 +224,9 @@ def export_fmu(
     step
         Internal step of generalized-alpha, and default communication step [s].
     integrator
-        "alpha" for fixed steps of generalized-alpha, or "radau" for adaptive steps. Defaults to
-        "radau" for models with abrupt forces (see above) unless `real_time` is given, otherwise to
-        "alpha". With "alpha", contacts are reported by a `BeamdaeWarning`.
+        "radau" for adaptive steps, or "alpha" for fixed steps of generalized-alpha. Defaults to
+        "radau", or "alpha" if `real_time` is given. With "alpha", contacts are reported by a
+        `BeamdaeWarning`.
     rtol
         Relative tolerance of Radau, 1e-14 to 0.1.
     inputs
@@ -313,14 +311,14 @@ def export_fmu(
 
     gaps = compile_surface_gaps(equations)
     if integrator is None:
-        integrator = "alpha" if real_time is not None else choose_integrator(equations, gaps)
+        integrator = "radau" if real_time is None else "alpha"
     if integrator == "alpha":
         warn_of_fixed_steps(PART, gaps, step)
         gaps = ()
     selected_inputs = _select_inputs(equations, inputs)
     if integrator == "radau" and selected_inputs:
         _warn_of_undamped_beams(equations)
-    warn_of_short_peaks(PART, equations, times, alpha if integrator == "alpha" else Radau(rtol))
+    warn_of_trial_run(PART, equations, stop, alpha if integrator == "alpha" else Radau(rtol))
 
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)

@@ -12,14 +12,14 @@ MODEL = '''
 import beamdae as bd
 
 
-@bd.model(t_end=0.1)
-def oscillator(stiffness=40.0, mass=1.0):
+@bd.model(t_end=0.4)
+def oscillator(stiffness=40.0, mass=1.0, stretch=0.0):
     """A mass on a spring along a rail, with a force."""
     mech = bd.Mechanism()
     push = mech.input("push", default=0.0, unit="N")
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness))
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, free_length=1.0 - stretch))
     mech.add(bd.Force("actuator", body.point, (push, 0.0)))
     mech.observe("mass", body.point)
     return mech
@@ -47,7 +47,14 @@ def test_adaptive_steps(here):
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["integrator"] == "radau"
     assert "adaptive (Radau)" in run("--integrator", "radau").stdout
-    assert "0.001 s (generalized-alpha)" in run().stdout
+    assert "adaptive (Radau)" in run().stdout
+    assert "0.001 s (generalized-alpha)" in run("--integrator", "alpha").stdout
+
+
+def test_regression_warnings_of_the_trial_run_are_printed(here):
+    """An FMU whose fixed steps changed the period of a vibration was written without a word."""
+    arguments = ["--set", "stiffness=4e5", "--set", "stretch=0.01", "--integrator", "alpha"]
+    assert "fixed steps of 0.001 s change the period" in run(*arguments).stderr.replace("\n", " ")
 
 
 @pytest.mark.parametrize(

@@ -38,15 +38,15 @@ def export_command(
         typer.Option(
             parser=parse_seconds,
             metavar="TIME",
-            help="Internal step in seconds, or with a unit; with radau, the suggested "
-            "communication step.",
+            help="Suggested communication step in seconds, or with a unit; with alpha, also the "
+            "internal step.",
         ),
     ] = 1e-3,
     integrator: Annotated[
         str | None,
         typer.Option(
-            help="alpha (fixed steps) or radau (adaptive steps). Defaults to radau for models with "
-            "contacts, friction or other abrupt forces, otherwise to alpha."
+            help="radau (adaptive steps) or alpha (fixed steps). Defaults to radau, or alpha with "
+            "--real-time."
         ),
     ] = None,
     rtol: Annotated[float, typer.Option(help="Relative tolerance of radau.")] = 1e-5,

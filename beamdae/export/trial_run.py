@@ -1,0 +1,55 @@
+"""Warnings about the steps of an FMU, from a trial run and from the contacts of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.surface_gaps import SurfaceGapTerm
+from beamdae.errors import list_first, warn_user
+from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
+from beamdae.integrators.radau.radau import Radau
+from beamdae.simulation import compute_output_times
+
+_MAX_NAMES = 3  # of parts in a warning
+_MAX_TRIAL_STEPS = 20_000
+
+
+def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:
+    """Warn about contacts in a model that is exported with fixed steps of `step` [s]."""
+    names = list(dict.fromkeys(gap.part for gap in gaps))
+    if not names:
+        return
+    contacts = list_first(names, _MAX_NAMES)
+    warn_user(
+        f"{call}: fixed steps of {step:g} s are inaccurate where contacts ({contacts}) last only "
+        'a few steps, and pass over shorter ones; use integrator="radau", or halve the step until '
+        "the results stay the same."
+    )
+
+
+def warn_of_trial_run(
+    call: str, equations: EquationsOfMotion, t_end: float, method: GeneralizedAlpha | Radau
+) -> None:
+    """Issue the warnings of a run to `t_end` [s] with the method of an FMU.
+
+    The run has the default values of inputs and parameters. Runs of more than `_MAX_TRIAL_STEPS`
+    steps are omitted (generalized-alpha) or end there (Radau).
+    """
+    if isinstance(method, Radau):
+        method = replace(method, max_steps=_MAX_TRIAL_STEPS)
+    elif t_end > _MAX_TRIAL_STEPS * method.step:
+        return
+    run = method.integrate(equations, compute_output_times(call, t_end, None))
+    messages = [x for x in run.warnings if x not in equations.build_warnings]
+    if run.status.kind == "failed":
+        messages.append(run.status.sentence)
+    for sentence in messages:
+        warn_user(f"{call}: in a trial run, {sentence}")
+    # An FMU does not search its steps for these peaks.
+    if peaks := run.integrator.get("restarted_at"):
+        warn_user(
+            f"{call}: adaptive steps of an FMU may pass over short peaks of forces ({peaks}); "
+            'use integrator="alpha" with steps much shorter than the peaks.'
+        )
