@@ -32,7 +32,6 @@ from beamdae.analysis.optimization.quantities import (
 )
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
-    MAX_EXCESS,
     SearchResult,
     find_active_bounds,
 )
@@ -70,7 +69,7 @@ class Constraint(NamedTuple):
         The quantity and its limit.
     value
         Value of the quantity. A limited `SmoothMaximum` is multiplied by the ratio of the maximum
-        to its value at the end of the search before, so that it is the maximum up to 0.1 %.
+        over the run to it, so that it is this maximum up to 0.1 %.
     limit
         The limit.
     margin
@@ -156,9 +155,7 @@ class Optimization:
         Name and all parameters of the model of the best design.
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %), on
-        maxima that exceed their limit by more than 0.1 %, although their `SmoothMaximum` does not,
-        on stresses within a limit of their signed value whose magnitude is beyond it, on quantities
+        of `rtol` would change the objective or a constrained quantity by more than 1 %), on stresses within a limit of their signed value whose magnitude is beyond it, on quantities
         that are zero for every design, and the warnings of `analyses`.
     """
 
@@ -231,7 +228,8 @@ class Optimization:
 
         The columns are "objective", "violation" (largest violation of a limit, relative to it), the
         constrained quantities, the numbers in the parameters, and "failure" (the reason if an
-        analysis failed, whose values are NaN).
+        analysis failed, whose values are NaN). A limited `SmoothMaximum` is multiplied by the ratio
+        of the maximum over the run to it, both of the best design.
         """
         import pandas as pd
 
@@ -322,7 +320,8 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         "violation": [x.violation for x in trials],
     }
     for k, limit in enumerate(problem.limits):
-        columns[f"{k + 1}: {limit.quantity.label}"] = [x.values[1 + k] for x in trials]
+        ratio = search.ratios[k]
+        columns[f"{k + 1}: {limit.quantity.label}"] = [ratio * x.values[1 + k] for x in trials]
     columns |= {name: [x.numbers[k] for x in trials] for k, name in enumerate(names)}
     columns["failure"] = [x.failure for x in trials]
     numbers = zip(
@@ -339,7 +338,6 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         try:
             own = (
                 *_check_steps(problem, search),
-                *_check_maxima(problem, design),
                 *_check_zeros(problem, search),
             )
             messages = tuple(dict.fromkeys((*own, *_check_signs(problem, constraints), *messages)))
@@ -521,20 +519,4 @@ def _check_zeros(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
         )
         effect = "its limit has no effect" if k else "any design minimizes it"
         messages.append(f"{quantity.label} is zero for every design, so that {effect}; {cause}.")
-    return tuple(messages)
-
-
-def _check_maxima(problem: DesignProblem, design: Design) -> tuple[str, ...]:
-    """Return a warning for each maximum that exceeds the limit of its smooth maximum."""
-    ratios = design.maximum_ratios(problem.limits)
-    messages = []
-    rows = zip(problem.limits, design.values[1:].tolist(), ratios.tolist(), strict=True)
-    for limit, value, ratio in rows:
-        largest, bound = ratio * abs(value), abs(limit.bound) * (1.0 + MAX_EXCESS)
-        if ratio > 1.0 and abs(value) <= bound < largest:
-            messages.append(
-                f"{limit.quantity.label} is within its limit of {limit.bound:.4g}, but the largest "
-                f"magnitude in the run of the design is {largest:.4g}, {100.0 * (ratio - 1.0):.1f} "
-                "% above it; continue the search from this design (parameters=)."
-            )
     return tuple(messages)

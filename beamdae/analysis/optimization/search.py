@@ -54,9 +54,15 @@ _ADAPTIVE_STEPS = (
 # whose line searches succeed have 2 to 4 of them (measured).
 _IDLE_CHANGE = 2e-4
 _MIN_IDLE_TRIALS = 10
+# The search ends if this number of designs in a row remain within the distance below, in units of
+# the sizes of the numbers, with changes of the scaled objective and of the violation below the
+# second one: rounding errors of the analyses keep its line searches from succeeding.
+_MAX_RESTING_TRIALS = 20
+_RESTING_DISTANCE, _RESTING_CHANGE = 1e-3, 1e-5
+_RESTING = f"the last {_MAX_RESTING_TRIALS} designs hardly differ"
 # Relative excess of a maximum over the limit of its smooth maximum from which the search continues
-# with another ratio of both, and the result warns; largest number of such searches.
-MAX_EXCESS = 1e-3
+# with another ratio of both; largest number of such searches.
+_MAX_EXCESS = 1e-3
 _MAX_CORRECTIONS = 5
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
@@ -213,20 +219,38 @@ class Search:
         doi:10.1007/s00158-009-0440-y.
         """
         best = self._best()
-        ratios = self._problem.design(best.numbers).maximum_ratios(self._problem.limits)
+        ratios = self._corrected_ratios(best)
         bounds = np.abs([limit.bound for limit in self._problem.limits])
         largest = np.maximum(ratios, self._ratios) * np.abs(best.values[1:])
-        is_off = np.abs(ratios - self._ratios) > MAX_EXCESS * self._ratios
-        is_off &= largest * (1.0 + MAX_EXCESS) > bounds
-        if not np.any(is_off):
+        is_limiting = largest * (1.0 + _MAX_EXCESS) > bounds
+        if not np.any(is_limiting & (ratios != self._ratios)):
             return False
-        self._ratios = np.where(is_off, ratios, self._ratios)
+        self._rate_all(np.where(is_limiting, ratios, self._ratios))
+        self._end = None
+        return True
+
+    def _corrected_ratios(self, trial: Trial) -> Array:
+        """Return the ratios (C,), replaced by those of a design where they are over 0.1 % off."""
+        ratios = self._problem.design(trial.numbers).maximum_ratios(self._problem.limits)
+        is_off = np.abs(ratios - self._ratios) > _MAX_EXCESS * self._ratios
+        return np.where(is_off, ratios, self._ratios)
+
+    def _rate_all(self, ratios: Array) -> None:
+        """Update the violations of all designs with other ratios (C,)."""
+        self._ratios = ratios
         self._trials = {
             key: trial if trial.failure else self._rate(trial.numbers, trial.values)
             for key, trial in self._trials.items()
         }
-        self._end = None
-        return True
+
+    def _best_by_maxima(self) -> Trial:
+        """Return the best design; the ratios are those of its maxima, also if the search failed."""
+        for _ in range(_MAX_CORRECTIONS):
+            if not self._limit_maxima():
+                break
+        best = self._best()
+        self._rate_all(self._corrected_ratios(best))
+        return self._trials[best.numbers.tobytes()]
 
     def _rate(self, numbers: Array, values: Array) -> Trial:
         """Return an analyzed design with its violation."""
@@ -254,20 +278,21 @@ class Search:
         )
 
     def _finish(self, status: Status) -> SearchResult:
-        best, trials = self._best(), tuple(self._trials.values())
-        stationarity = None
+        best, stationarity = self._best(), None
         try:
+            best = self._best_by_maxima()
             stationarity = self._check_stationarity(best)
         except (BeamdaeError, ArithmeticError) as failure:
             status = Status("failed", f"{status.sentence}; {format_exception(failure)}")
         except KeyboardInterrupt:
             acknowledge()
             return self._result(best, Status("interrupted", INTERRUPTED_CHECKS))
+        trials = tuple(self._trials.values())
         is_feasible = best.violation <= FEASIBILITY_TOLERANCE
         if not is_feasible:
             kind = "limited" if status.success else status.kind
             end = "" if status.success else f"; {status.sentence}"
-            if status.success or _NO_DECREASE in end:
+            if status.success or _NO_DECREASE in end or _RESTING in end:
                 end += f"; {_CONTRADICTION}"
             problem = self._problem
             worst = int(np.argmin(self._margins(best.values)))
@@ -399,6 +424,8 @@ class Search:
             count = format_count(self._max_evaluations, "evaluation")
             sentence = f"stopped after {count}; {self._remedy}"
             raise _SearchEndError(Status("limited", sentence))
+        if self._is_resting():
+            raise _SearchEndError(Status("limited", f"stopped because {_RESTING}"))
         try:
             design = self._problem.design(numbers)
         except (ValueError, ArithmeticError) as failure:
@@ -406,6 +433,17 @@ class Search:
             return self._record_failure(numbers, failure)
         self._failures = 0
         return self._record(numbers, design)
+
+    def _is_resting(self) -> bool:
+        """Return True if the last designs hardly differ, which does not end line searches."""
+        trials = list(self._trials.values())[-_MAX_RESTING_TRIALS:]
+        if self._method != "SLSQP" or len(trials) < _MAX_RESTING_TRIALS:
+            return False
+        if any(x.failure for x in trials):
+            return False
+        moved = np.ptp([x.numbers / self._problem.sizes for x in trials], axis=0)
+        changes = np.ptp([(x.values[0] / self._scales[0], x.violation) for x in trials], axis=0)
+        return bool(np.max(moved) <= _RESTING_DISTANCE and np.max(changes) <= _RESTING_CHANGE)
 
     def _record(self, numbers: Array, design: Design) -> Trial:
         trial = self._rate(numbers, design.values)
