@@ -1,5 +1,6 @@
 """Pages of the site: words of the search, cards of the gallery, code of the first screen."""
 
+import ast
 import importlib.util
 import json
 import re
@@ -76,6 +77,21 @@ def test_gallery_has_a_card_for_each_model_and_example():
 
 
 @pytest.mark.slow(reason="simulates three seconds")
+def test_regression_no_line_of_a_page_is_a_comment_of_myst():
+    """A line of a tutorial that began with a percent sign was missing from its page."""
+    pages = [*DOCS.rglob("*.md"), *(ROOT / "models" / "tutorials").glob("*.md")]
+    comments = []
+    for page in pages:
+        text = re.sub(r"^(```+).*?^\1$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+        comments += [(page.name, x) for x in text.splitlines() if x.lstrip().startswith("%")]
+    # Descriptions of models are pages, too.
+    for model in (ROOT / "models").glob("*.py"):
+        lines = (ast.get_docstring(ast.parse(model.read_text("utf-8"))) or "").splitlines()
+        comments += [(model.name, x) for x in lines if x.lstrip().startswith("%")]
+    assert len(pages) > 40
+    assert not comments
+
+
 def test_code_of_the_first_screen_runs():
     code = (DOCS / "index.md").read_text("utf-8").partition("```python\n")[2].partition("```")[0]
     lines = [line for line in code.splitlines() if line]
