@@ -76,7 +76,6 @@ def test_gallery_has_a_card_for_each_model_and_example():
     assert '<a class="gallery-card" href="../gallery/four_bar.html"' in cards._card(*entries[1])
 
 
-@pytest.mark.slow(reason="simulates three seconds")
 def test_regression_no_line_of_a_page_is_a_comment_of_myst():
     """A line of a tutorial that began with a percent sign was missing from its page."""
     pages = [*DOCS.rglob("*.md"), *(ROOT / "models" / "tutorials").glob("*.md")]
@@ -92,6 +91,7 @@ def test_regression_no_line_of_a_page_is_a_comment_of_myst():
     assert not comments
 
 
+@pytest.mark.slow(reason="simulates three seconds")
 def test_code_of_the_first_screen_runs():
     code = (DOCS / "index.md").read_text("utf-8").partition("```python\n")[2].partition("```")[0]
     lines = [line for line in code.splitlines() if line]
