@@ -42,7 +42,9 @@ def warn_of_trial_run(
     elif t_end > _MAX_TRIAL_STEPS * method.step:
         return
     run = method.integrate(equations, compute_output_times(call, t_end, None))
-    messages = [x for x in run.warnings if x not in equations.build_warnings]
+    # An FMU has other output rows.
+    omitted = {*equations.build_warnings, *run.row_warnings}
+    messages = [x for x in run.warnings if x not in omitted]
     if run.status.kind == "failed":
         messages.append(run.status.sentence)
     for sentence in messages:

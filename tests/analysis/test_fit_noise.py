@@ -1,6 +1,7 @@
 """Fits to data whose noise is not white: outliers, correlated errors, unequal scatter."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -208,6 +209,24 @@ def test_regression_profile_that_ends_at_rejected_values_names_them(exact):
         profile = result.profile("damping")
     assert profile.interval[1] == np.inf
     assert "stiffness must not be negative" in profile.warnings[0]
+
+
+def test_regression_profile_of_a_fit_that_did_not_converge_warns(exact):
+    """It had an interval, while that of the fit was NaN, without a word."""
+    with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations"):
+        result = fit(exact + white(), sigma=1e-3, max_evaluations=2)
+    with pytest.warns(bd.BeamdaeWarning, match=r"profile: the fit did not converge \(stopped after"):
+        profile = result.profile("damping")
+    assert "the interval is unreliable" in profile.warnings[0]
+
+
+def test_regression_profile_with_lower_sums_than_the_fit_warns(exact):
+    """A profile found another minimum, without a word."""
+    converged = fit(exact + white(), sigma=1e-3)
+    profile = converged.profile("damping")
+    assert profile.warnings == ()
+    other = replace(profile, increases=profile.increases - 0.2)
+    assert f"at damping = {converged.parameters['damping']:.6g} is lower" in other.warnings[0]
 
 
 def test_regression_wrong_first_values_are_the_first_suspect(exact):

@@ -301,3 +301,11 @@ def test_regression_tables_have_values_at_numbers():
     spline = CubicSpline([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 0.0, 2.0], bc_type="natural")
     assert law.at(2.7) == pytest.approx(float(spline(2.7)), rel=1e-14)
     assert bd.piecewise((9.0, 1.0), law).at(9.5) == 2.0
+
+
+@pytest.mark.parametrize("time", [2.0, np.linspace(0.0, 1.0, 3), [1.0, 2.0], "2"])
+def test_regression_calls_of_laws_name_the_method(time):
+    """A TypeError said that 'float' object is not subscriptable."""
+    for law in (bd.run_up(1.0, 2.0), bd.sine(1.0, 2.0), bd.piecewise((1.0, 0.0), 1.0)):
+        with pytest.raises(bd.BeamdaeError, match=r"use law\.at\(t\) for its value at a number t"):
+            law(time)

@@ -24,6 +24,9 @@ Array = np.ndarray
 _STEP = 0.7
 # First distance, relative to the value, of parameters without a standard deviation. It doubles.
 _FIRST_RELATIVE_STEP = 0.05
+# Decrease of the sum of squares below that of the fit, in units of the variance, that belongs to
+# another minimum. Ends of searches are up to 0.1 standard deviations from their minimum.
+_MAX_DECREASE = 0.1
 # More points mean that the sum of squares hardly depends on the parameter.
 _MAX_POINTS = 1000
 # Times that a step is halved to approach values that the model rejects.
@@ -64,6 +67,8 @@ class ProfileLikelihood(HasTable):
     others: Mapping[str, Array] = field(repr=False)
     # Last values that the model accepts, and its messages, by side.
     _failures: Mapping[str, tuple[float, str]] = field(default_factory=dict, repr=False)
+    # Reason why the search of the fit ended before a minimum, or "".
+    _fit_failure: str = field(default="", repr=False)
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -71,12 +76,23 @@ class ProfileLikelihood(HasTable):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warning if a limit of the interval was not found."""
+        """Warnings if the fit is at no minimum, or if a limit of the interval was not found."""
+        sentences = []
+        best = int(np.argmin(self.increases))
+        if self._fit_failure:
+            sentences.append(
+                f"profile: the fit did not converge ({self._fit_failure}), so that increases are "
+                "not those over a minimum and the interval is unreliable; repeat the fit first."
+            )
+        elif self.increases[best] < -_MAX_DECREASE:
+            sentences.append(
+                f"profile: the sum of squares at {self.name} = {self.values[best]:.6g} is lower "
+                "than that of the fit, so that the interval is unreliable; repeat the fit from "
+                "there (parameters=)."
+            )
         limits = dict(zip(("lower", "upper"), self.interval, strict=True))
         sides = [side for side, limit in limits.items() if np.isinf(limit)]
-        if not sides:
-            return ()
-        sentences = [
+        sentences += [
             f"profile: no {side} limit of {self.name} was found before runs fail next to "
             f"{self._failures[side][0]:.6g} ({self._failures[side][1]}); the interval reaches at "
             "least there."
@@ -205,6 +221,7 @@ def trace_profile(
         (limits[0], limits[1]),
         {other: table[:, j] for j, other in enumerate(names) if other != name},
         failures,
+        "" if best.status.success else best.status.sentence,
     )
 
 
