@@ -81,7 +81,9 @@ def test_regression_no_line_of_a_page_is_a_comment_of_myst():
     pages = [*DOCS.rglob("*.md"), *(ROOT / "models" / "tutorials").glob("*.md")]
     comments = []
     for page in pages:
-        text = re.sub(r"^(```+).*?^\1$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(
+            r"^(```+).*?^\1$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
+        )
         comments += [(page.name, x) for x in text.splitlines() if x.lstrip().startswith("%")]
     # Descriptions of models are pages, too.
     for model in (ROOT / "models").glob("*.py"):

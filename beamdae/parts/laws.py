@@ -157,8 +157,8 @@ class Law:
         """Return the value at time[0] of the piece that is valid at time[1]."""
         if not isinstance(time, SX) or time.numel() != 2:
             raise BeamdaeError(
-                f"Law: a law cannot be called like a function, got {short_repr(time)}; use law.at(t) "
-                "for its value at a number t [s], and pass the law itself to parts."
+                f"Law: a law cannot be called like a function, got {short_repr(time)}; use "
+                "law.at(t) for its value at a number t [s], and pass the law itself to parts."
             )
         if (function := _common_function(self.pieces)) is not None:
             # One expression for all pieces, however many rows its tables have.

@@ -416,12 +416,15 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     and the resonances as marks.
     """
     order = np.argsort(diagram.speeds)
-    speeds = diagram.speeds[order]
+    unit, key = diagram.speed_unit, f"speed [{diagram.speed_unit}]"
+    speeds = diagram.speeds[order] / diagram.speed_factor
     frequencies, rates = diagram.frequencies[order], diagram.eigenvalues.real[order]
     guide = np.linspace(speeds[0], speeds[-1], _GUIDE_POINTS)
+    revolutions = diagram.speed_factor / (2.0 * np.pi)  # per second and unit of the speed
     n_modes = frequencies.shape[1]
     frames = _export_campbell_frames(diagram, order.tolist())
     resonances = diagram.resonances()
+    resonances.insert(0, key, resonances.pop(_SPEED) / diagram.speed_factor)
     marks = resonances.to_dict("records")
     number = {"kind": "number"}
     hidden, overdamped = describe_hidden_modes(diagram), find_overdamped(diagram)
@@ -438,33 +441,33 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
         "leads": True,
         "columns": [
             {"key": "label", "label": "mode", "unit": "", "kind": "text"},
-            {"key": _SPEED, "label": "speed", "unit": "rad/s", **number},
+            {"key": key, "label": "speed", "unit": unit, **number},
             {"key": _FREQUENCY, "label": "frequency", "unit": "Hz", **number},
             {"key": _GROWTH_RATE, "label": "growth rate", "unit": "1/s", **number},
         ],
-        "axes": {"x": _SPEED, "y": _FREQUENCY},
+        "axes": {"x": key, "y": _FREQUENCY},
         "views": {"scatter": {"y": [-_VIEW_MARGIN * limit, (1.0 + _VIEW_MARGIN) * limit]}}
         if hidden
         else {},
         "overlays": [
             {
-                "x": _SPEED,
+                "x": key,
                 "y": _FREQUENCY,
                 "lines": [
                     {
                         "label": f"{multiple}\u00d7",
                         "x": guide.tolist(),
-                        "y": (multiple * np.abs(guide) / (2.0 * np.pi)).tolist(),
+                        "y": (multiple * np.abs(guide) * revolutions).tolist(),
                     }
                     for multiple in diagram.multiples
                 ],
-                "marks": [{"label": "", "x": x[_SPEED], "y": x[_FREQUENCY]} for x in marks],
+                "marks": [{"label": "", "x": x[key], "y": x[_FREQUENCY]} for x in marks],
             }
         ],
         "sliders": [
             {
                 "label": "speed",
-                "unit": "rad/s",
+                "unit": unit,
                 "values": speeds.tolist(),
                 "isNumeric": len(speeds) > 1,
             },
@@ -478,9 +481,9 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
         "tables": [
             {
                 "title": "Resonances",
-                "head": ["speed [rad/s]", "frequency [Hz]", "mode", "excitations per revolution"],
+                "head": [key, "frequency [Hz]", "mode", "excitations per revolution"],
                 "rows": [
-                    [f"{x[_SPEED]:.6g}", f"{x[_FREQUENCY]:.6g}", *(str(x[k]) for k in _COUNTS)]
+                    [f"{x[key]:.6g}", f"{x[_FREQUENCY]:.6g}", *(str(x[k]) for k in _COUNTS)]
                     for x in marks
                 ],
             }
@@ -489,13 +492,13 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
             {
                 "id": f"{i}-{k}",
                 "group": _ID,
-                "label": f"mode {k + 1} at {speeds[i]:.6g} rad/s",
+                "label": f"mode {k + 1} at {speeds[i]:.6g} {unit}",
                 "family": f"mode {k + 1}",
                 "series": f"mode {k + 1}",
                 "rank": i,
                 "at": [i, k],
                 "values": {
-                    _SPEED: float(speeds[i]),
+                    key: float(speeds[i]),
                     # Overdamped modes have no frequency.
                     _FREQUENCY: float(frequencies[i, k]) if not overdamped[k] else None,
                     _GROWTH_RATE: float(rates[i, k]),

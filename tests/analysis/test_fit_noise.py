@@ -215,7 +215,9 @@ def test_regression_profile_of_a_fit_that_did_not_converge_warns(exact):
     """It had an interval, while that of the fit was NaN, without a word."""
     with pytest.warns(bd.BeamdaeWarning, match="stopped after 2 evaluations"):
         result = fit(exact + white(), sigma=1e-3, max_evaluations=2)
-    with pytest.warns(bd.BeamdaeWarning, match=r"profile: the fit did not converge \(stopped after"):
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"profile: the fit did not converge \(stopped after"
+    ):
         profile = result.profile("damping")
     assert "the interval is unreliable" in profile.warnings[0]
 

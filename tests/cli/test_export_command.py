@@ -19,7 +19,8 @@ def oscillator(stiffness=40.0, mass=1.0, stretch=0.0):
     push = mech.input("push", default=0.0, unit="N")
     body = mech.add(bd.PointMass("mass", mass, at=(1.0, 0.0)))
     mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), body.point))
-    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, stiffness, free_length=1.0 - stretch))
+    ground, length = mech.ground.at(0.0, 0.0), 1.0 - stretch
+    mech.add(bd.SpringDamper("spring", ground, body.point, stiffness, free_length=length))
     mech.add(bd.Force("actuator", body.point, (push, 0.0)))
     mech.observe("mass", body.point)
     return mech

@@ -72,11 +72,13 @@ def test_several_speeds_make_a_campbell_diagram(modes, tmp_path):
 
 
 def test_speeds_may_be_a_range():
-    assert parse_speeds("5.5") == [5.5]
-    assert parse_speeds("0:6:3") == [0.0, 3.0, 6.0]
-    assert_allclose(parse_speeds("0:3000rpm:3"), np.array([0.0, 50.0, 100.0]) * np.pi)
-    assert_allclose(parse_speeds("-30rpm:30rpm:3"), [-np.pi, 0.0, np.pi], rtol=1e-11)
-    assert parse_speeds("1:100:3:log") == [1.0, 10.0, 100.0]
+    assert parse_speeds("5.5") == ([5.5], "rad/s")
+    assert parse_speeds("0:6:3") == ([0.0, 3.0, 6.0], "rad/s")
+    speeds, unit = parse_speeds("0:3000rpm:3")
+    assert_allclose(speeds, np.array([0.0, 50.0, 100.0]) * np.pi)
+    assert unit == "rpm"
+    assert_allclose(parse_speeds("-30rpm:30rpm:3")[0], [-np.pi, 0.0, np.pi], rtol=1e-11)
+    assert parse_speeds("1:100:3:log") == ([1.0, 10.0, 100.0], "rad/s")
 
 
 def test_regression_modes_without_oscillation_have_no_frequency_in_campbell_tables():

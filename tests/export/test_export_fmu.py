@@ -652,7 +652,7 @@ def test_regression_short_peaks_that_an_fmu_passes_over_have_a_warning(tmp_path,
 
 @pytest.mark.slow(reason="trial runs")
 def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_path):
-    """The default steps of 1 ms changed the period of a vibration by 12 % of its range in silence."""
+    """Default steps of 1 ms changed the period of a vibration by 12 % of its range in silence."""
 
     @bd.model(t_end=0.4)
     def reed():

@@ -17,6 +17,7 @@ from beamdae.report.analysis_pages import (
     build_periodic_page,
     build_response_page,
 )
+from beamdae.report.pictures.mode_shapes import create_campbell_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 
@@ -432,6 +433,25 @@ def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_pa
     assert all(case["frames"] is not None for case in page["cases"])
     assert rotor.page(tmp_path / "campbell.html").stat().st_size > 10_000
     assert page["subtitle"] == "3 modes at 3 speeds"
+
+
+def test_regression_campbell_diagrams_have_the_unit_of_their_speeds(rotor):
+    """Speeds that were typed in rpm were drawn in rad/s."""
+    diagram = replace(rotor, speed_unit="rpm")
+    page, si_page = (build_campbell_page(x, "rotor") for x in (diagram, rotor))
+    rpm = 30.0 / np.pi
+    assert page["axes"]["x"] == "speed [rpm]"
+    assert_allclose(page["sliders"][0]["values"], rpm * np.array([1.0, 3.0, 6.0]))
+    (overlay,), (si_overlay,) = page["overlays"], si_page["overlays"]
+    for mark, si_mark in zip(overlay["marks"], si_overlay["marks"], strict=True):
+        assert (mark["x"], mark["y"]) == pytest.approx((rpm * si_mark["x"], si_mark["y"]))
+    assert_allclose(overlay["lines"][1]["y"], si_overlay["lines"][1]["y"])
+    assert page["cases"][0]["label"] == "mode 1 at 9.5493 rpm"
+    axis, si_axis = (create_campbell_figure(x).axes[0] for x in (diagram, rotor))
+    assert (axis.get_xlabel(), si_axis.get_xlabel()) == ("speed [rpm]", "speed [rad/s]")
+    for line, si_line in zip(axis.lines, si_axis.lines, strict=True):
+        assert_allclose(line.get_xdata(), rpm * np.array(si_line.get_xdata()))
+        assert_allclose(line.get_ydata(), si_line.get_ydata())
 
 
 def test_regression_subtitles_count_one_mode_and_one_speed():

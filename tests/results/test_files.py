@@ -298,7 +298,8 @@ def test_formulas_are_escaped(text):
     assert escape_cell(text) == f"'{text}".replace("\r", " ")
 
 
-@pytest.mark.parametrize("value", [*PLAIN, -5, -0.5, None, True, float("-inf")])
+# The unit of numbers without a unit was written as '-.
+@pytest.mark.parametrize("value", [*PLAIN, "-", -5, -0.5, None, True, float("-inf")])
 def test_other_cells_are_unchanged(value):
     assert escape_cell(value) is value
 

@@ -23,6 +23,7 @@ from beamdae.errors import (
 )
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
+from beamdae.model_parameters import conversion_factor
 from beamdae.parts.rotation import rotation
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import HasPage, HasTable, Plot, load_views
@@ -134,6 +135,8 @@ class Campbell(HasTable, HasPage):
         False for undamped modes.
     multiples
         Numbers of excitations per revolution (engine orders) whose resonances are shown.
+    speed_unit
+        Unit of the speeds in pictures and pages, such as "rpm".
     """
 
     speeds: Array
@@ -143,6 +146,7 @@ class Campbell(HasTable, HasPage):
     damping: bool = True
     multiples: tuple[int, ...] = SPEED_MULTIPLES
     _stops: tuple[_Stop, ...] = field(default=(), repr=False)
+    speed_unit: str = "rad/s"
 
     def __repr__(self) -> str:
         count, speeds = self.eigenvalues.shape[1], f"{len(self.speeds)} speeds"
@@ -153,6 +157,11 @@ class Campbell(HasTable, HasPage):
     def frequencies(self) -> Array:
         """Frequencies in the rotating frame [Hz], (s, k)."""
         return np.abs(self.eigenvalues.imag) / (2.0 * np.pi)
+
+    @property
+    def speed_factor(self) -> float:
+        """Number of rad/s in a `speed_unit`."""
+        return float(conversion_factor(self.speed_unit, "rad/s") or 1.0)
 
     @property
     def warnings(self) -> tuple[str, ...]:

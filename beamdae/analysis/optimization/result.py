@@ -155,7 +155,8 @@ class Optimization:
         Name and all parameters of the model of the best design.
     warnings
         Sentences on values that depend on the steps of the run (a run with half the step or a tenth
-        of `rtol` would change the objective or a constrained quantity by more than 1 %), on stresses within a limit of their signed value whose magnitude is beyond it, on quantities
+        of `rtol` would change the objective or a constrained quantity by more than 1 %), on
+        stresses within a limit of their signed value whose magnitude is beyond it, on quantities
         that are zero for every design, and the warnings of `analyses`.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,18 +35,25 @@ _MIN_SPEEDS = 2  # of a Campbell diagram
 _RANGE_COUNTS = (_MIN_SPEEDS, 1000)
 
 
-def parse_speeds(text: str) -> list[float]:
-    """Return the speeds [rad/s] of --speed: a number with or without a unit, or a range.
+def parse_speeds(text: str) -> tuple[list[float], str]:
+    """Return the speeds [rad/s] of --speed, a number or a range, and their unit.
 
     Raises
     ------
     typer.BadParameter
         If a number or its unit is invalid, or a range does not have one of the forms.
     """
+    from beamdae.model_parameters import parse_quantity
+
+    quantities = [parse_quantity(end) for end in text.split(":")[:2]]
+    unit = next((x[1] for x in quantities if x is not None and x[1]), "rad/s")
     if ":" not in text:
-        return [parse_number(text, "rad/s")]
+        return [parse_number(text, "rad/s")], unit
     try:
-        return parse_spaced_values("--speed", "", text, "rad/s", _RANGE_COUNTS, SPACED_FORMS)
+        return (
+            parse_spaced_values("--speed", "", text, "rad/s", _RANGE_COUNTS, SPACED_FORMS),
+            unit,
+        )
     except BeamdaeError as problem:
         raise as_bad_parameter(text, problem) from None
 
@@ -105,7 +113,7 @@ def modes_command(
 
     model = load_configured_model(ModelFile(path), model_name, settings)
     require_choice("modes", "--about", about, _STATES)
-    speeds, animated_modes = [x for group in speed or [] for x in group], animate or []
+    speeds, animated_modes = [x for group, _ in speed or [] for x in group], animate or []
     if speeds and about != "reference":
         raise BeamdaeError(f"modes: --about {about} and --speed are mutually exclusive; omit one.")
     if multiple and len(speeds) < _MIN_SPEEDS:
@@ -129,6 +137,7 @@ def modes_command(
     if len(speeds) >= _MIN_SPEEDS:
         orders = multiple or SPEED_MULTIPLES
         result = campbell(mechanism, speeds, number, damping=damping, multiples=orders)
+        result = replace(result, speed_unit=speed[0][1] if speed else "rad/s")
     else:
         state = rotation(speeds[0]) if speeds else about
         # Its warnings are printed with the result.

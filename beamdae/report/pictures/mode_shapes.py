@@ -281,9 +281,10 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
     if hidden := describe_hidden_modes(diagram):
         axis.set_title(f"higher frequencies: {hidden}", loc="right", fontsize=9)
     order = np.argsort(diagram.speeds)
-    speeds, frequencies = diagram.speeds[order], diagram.frequencies[order]
+    speeds = diagram.speeds[order] / diagram.speed_factor
+    frequencies = diagram.frequencies[order]
     highest = 1.05 * choose_frequency_limit(diagram) or 1.0
-    revolutions = np.abs(speeds) / (2.0 * np.pi)
+    revolutions = np.abs(diagram.speeds[order]) / (2.0 * np.pi)
     labels: list[LineLabel] = []
     for multiple in diagram.multiples:
         line = multiple * revolutions
@@ -298,21 +299,14 @@ def create_campbell_figure(diagram: Campbell, title: str = "Campbell diagram") -
         axis.plot(speeds, values, color=color, lw=1.4, marker=".", ms=4)
         path = np.column_stack([speeds, values])
         labels.append(LineLabel(path, f"mode {k + 1}", color, is_beside=True))
-    resonances = diagram.resonances()
-    axis.plot(
-        resonances["speed [rad/s]"],
-        resonances["frequency [Hz]"],
-        "o",
-        color="0.2",
-        mfc="none",
-        ms=7,
-    )
+    resonances = diagram.resonances()[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
+    marks = resonances / [diagram.speed_factor, 1.0]
+    axis.plot(*marks.T, "o", color="0.2", mfc="none", ms=7)
     format_axis(axis, "", "frequency [Hz]")
     axis.set_ylim(0.0, highest)
-    axis.set_xlabel("speed [rad/s]")
+    axis.set_xlabel(f"speed [{diagram.speed_unit}]")
     disable_math_text(figure)
     points = np.column_stack([np.repeat(speeds, frequencies.shape[1]), frequencies.ravel()])
-    marks = resonances[["speed [rad/s]", "frequency [Hz]"]].to_numpy(float)
     label_lines(axis, labels, np.vstack([points, marks]))
     return figure
 

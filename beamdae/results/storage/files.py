@@ -171,12 +171,12 @@ def escape_cell(value: Any) -> Any:
     """Escape a string that a spreadsheet would read as a formula; line breaks become spaces.
 
     Strings that begin with =, +, - or @ (half- or full-width), a tab or a carriage return, even
-    after apostrophes, and are not numbers are prefixed with an apostrophe. Values that are not
-    strings are returned unchanged.
+    after apostrophes, and are neither numbers nor the unit "-" are prefixed with an apostrophe.
+    Values that are not strings are returned unchanged.
     """
     if not isinstance(value, str):
         return value
-    is_formula = _FORMULA.match(value) and not _NUMBER.fullmatch(value)
+    is_formula = value != "-" and _FORMULA.match(value) and not _NUMBER.fullmatch(value)
     line = " ".join(value.splitlines())
     return f"'{line}" if is_formula else line
 
