@@ -6,7 +6,7 @@ The module also contains the checks of the settings and the warnings about curva
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
@@ -111,8 +111,7 @@ _MIN_GYRATION_RATIO = 1e-12
 _MAX_GYRATION_RATIO = 1e2
 _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 
-# Distance of the section at the end of an element from this end, relative to its length: the end
-# itself belongs to the next element.
+# Distance of a section from the end of its element, relative to its length, for jumps of sections.
 _END_GAP = 1e-9
 # Largest exponent of `Beam.largest_stress`.
 _MAX_EXPONENT = 1000.0
@@ -310,6 +309,17 @@ class Beam(Part):
         # The mesh of custom kinematics is not changed, because they may assume equal elements.
         return self._requested_mesh.bounds is not None or self._make_kinematics is not None
 
+    @cached_property
+    def _stress_mesh(self) -> Mesh | None:
+        """Mesh that determines the sections of `largest_stress`; None for the present mesh."""
+        return None
+
+    def divide_mesh(self, arc_lengths: Iterable[float]) -> Mesh:
+        """Return the mesh after the first assembly with attachments at `arc_lengths` [m]."""
+        if self._has_final_mesh:
+            return self.mesh
+        return intern_mesh(self.mesh.with_ends_at(sorted(set(arc_lengths))))
+
     def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
         """Place element ends at attachments, and make the mesh final.
 
@@ -319,9 +329,8 @@ class Beam(Part):
         deflections, or sections that change within elements cause an error of more than 0.4 %.
         """
         sections = [x for x in attached if x.attachment.s is not None]
-        if not self._has_final_mesh and not has_fixed_coordinates:
-            ends = sorted({float(x.attachment.s or 0.0) for x in sections})
-            mesh = intern_mesh(self.mesh.with_ends_at(ends))
+        if not has_fixed_coordinates:
+            mesh = self.divide_mesh(float(x.attachment.s or 0.0) for x in sections)
             if mesh is not self.mesh:
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
@@ -334,11 +343,14 @@ class Beam(Part):
         """Formulation of the kinematics; "custom" for custom kinematics."""
         return CUSTOM_FORMULATION if self._make_kinematics is not None else self._formulation
 
-    def with_mesh(self, mesh: Mesh, formulation: str | None = None) -> Beam:
+    def with_mesh(
+        self, mesh: Mesh, formulation: str | None = None, stress_mesh: Mesh | None = None
+    ) -> Beam:
         """Return a copy of the beam with another mesh and formulation.
 
         Assembly does not change this mesh if it has `bounds`. Settings that the formulation does
-        not have, such as the strain measure of the floating frame, are omitted.
+        not have, such as the strain measure of the floating frame, are omitted. `largest_stress`
+        has the sections of this beam, also on another mesh.
 
         Parameters
         ----------
@@ -346,8 +358,13 @@ class Beam(Part):
             Mesh on the curve of the beam, in inertial axes.
         formulation
             "floating frame" or "exact". Defaults to the formulation of the beam.
+        stress_mesh
+            Mesh of this beam after its first assembly, see `divide_mesh`. Defaults to its present
+            mesh.
         """
         other = copy(self)
+        if mesh is not self.mesh:
+            other._stress_mesh = self._stress_mesh or stress_mesh or self.mesh
         for name in ("mesh", "kinematics", "_has_final_mesh"):
             vars(other).pop(name, None)
         other._requested_mesh = mesh
@@ -607,7 +624,8 @@ class Beam(Part):
         The strain is eps11 + l kappa11 with the strains of the axis and the lever l of
         `stress_lever`, which is the offset of the fiber in beams without initial curvature. The
         strains are interpolated to `s` between the stiffness quadrature points, where the strains
-        of an element are most accurate.
+        of an element are most accurate. Where they jump, such as at a joint or load, the value is
+        that just beyond `s`.
 
         Parameters
         ----------
@@ -671,10 +689,11 @@ class Beam(Part):
         Parameters
         ----------
         s
-            Arc lengths of the sections [m]. Defaults to both ends and the middle of each element,
-            where the moments of beams without distributed loads are largest. At an element end,
-            each of its two elements has a section, because stresses may jump there. Certificates
-            evaluate the same sections on all meshes.
+            Arc lengths of the sections [m]. Defaults to both ends and the middle of each element
+            of the mesh that the first assembly divides at attachments, see `elements`; there, the
+            moments of beams without distributed loads are largest. At an element end, each of its
+            two elements has a section, because stresses may jump there. Certificates evaluate the
+            same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
             but the derivative then changes abruptly if another section becomes the largest.
@@ -702,8 +721,7 @@ class Beam(Part):
         >>> print(f"{1e-6 * path.columns['stress.largest [Pa]'][-1]:.1f} MPa")
         57.7 MPa
         """
-        # Fixed here: the column has the same sections on the finer meshes of certificates.
-        arc_lengths = tuple(self._element_sections)
+        arc_lengths = None
         if s is not None:
             entries = require_sequence(self.name, "s", s, "a list of arc lengths [m]")
             if not entries:
@@ -717,11 +735,13 @@ class Beam(Part):
         return self._evaluate_largest_stress(arc_lengths, p)
 
     @rebuilt_for_mesh
-    def _evaluate_largest_stress(self, arc_lengths: tuple[float, ...], exponent: float) -> Quantity:
+    def _evaluate_largest_stress(
+        self, arc_lengths: tuple[float, ...] | None, exponent: float
+    ) -> Quantity:
         """Do the work of `largest_stress` on the present mesh."""
         functions: list[Callable[..., Any]] = []
         pieces = []
-        for s in arc_lengths:
+        for s in self._stress_sections(arc_lengths):
             section, strains = self._section_at(s), self.kinematics.strains(s)
             levers = (self.stress_lever(s, "top"), self.stress_lever(s, "bottom"))
             numbers = constant_formula(*levers, section.material.E, section.damping)
@@ -732,20 +752,21 @@ class Beam(Part):
         columns = (Variable("largest", "Pa"), Variable("bound", "Pa"))
         return Quantity(columns, tuple(pieces), values, data, is_magnitude=True)
 
-    @property
-    def _element_sections(self) -> list[float]:
-        """Arc lengths [m] of both ends and the middle of each element."""
-        bounds, inside = self.mesh.element_bounds, 1.0 - _END_GAP
-        starts, lengths = bounds[:-1, None], np.diff(bounds)[:, None]
-        sections = (starts + lengths * [0.0, 0.5, inside]).ravel().tolist()
-        return [*sections[:-1], float(bounds[-1])]
+    def _stress_sections(self, arc_lengths: tuple[float, ...] | None) -> tuple[float, ...]:
+        """Return the arc lengths [m] of `largest_stress` on both sides of element ends."""
+        mesh = self._stress_mesh or self.mesh
+        if arc_lengths is None:
+            bounds = mesh.element_bounds
+            arc_lengths = tuple(np.sort([*bounds, *(0.5 * (bounds[:-1] + bounds[1:]))]).tolist())
+        return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
 
     def section_forces(self, s: float) -> Quantity:
         """Return axial force, shear force and bending moment at `s`, computed from the strains.
 
         N = EA eps11, Q = GA 2 eps12 and M = EI kappa11 with the strains of the axis, plus the
         forces of material damping. For strains that assume moderate rotations phi in the floating
-        frame, EA eps11 is the force along the undeformed axis, and N = EA eps11 + Q sin(phi). A
+        frame, EA eps11 is the force along the undeformed axis, and N = EA eps11 + Q sin(phi). Where
+        the section forces jump, such as at a joint or load, the values are those just beyond `s`. A
         positive M lengthens the left side of the beam.
 
         Parameters
@@ -782,9 +803,13 @@ class Beam(Part):
         BeamdaeError
             See `strain`, or if the section reaches the center of curvature.
         """
-        s, free = self._require_arc_length(s), self._settings.get("free_curve", self.curve)
-        curvature = float(free.curvature(s * free.length / self.length))
-        return self.section.at(s).stress_lever(self.name, offset, curvature)
+        s = self._require_arc_length(s)
+        return self.section.at(s).stress_lever(self.name, offset, self.free_curvature(s))
+
+    def free_curvature(self, s: float) -> float:
+        """Return the curvature of the stress-free beam at the arc length `s` [m], in 1/m."""
+        free = self.free_curve
+        return float(free.curvature(s * free.length / self.length))
 
     def _section_at(self, s: float) -> Section:
         return self.section.at(self._require_arc_length(s))
@@ -812,7 +837,17 @@ class Beam(Part):
             return None
         assert quantity.recipe is not None
         beam, s, *_ = quantity.recipe.arguments
-        return beam, (float(s),) if build is Beam._evaluate_strains else s
+        return beam, (float(s),) if build is Beam._evaluate_strains else beam._stress_sections(s)
+
+    @staticmethod
+    def covers_beam(quantity: Quantity) -> bool:
+        """Return True for a `largest_stress` over the length of a beam, without given sections."""
+        recipe = quantity.recipe
+        return (
+            recipe is not None
+            and recipe.build is Beam._evaluate_largest_stress
+            and recipe.arguments[1] is None
+        )
 
     @staticmethod
     def exponent_of_bound(quantity: Quantity) -> float | None:

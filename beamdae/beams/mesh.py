@@ -31,6 +31,10 @@ _MAX_CACHED_MESHES = 32
 _MAX_CACHED_NODES = 1000
 _OUTLINE_POINTS = 33
 _LENGTH_GAUSS_POINTS = 8  # per element; enough to resolve the error of the arc length
+# Distance between an element end, which belongs to the next element, and the section just before.
+# Relative to the length of the beam; larger than the distance of equal arc lengths, so that loads
+# at the element end are beyond this section.
+_SIDE_DISTANCE = 4.0 * ARC_LENGTH_TOLERANCE
 # Distance from an element end, relative to the element, within which a point is at this end.
 _LOCATION_ROUNDING = 1e-11
 
@@ -143,6 +147,23 @@ class Mesh:
         if self.bounds is None:
             return np.full(self.elements, self.curve.length / self.elements)
         return np.diff(self.element_bounds)
+
+    def just_before(self, s: Array) -> Array:
+        """Return arc lengths [m] slightly before `s` (n,), in the element that ends at `s`.
+
+        The start and the end of the beam belong to a single element and do not change.
+        """
+        preceding = np.searchsorted(self.element_bounds[1:-1], s)
+        distance = _SIDE_DISTANCE * self.curve.length
+        is_inside = (s > distance) & (s < self.curve.length - distance)
+        return np.where(
+            is_inside, s - np.minimum(distance, 0.5 * self.element_lengths[preceding]), s
+        )
+
+    def sides_of(self, s: float) -> tuple[float, ...]:
+        """Return `s` [m], preceded by the arc length just before it if two elements meet there."""
+        is_end = self.has_end_at(s)
+        return tuple(dict.fromkeys([*(self.just_before(np.array([s])).tolist() * is_end), s]))
 
     def arc_lengths(self, element: Array, xi: Array) -> Array:
         """Return the arc lengths [m] at coordinates `xi` of the elements `element`, shape (n,)."""

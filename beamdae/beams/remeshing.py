@@ -103,14 +103,9 @@ def choose_base_meshes(
         whose coordinates the start names keep their meshes and formulations.
     """
     beams = {beam.name: beam for beam in beams_of(mechanism)}
-    sections: dict[int, set[float]] = {id(beam): set() for beam in beams.values()}
-    sliders: set[int] = set()
-    for part in mechanism.parts.values():
-        for attachment in part.attachments:
-            if attachment.s is not None and id(attachment.body) in sections:
-                sections[id(attachment.body)].add(float(attachment.s))
-        if isinstance(part, SlidingOnBeam):
-            sliders.add(id(part.beam))
+    sections = _attached_sections(mechanism)
+    parts = mechanism.parts.values()
+    sliders = {id(part.beam) for part in parts if isinstance(part, SlidingOnBeam)}
     fixed = _fixed_beams(mechanism, beams, mechanism.start if start is None else start)
     meshes = {}
     for name, beam in beams.items():
@@ -141,6 +136,7 @@ def with_meshes(
 
     The original mechanism is not changed. Attachments, joints, loads, observables and events of the
     copy refer to the new beams. Beams whose meshes and formulations are not given are copied, too.
+    The sections of `Beam.largest_stress` remain those of the original beams.
 
     Parameters
     ----------
@@ -156,11 +152,12 @@ def with_meshes(
     BeamdaeError
         If a part cannot be copied.
     """
-    beams = {}
+    beams, sections = {}, _attached_sections(mechanism)
     for name in {**meshes, **formulations}:
         beam = mechanism.parts[name]
         assert isinstance(beam, Beam)
-        beams[name] = beam.with_mesh(meshes.get(name, beam.mesh), formulations.get(name))
+        mesh, stress_mesh = meshes.get(name, beam.mesh), beam.divide_mesh(sections[id(beam)])
+        beams[name] = beam.with_mesh(mesh, formulations.get(name), stress_mesh)
     return replace_beams(mechanism, beams, "with_meshes")
 
 
@@ -205,6 +202,16 @@ def replace_beams(mechanism: Mechanism, beams: Mapping[str, Beam], caller: str) 
             if isinstance(impact.on, Quantity):
                 set_fields(impact, on=impact.on.current)
     return other
+
+
+def _attached_sections(mechanism: Mechanism) -> dict[int, set[float]]:
+    """Return the arc lengths [m] of the attachments of each beam, by its `id`."""
+    sections: dict[int, set[float]] = {id(beam): set() for beam in beams_of(mechanism)}
+    for part in mechanism.parts.values():
+        for attachment in part.attachments:
+            if attachment.s is not None and id(attachment.body) in sections:
+                sections[id(attachment.body)].add(float(attachment.s))
+    return sections
 
 
 def _fixed_beams(mechanism: Mechanism, beams: Mapping[str, Beam], start: Any) -> dict[int, str]:

@@ -278,8 +278,9 @@ class Solution(RunData, TimeSeries):
             A time or ascending times within the run [s]. Defaults to the output times.
         s
             An arc length or several arc lengths [m]. Defaults to the element boundaries, the
-            sections at which concentrated loads are fixed (evaluated on both sides of the load),
-            and three sections between neighbors.
+            sections at which concentrated loads are fixed, and three sections between neighbors.
+            Loads, and jumps of the cross-section or curvature, have sections on both sides. Given
+            sections are those just beyond a load or a jump, except at the end of the beam.
 
         Raises
         ------

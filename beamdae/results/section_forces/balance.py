@@ -68,8 +68,8 @@ def balanced_and_elastic_forces(
     s
         Arc lengths (sections,) [m].
     before
-        For each section, True to evaluate just before a concentrated load at this section, False
-        to evaluate just beyond it, (sections,).
+        For each section, True to evaluate just before a concentrated load or an element end at
+        this section, False to evaluate just beyond it, (sections,).
     factors
         Load factors by part name, and of gravity by the name "gravity". Missing factors are 1.
 
@@ -82,7 +82,7 @@ def balanced_and_elastic_forces(
     sections = _BeamSections(beam, equations, state)
     loads = collect_applied_loads(beam, equations, times, state, factors)
     balanced = sections.resolve_wrenches(s, _accumulate_loads(beam, loads, s, before))
-    return balanced, sections.elastic_forces(s)
+    return balanced, sections.elastic_forces(np.where(before, beam.mesh.just_before(s), s))
 
 
 def elastic_axial_forces(beam: Beam, equations: EquationsOfMotion, state: State, s: Array) -> Array:

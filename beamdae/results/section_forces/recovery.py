@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,16 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only_data
 from beamdae.results.run_data import RunData
-from beamdae.results.section_forces.applied_loads import collect_applied_loads
 from beamdae.results.section_forces.balance import (
     SAME_SECTION_TOLERANCE,
-    RowGroup,
     balanced_and_elastic_forces,
     group_rows,
 )
+from beamdae.results.section_forces.default_sections import default_sections
 from beamdae.results.section_forces.section_forces import SectionForces
 
 Array = np.ndarray
 
-_SECTIONS_PER_STRETCH = 5  # between two element boundaries or loads, including both ends
 MAX_EVALUATIONS = 100_000  # sections times rows per evaluation, which limits the memory
 
 
@@ -53,14 +50,15 @@ def recover_section_forces(
     if s is None:
         branch_times, state = trajectory.at(times)
         groups = group_rows(trajectory, times)
-        sections = _default_sections(beam, e, branch_times, state, groups)
+        sections = default_sections(beam, e, branch_times, state, groups)
     else:
         sections = _requested_sections(beam, s)
     sampler = _SectionSampler(run, beam, *sections)
     (N, Q, M), strained = sampler.evaluate(times)
     settings = run.integrator
     step = 0.0 if settings.get("rtol") else float(settings.get("step") or 0.0)
-    return SectionForces(beam, times, sections[0], N, Q, M, strained, sampler, step)
+    s, before = sections
+    return SectionForces(beam, times, s, N, Q, M, strained, before, sampler, step)
 
 
 @read_only_data
@@ -137,13 +135,14 @@ def recover_section_forces_at_state(
     beam = _find_beam(equations, beam)
     time, groups = np.array([[t, t]]), [(np.zeros(1, int), factors)]
     if s is None:
-        sections = _default_sections(beam, equations, time, state, groups)
+        sections = default_sections(beam, equations, time, state, groups)
     else:
         sections = _requested_sections(beam, s)
+    s, before = sections
     (N, Q, M), strained = balanced_and_elastic_forces(
-        beam, equations, time, state, *sections, factors
+        beam, equations, time, state, s, before, factors
     )
-    return SectionForces(beam, time[:, 0], sections[0], N, Q, M, strained)
+    return SectionForces(beam, time[:, 0], s, N, Q, M, strained, before)
 
 
 def _find_beam(equations: EquationsOfMotion, beam: Any) -> Beam:
@@ -177,35 +176,3 @@ def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
         )
     arc_lengths = np.clip(arc_lengths, 0.0, beam.length)
     return arc_lengths, arc_lengths > beam.length - near
-
-
-def _default_sections(
-    beam: Beam,
-    e: EquationsOfMotion,
-    times: Array,
-    state: State,
-    groups: list[RowGroup],
-) -> tuple[Array, Array]:
-    """Return arc lengths at and between element boundaries and concentrated loads.
-
-    The second array is True for sections that are evaluated just before a load.
-    """
-    length = beam.length
-    near, jumps = SAME_SECTION_TOLERANCE * length, [0.0, length]
-    for rows, factors in groups:
-        # A load at the same section in the first and the last row is taken as fixed.
-        ends = np.unique(rows[[0, -1]])
-        states = State(*(x[ends] for x in state))
-        s = collect_applied_loads(beam, e, times[ends], states, factors).arc_lengths
-        jumps += s[0, np.abs(s[-1] - s[0]) <= near].tolist()
-    loaded = np.clip(jumps, 0.0, length)
-    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded]))
-    stops = stops[np.append(True, np.diff(stops) > 2.0 * near)]
-    arc_lengths, before = [], []
-    for start, end in pairwise(stops.tolist()):
-        has_load = bool(np.any(np.abs(loaded - end) <= 2.0 * near))
-        stretch = np.linspace(start, end, _SECTIONS_PER_STRETCH)
-        # The end of a stretch is the start of the next one, except on the other side of a load.
-        arc_lengths.append(stretch[: _SECTIONS_PER_STRETCH - 1 + has_load])
-        before.append(np.arange(len(arc_lengths[-1])) == _SECTIONS_PER_STRETCH - 1)
-    return np.concatenate(arc_lengths), np.concatenate(before)

@@ -96,13 +96,15 @@ class SectionForces(HasTable):
     t
         Times (k,) [s].
     s
-        Arc lengths (l,) [m]. For a concentrated load that is fixed between the ends of the beam,
-        the default arc lengths contain its position twice, for the section forces before and beyond
-        the load.
+        Arc lengths (l,) [m]. For a concentrated load that is fixed between the ends of the beam, or
+        a jump of the cross-section or of the curvature of the axis at an element end, the default
+        arc lengths contain the position twice, for the values before and beyond it.
     N, Q, M
         Section forces (k, l) [N, N, N m].
     strained
         N, Q and M computed from the strains (3, k, l) [N, N, N m], as in `Beam.section_forces`.
+    before
+        True for sections just before a load or a jump, False for those just beyond it (l,).
     sample
         Function of ascending times [s] that returns N, Q and M (3, rows, l) at the same sections;
         times outside the run are replaced by its ends. None for equilibria and after unpickling.
@@ -117,6 +119,7 @@ class SectionForces(HasTable):
     Q: Array
     M: Array
     strained: Array
+    before: Array
     sample: Callable[[Array], Array] | None = None
     step: float = 0.0
 
@@ -193,8 +196,13 @@ class SectionForces(HasTable):
         }
 
     @cached_property
+    def _arc_lengths_by_side(self) -> list[float]:
+        """Arc lengths [m], in the preceding element for sections just before a load or a jump."""
+        return np.where(self.before, self.beam.mesh.just_before(self.s), self.s).tolist()
+
+    @cached_property
     def _sections(self) -> list[Any]:
-        return [self.beam.section.at(s) for s in self.s.tolist()]
+        return [self.beam.section.at(s) for s in self._arc_lengths_by_side]
 
     def _section_values(self, name: str) -> Array:
         return np.array([getattr(section, name) for section in self._sections], float)
@@ -255,7 +263,7 @@ class SectionForces(HasTable):
 
     def _bending_factors(self, offset: float | str) -> Array:
         """Return the longitudinal stress per bending moment, (l,) [1/m^3]."""
-        levers = np.array([self.beam.stress_lever(s, offset) for s in self.s.tolist()])
+        levers = np.array([self.beam.stress_lever(s, offset) for s in self._arc_lengths_by_side])
         return levers / self._section_values("second_moment")
 
     def _tau(self, shear_forces: Array) -> Array:

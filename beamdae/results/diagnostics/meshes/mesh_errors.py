@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from beamdae.results.section_forces.balance import (
     SAME_SECTION_TOLERANCE,
     balanced_and_elastic_forces,
 )
+from beamdae.results.section_forces.default_sections import default_sections
 from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
@@ -92,7 +93,9 @@ def mesh_error_warnings(
     The columns follow from the strains of one element, whose polynomials do not follow boundary
     layers, such as those near the clamps of beams under tension, of the length sqrt(EI / N), and
     loads within elements. At its largest magnitude, a column is compared with the section forces in
-    equilibrium with the loads, whose errors are much smaller; see `SectionForces`.
+    equilibrium with the loads, whose errors are much smaller; see `SectionForces`. If loads act
+    within elements, a largest stress over the length of the beam is compared with that in the
+    sections of `section_forces`, which include those at the loads.
 
     Parameters
     ----------
@@ -134,6 +137,8 @@ class _Evaluator:
         # collection.
         self._evaluate = cache(partial(_evaluate_forces, *arguments))
         self._evaluate_points = cache(partial(_evaluate_point_forces, *arguments))
+        self._select_sections = cache(partial(_select_sections, *arguments))
+        self._has_loads_within_elements = cache(partial(_has_loads_within_elements, equations))
 
     def measure(
         self,
@@ -161,28 +166,60 @@ class _Evaluator:
             interpolations = _interpolate(beam, points, sections)
             own, smoothed = (convert(x, sections) for x in interpolations)
             indicated = float(np.max(np.abs(smoothed - own)))
-            if indicated < _MIN_INDICATED_ERROR * abs(value):
-                return None
+        # The sections of a largest stress are at element ends. The comparison with further sections
+        # takes more time than the whole equilibrium of a small beam.
+        has_further_sections = Beam.covers_beam(quantity) and self._has_loads_within_elements(beam)
+        if indicated < _MIN_INDICATED_ERROR * abs(value) and not has_further_sections:
+            return None
         s = (*sections, *beam.mesh.element_bounds.tolist())
+        if has_further_sections:
+            s += self._select_sections(beam, row)
         forces = self._evaluate(beam, row, s)
         balanced, elastic = (convert(x, s) for x in forces)
         of_sections = slice(len(sections))
         largest = int(np.argmax(np.abs(balanced[of_sections])))
         change = float(balanced[largest] - elastic[np.argmax(np.abs(elastic[of_sections]))])
-        section = beam.section.at(sections[largest])
+        at_sections = float(balanced[largest])
+        if indicated < max(_MIN_INDICATED_ERROR * abs(value), _MIN_INDICATED_SHARE * abs(change)):
+            change, at_sections = 0.0, max(at_sections, value)
+        if has_further_sections:
+            largest = int(np.argmax(balanced))
+            change += max(float(balanced[largest]) - at_sections, 0.0)
+        section = beam.section.at(s[largest])
         radius = np.sqrt(section.second_moment / section.area)
         force = np.max(np.abs(forces[0]) / np.array([[1.0], [1.0], [radius]]))
         force = max(_MIN_STRESS_SHARE * force, _ROUNDING_STRAIN * section.EA)
-        units = convert(np.diag([force, force, force * radius]), (sections[largest],) * 3)
-        if indicated < _MIN_INDICATED_SHARE * abs(change):
-            return None
+        units = convert(np.diag([force, force, force * radius]), (s[largest],) * 3)
         scale = max(
             abs(value),
             abs(value + change),
             _MIN_SHARE * float(np.max(np.abs(balanced))),
             float(np.max(np.abs(units))),
         )
-        return _ColumnError(header, sections[largest], value, value + change, abs(change) / scale)
+        return _ColumnError(header, s[largest], value, value + change, abs(change) / scale)
+
+
+def _has_loads_within_elements(equations: EquationsOfMotion, beam: Beam) -> bool:
+    """Return True if a part is attached between the ends of an element, or moves along the beam."""
+    assert equations.mechanism is not None
+    parts: list[Any] = list(equations.mechanism.parts.values())
+    return any(
+        attachment.body is beam
+        and attachment.s is not None
+        and not beam.mesh.has_end_at(float(attachment.s))
+        for part in parts
+        for attachment in part.attachments
+    ) or any(part.moves_along_beam and part.beam is beam for part in parts)
+
+
+def _select_sections(
+    equations: EquationsOfMotion, state_at: Callable[[int], LoadedState], beam: Beam, row: int
+) -> tuple[float, ...]:
+    """Return the arc lengths [m] of `section_forces`, on both sides of loads and jumps."""
+    time, state, factors = state_at(row)
+    groups = [(np.zeros(1, int), factors)]
+    s, before = default_sections(beam, equations, time, state, groups)
+    return tuple(np.where(before, beam.mesh.just_before(s), s).tolist())
 
 
 def _evaluate_forces(
