@@ -56,9 +56,8 @@ def moving_load_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             if load.name not in paths:
                 paths[load.name] = _path(load, equations, trajectory)
             first, last = paths[load.name]
-            bounds = beam.mesh.element_bounds
-            element = int(np.clip(np.searchsorted(bounds, s), 1, len(bounds) - 1))
-            begin, end = float(bounds[element - 1]), float(bounds[element])
+            element, _ = beam.mesh.locate(s)
+            begin, end = beam.mesh.element_bounds[element : element + 2].tolist()
             length = end - begin
             is_passed = min(last, end) - max(first, begin) > _MIN_PASSED_SHARE * length
             has_shear_force = "Q" in columns
