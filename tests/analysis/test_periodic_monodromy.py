@@ -159,6 +159,48 @@ def test_regression_undamped_strip_takes_few_periods(monkeypatch, ratio):
     assert half == pytest.approx(load * gain / stiffness, rel=1e-3)
 
 
+def swung_strip(damping_ratio):
+    """Return a thin damped strip whose root turns by 0.2 sin 2 pi t."""
+    rate = 1.8751041**2 * np.sqrt(STEEL.E * 1e-6 / 12.0 / STEEL.rho) / 0.5**2
+    section = bd.Section.rectangle(STEEL, width=0.02, height=1e-3, damping=2 * damping_ratio / rate)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (0.5, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))
+    root = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("hinge", root, beam.start))
+    mech.add(bd.Driver("motor", root, beam.start, lambda t: 0.2 * ca.sin(2.0 * np.pi * t)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.slow(reason="ten periods")
+def test_regression_coarse_searches_of_turning_strips_are_not_repeated(monkeypatch):
+    """Linearized steps in which the strip turned too far failed; then all runs were accurate.
+
+    The search took 42 periods, more than half of them to settle accurately and for its matrix.
+    """
+    accurate, columns, run = [], [], PeriodMap.run
+    propagate = VariationalEquations.propagate
+
+    def counted_run(self, q, v, scales=None, periods=1):
+        accurate.extend([] if self.is_coarse else [periods])
+        return run(self, q, v, scales, periods)
+
+    def counted_propagate(self, trajectory, disturbances, *arguments):
+        columns.append(disturbances.shape[1] * sum(len(x.t) for x in trajectory.intervals))
+        return propagate(self, trajectory, disturbances, *arguments)
+
+    monkeypatch.setattr(PeriodMap, "run", counted_run)
+    monkeypatch.setattr(VariationalEquations, "propagate", counted_propagate)
+    motion = bd.periodic(swung_strip(0.01), 1.0)
+    assert motion.status.success
+    # A disturbance costs about 0.3 periods.
+    steps = sum(len(x.t) for x in motion.solution.trajectory.intervals)
+    assert sum(accurate) + 0.3 * sum(columns) / steps < 16
+    assert max(accurate) == 1
+    assert np.abs(motion.multipliers[0]) == pytest.approx(0.810592, abs=2e-5)
+
+
 def test_expected_range_spares_a_second_pass():
     random = np.random.default_rng(3)
     size, rank = 60, 4

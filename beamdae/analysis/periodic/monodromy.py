@@ -7,6 +7,7 @@ run of `Radau`, this is the derivative of the discrete solution with respect to 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,15 +23,20 @@ from beamdae.analysis.periodic.variational_loop import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import (
+    FirstOrderBuffers,
     FirstOrderForm,
     evaluate_jacobian_parts,
     formulate_first_order,
+)
+from beamdae.equations.formulations.kinematic_reduction import (
+    KinematicReduction,
+    reduce_kinematics,
 )
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import C
-from beamdae.native.return_codes import DONE
+from beamdae.integrators.radau.workspace import StepSizeState
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
 
@@ -40,6 +46,8 @@ _FORM = "stabilized-index1"
 _STAGES = 3
 # Number of steps per call of the compiled loop, which limits the memory of its stages.
 _STEPS_PER_CALL = 64
+# Maximum number of times a step of the variational equations is halved.
+_MAX_HALVINGS = 10
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
 # Energy of a disturbance of natural size, relative to that of the motion, which is added because
@@ -89,13 +97,18 @@ class VariationalEquations:
     @cached_property
     def _loop(self) -> StepLoop[VariationalWorkspace]:
         form = self.form
-        real = FactorizedMatrix.from_pattern(form.pattern)
-        complex_ = FactorizedMatrix.from_pattern(form.pattern, complex, pivot_source=real)
+        pattern, jacobian, reduction = reduce_kinematics(form)
+        real = FactorizedMatrix.from_pattern(pattern)
+        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
 
         def make_workspace(native: bool) -> VariationalWorkspace:
+            buffers = form.buffers(native)
+            buffers.jacobian = jacobian.sum(native, form.equations.p)
             return _make_workspace(
                 form,
-                native,
+                buffers,
+                pattern,
+                reduction,
                 (real.make_solver(native, "auto"), real.nonzeros),
                 (complex_.make_solver(native, "auto"), complex_.nonzeros),
             )
@@ -154,9 +167,16 @@ class VariationalEquations:
         return rows[size > _ZERO_ROW_RATIO * np.max(size, initial=_TINY)]
 
     def propagate(
-        self, trajectory: Trajectory, disturbances: Array, scales: Array, steps_per_node: float = 1
+        self,
+        trajectory: Trajectory,
+        disturbances: Array,
+        scales: Array,
+        steps_per_node: float = 1,
+        tolerance: float = EXACT_RANK,
     ) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
+
+        Steps in which the iteration of the stages does not converge are halved.
 
         Parameters
         ----------
@@ -169,24 +189,43 @@ class VariationalEquations:
         steps_per_node
             Number of steps of the run in each step of the variational equations: a power of two,
             also below 1.
+        tolerance
+            Error of the stages, relative to the disturbance.
 
         Raises
         ------
         LinearizationError
-            If the iteration of the stages does not converge.
+            If the iteration of the stages does not converge in steps that were halved ten times.
         """
         work, (n_state, count) = self._loop.work, disturbances.shape
-        work.count = count
+        work.count, work.tolerance = count, tolerance
         work.weights[:] = 1.0 / scales
         work.disturbances[:count] = 0.0
         work.disturbances[:count, :n_state] = disturbances.T
         for interval in trajectory.intervals:
+            work.step_size.last_step = 0.0
             nodes = _step_nodes(interval.t, steps_per_node)
-            for first in range(0, len(nodes) - 1, _STEPS_PER_CALL):
-                self._take_steps(interval, nodes[first : first + _STEPS_PER_CALL + 1])
+            halvings = np.zeros(len(nodes) - 1, int)
+            first = 0
+            while first < len(nodes) - 1:
+                stop = min(first + _STEPS_PER_CALL, len(nodes) - 1)
+                first += self._take_steps(interval, nodes[first : stop + 1])
+                if first < stop:
+                    if halvings[first] == _MAX_HALVINGS:
+                        raise LinearizationError(
+                            f"periodic: the equations linearized at t = {nodes[first]:.6g} s "
+                            "cannot be solved; use a smaller rtol."
+                        )
+                    halvings[first] += 1
+                    halvings = np.insert(halvings, first, halvings[first])
+                    nodes = np.insert(nodes, first + 1, np.mean(nodes[first : first + 2]))
         return work.disturbances[:count, :n_state].T.copy()
 
-    def _take_steps(self, interval: Interval, nodes: Array) -> None:
+    def _take_steps(self, interval: Interval, nodes: Array) -> int:
+        """Propagate the disturbances through steps with these ends; return the number of steps.
+
+        It is smaller if the next step fails.
+        """
         loop, h = self._loop, np.diff(nodes)
         work = loop.work
         times, state = _stage_states(interval, nodes)
@@ -194,46 +233,62 @@ class VariationalEquations:
         lam = slice(2 * n, 2 * n + self.equations.m)
         work.times[: len(times)], work.h[: len(h)] = times, h
         stages = slice(0, len(times))
-        work.y[stages, :n], work.y[stages, n : 2 * n] = state.q, state.v
-        work.yp[stages, :n], work.yp[stages, n : 2 * n] = state.v, state.a
-        work.yp[stages, lam] = state.lam
+        work.states[stages, :n], work.states[stages, n : 2 * n] = state.q, state.v
+        work.state_rates[stages, :n], work.state_rates[stages, n : 2 * n] = state.v, state.a
+        work.state_rates[stages, lam] = state.lam
         work.branch, work.steps, work.next = interval.branch, len(h), 0
-        if loop() != DONE:
-            raise LinearizationError(
-                f"periodic: the equations linearized at t = {nodes[work.next]:.6g} s cannot be "
-                "solved; use a smaller rtol."
-            )
+        loop()
+        return work.next
 
 
 def _make_workspace(
-    form: FirstOrderForm, native: bool, real: tuple[Any, Array], complex_: tuple[Any, Array]
+    form: FirstOrderForm,
+    buffers: FirstOrderBuffers,
+    pattern: sp.csc_array,
+    reduction: KinematicReduction,
+    real: tuple[Any, Array],
+    complex_: tuple[Any, Array],
 ) -> VariationalWorkspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
-    size, rows = form.size, _STAGES * _STEPS_PER_CALL
+    n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
+    rows, count = _STAGES * _STEPS_PER_CALL, 2 * form.equations.n
     return VariationalWorkspace(
-        form=form.buffers(native),
+        form=buffers,
         real_solver=real[0],
         complex_solver=complex_[0],
+        reduction=reduction,
+        step_size=StepSizeState(math.inf),
         times=np.zeros(rows),
-        y=np.zeros((rows, size)),
-        yp=np.zeros((rows, size)),
+        states=np.zeros((rows, size)),
+        state_rates=np.zeros((rows, size)),
         h=np.zeros(_STEPS_PER_CALL),
-        disturbances=np.zeros((2 * form.equations.n, size)),
-        weights=np.zeros(2 * form.equations.n),
-        jacobians=np.zeros((_STAGES, 2 * form.pattern.nnz)),
+        disturbances=np.zeros((count, size)),
+        ends=np.zeros((count, size)),
+        disturbances_w=np.zeros((_STAGES * count, size)),
+        ends_w=np.zeros((_STAGES * count, size)),
+        weights=np.zeros(2 * n),
+        jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
         real_nonzeros=real[1],
         complex_nonzeros=complex_[1],
-        entry_rows=form.pattern.indices.astype(np.int64),
-        entry_columns=column_indices(form.pattern).astype(np.int64),
+        entry_rows=pattern.indices.astype(np.int64),
+        entry_columns=column_indices(pattern).astype(np.int64),
+        y=np.zeros(size),
+        yp=np.zeros(size),
         w=np.zeros((_STAGES, size)),
+        last_w=np.zeros((_STAGES, size)),
         stages=np.zeros((_STAGES, size)),
         rates=np.zeros((_STAGES, size)),
-        residuals=np.zeros((_STAGES, size)),
-        product=np.zeros(size),
+        right=np.zeros(reduced_size),
+        complex_right=np.zeros(reduced_size, complex),
+        extrapolation=np.zeros((_STAGES, _STAGES)),
+        velocities=np.zeros(n),
         real_change=np.zeros(size),
         complex_change=np.zeros(size, complex),
         complex_real=np.zeros(size),
         complex_imaginary=np.zeros(size),
+        residuals=np.zeros((_STAGES, reduced_size)),
+        product=np.zeros(reduced_size),
+        unknowns=np.zeros(reduced_size),
     )
 
 

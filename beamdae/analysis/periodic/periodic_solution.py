@@ -53,6 +53,8 @@ _MULTIPLIER_TOLERANCE = 1e-5
 _MAX_REFINEMENTS = 4
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
+# Loads are at a resonance if the distance of a multiplier from 1 is below this value.
+_RESONANCE_DISTANCE = 1e-3
 # A motion is a state of rest if its rates, relative to amplitudes and period, are below this value.
 _REST_TOLERANCE = 1e-6
 _MINOR_DEVIATION = 0.1  # relative to the largest one
@@ -171,8 +173,8 @@ def periodic(
             warnings=error.solution.warnings,
         )
     else:
-        status = _describe_outcome(run, iterations, limits, is_free)
         multipliers, error_estimate, monodromy = _refine_multipliers(run)
+        status = _describe_outcome(run, iterations, limits, is_free, multipliers)
         beam_error = None
         if status.success and monodromy is not None:
             beam_error = BeamErrorEstimator().measure(run, monodromy, is_free)
@@ -233,8 +235,8 @@ def _settle_freely(
         If `must_recur` is True and the motion of the run does not recur.
     """
     if not settle:
-        return period_map, *period_map.settle(0)
-    solution = period_map.run(*period_map.settle(0), periods=settle)
+        return period_map, *period_map.settle(0)[:2]
+    solution = period_map.run(*period_map.settle(0)[:2], periods=settle)
     estimate = estimate_period(solution)
     if estimate is None and must_recur:
         raise BeamdaeError(
@@ -246,7 +248,9 @@ def _settle_freely(
     return period_map, *period_map.end_state(solution)
 
 
-def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool) -> Status:
+def _describe_outcome(
+    run: PeriodRun, iterations: int, limits: Tolerance, is_free: bool, multipliers: Array
+) -> Status:
     deviation = run.relative_deviation
     if is_free and not np.any(np.abs(np.concatenate(run.rates)) > _REST_TOLERANCE):
         return Status(
@@ -264,11 +268,20 @@ def _describe_outcome(run: PeriodRun, iterations: int, limits: Tolerance, is_fre
         )
     sentence = (
         f"after {iterations} iterations the end of the period differs from the "
-        f"start by {deviation:.3g} times the amplitude; change start= or increase settle="
+        f"start by {deviation:.3g} times the amplitude"
     )
+    is_autonomous = not is_free and run.period_map.is_autonomous(run.solution)
+    distance = np.min(np.abs(multipliers - 1.0), initial=np.inf)
+    if not is_free and not is_autonomous and distance < _RESONANCE_DISTANCE:
+        return Status(
+            "failed",
+            f"{sentence} at a resonance: an undamped free motion repeats after the period of "
+            f"{run.period_map.period:g} s; add damping or use another period of the loads",
+        )
+    sentence += "; change start= or increase settle="
     if deviation < _INTEGRATOR_LIMITED_DEVIATION:
         sentence += ", or use a more accurate integrator"
-    if not is_free and run.period_map.is_autonomous(run.solution):
+    if is_autonomous:
         sentence += ", or omit period= to find the period of the free motion"
     return Status("failed", sentence)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.analysis.periodic.monodromy import (
     EXACT_RANK,
+    DisturbanceBasis,
     LinearizationError,
     VariationalEquations,
     assemble_monodromy,
@@ -20,7 +22,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.first_order import formulate_first_order
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError, require_positive
-from beamdae.integrators import Integrator
+from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.step_thinning import keep_all_steps
@@ -90,15 +92,12 @@ _REST_RATIO = 1e-6
 _RETURN_SAMPLES = 4001
 _REFINED_RETURN_SAMPLES = 201  # around the nearest of these times
 _TINY = 1e-300  # avoids a division by zero
-# Below this deviation, Newton's method stops after this many iterations that do not halve it.
-_STAGNATION_DEVIATION = 1e-4
-_STAGNATION_ITERATIONS = 4
 # Maximum number of halvings of a Newton step if the run does not reach the end of the period.
 _MAX_HALVINGS = 5
 # A matrix is kept for the next Newton step if the last step reduced the deviation as predicted
-# within this fraction, full steps to at most this fraction: another step with the same matrix then
-# gains as much again at the cost of one period, whereas a new matrix costs as much as two to four.
-_MAX_PREDICTION_ERROR = 0.1
+# within this fraction, full steps to at most this fraction: a run costs a period, a new matrix two
+# to six. Meanwhile, the runs improve the matrix.
+_MAX_PREDICTION_ERROR = 0.3
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
@@ -108,8 +107,8 @@ _NEWTON_RANK_TOLERANCE = 1e-4
 _EXPECTED_RANK_TOLERANCE = 1e-6
 # Number of steps of runs without stages in each step of the variational equations.
 _STEPS_PER_NODE = 4.0
-# Maximum number of halvings of the steps of the variational equations.
-_MAX_STEP_HALVINGS = 4
+# Error of the stages of the variational equations, relative to the rank tolerance of a matrix.
+_STAGE_TOLERANCE_RATIO = 1e-2
 # Smaller singular values, relative to the largest, belong to directions in which all states are
 # periodic.
 _NEUTRAL_RATIO = 1e-9
@@ -151,6 +150,17 @@ class Tolerance(NamedTuple):
         is_exhausted = _EXHAUSTED_CONTRACTION < contraction < np.inf
         is_accurate = correction <= _CORRECTION_RATIO * self.target
         return deviation <= self.target and (is_accurate or is_exhausted)
+
+
+class _Stagnation(NamedTuple):
+    """Newton's method stops after this many `iterations` without halving a small `deviation`."""
+
+    deviation: float
+    iterations: int
+
+
+_STAGNATION = _Stagnation(deviation=1e-4, iterations=4)
+_COARSE_STAGNATION = _Stagnation(deviation=1e-2, iterations=4)
 
 
 class IncompleteRunError(BeamdaeError):
@@ -248,16 +258,17 @@ class PeriodMap:
         return cls(independent, integrator, begin, period, VariationalEquations(independent))
 
     def coarsen(self) -> PeriodMap:
-        """Return the map for approaching a motion: with a larger rtol, unless steps are fixed.
+        """Return the map for approaching a motion, unless steps are fixed: Radau, a larger rtol.
 
+        The errors of coarse runs of other methods exceed the tolerance of the approach.
         Corrections of large deflections disturb axial deformations, whose vibrations would take
         thousands of steps of a run that resolves them relative to their small amplitudes.
         """
         name, value = self.integrator.accuracy
         if name != "rtol" or value > _COARSENING_RATIO * _COARSE_RTOL:
             return self
-        integrator: Any = self.integrator
-        return replace(self, integrator=replace(integrator, rtol=_COARSE_RTOL), is_coarse=True)
+        options = self.integrator if isinstance(self.integrator, Radau) else Radau()
+        return replace(self, integrator=replace(options, rtol=_COARSE_RTOL), is_coarse=True)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
@@ -281,21 +292,27 @@ class PeriodMap:
             raise IncompleteRunError(run, solution)
         return solution
 
-    def settle(self, periods: int) -> tuple[Array, Array]:
+    def settle(self, periods: int) -> tuple[Array, Array, Array | None]:
         """Return the consistent state (q, v) after `periods` periods from the initial conditions.
 
-        Full revolutions of angles are removed.
+        Full revolutions of angles are removed. The third value is the amplitudes of the last run,
+        (n,), or None. Coarse runs continue with those of the first period, relative to which they
+        do not resolve fast vibrations after the start.
 
         Raises
         ------
         IncompleteRunError
-            If the run ends early.
+            If a run ends early.
         """
         e = self.equations
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
-        if not periods:
-            return state.q, state.v
-        return self.end_state(self.run(state.q, state.v, periods=periods))
+        q, v, amplitudes = state.q, state.v, None
+        for count in (1, periods - 1) if self.is_coarse else (periods,):
+            if count > 0:
+                solution = self.run(q, v, amplitudes, count)
+                amplitudes = np.split(self.state_scales(solution), 2)[0]
+                q, v = self.end_state(solution)
+        return q, v, amplitudes
 
     def end_state(self, solution: Solution) -> tuple[Array, Array]:
         """Return the consistent state (q, v) at the end of a run, without full revolutions."""
@@ -468,17 +485,11 @@ class PeriodRun:
         Map from the start to the end of the period.
     solution
         Run over the period.
-    basis
-        Basis of the admissible disturbances at the start, (2 n, k), orthonormal in terms of energy;
-        see `VariationalEquations.admissible_disturbances`.
     scales
         Natural sizes of (q, v), (2 n,).
-    projection
-        Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`.
-    deviation
-        State at the end of the period minus the state at its start, in terms of `basis`, (k,).
     relative_deviation
-        Largest absolute component of the same difference in terms of (q, v), relative to `scales`.
+        Largest absolute component of the state at the end of the period minus the state at its
+        start, (q, v), relative to `scales`.
     persistent
         Disturbances (2 n, r) that are expected to persist over the period, known from a similar
         run, or None.
@@ -486,10 +497,7 @@ class PeriodRun:
 
     period_map: PeriodMap
     solution: Solution
-    basis: Array
     scales: Array
-    projection: Array
-    deviation: Array
     relative_deviation: float
     persistent: Array | None = None
 
@@ -517,20 +525,32 @@ class PeriodRun:
     ) -> PeriodRun:
         """Return the run over one period with this solution."""
         scales = period_map.state_scales(solution)
-        basis, projection = period_map.variational.admissible_disturbances(
-            solution.trajectory, scales
+        largest = float(np.max(np.abs(period_map.deviation(solution) / scales)))
+        return cls(period_map, solution, scales, largest, persistent)
+
+    @cached_property
+    def _disturbance_basis(self) -> DisturbanceBasis:
+        return self.period_map.variational.admissible_disturbances(
+            self.solution.trajectory, self.scales
         )
-        deviation = period_map.deviation(solution)
-        return cls(
-            period_map,
-            solution,
-            basis,
-            scales,
-            projection,
-            projection @ deviation,
-            float(np.max(np.abs(deviation / scales))),
-            persistent,
-        )
+
+    @property
+    def basis(self) -> Array:
+        """Basis of the admissible disturbances at the start, (2 n, k), orthonormal in energy.
+
+        See `VariationalEquations.admissible_disturbances`.
+        """
+        return self._disturbance_basis.columns
+
+    @property
+    def projection(self) -> Array:
+        """Matrix (k, 2 n) that expresses disturbances of (q, v) in terms of `basis`."""
+        return self._disturbance_basis.projection
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Difference of the states at the end and at the start in terms of `basis`, (k,)."""
+        return self.projection @ self.period_map.deviation(self.solution)
 
     @property
     def state(self) -> Array:
@@ -543,12 +563,14 @@ class PeriodRun:
         """Scales of q, (n,)."""
         return self.scales[: len(self.scales) // 2]
 
-    def propagate(self, disturbances: Array, steps_per_node: float) -> Array:
+    def propagate(
+        self, disturbances: Array, steps_per_node: float, tolerance: float = EXACT_RANK
+    ) -> Array:
         """Propagate disturbances (k, j) over the period; both are in terms of `basis`."""
         trajectory, variational = self.solution.trajectory, self.period_map.variational
         columns = self.basis @ disturbances
         return self.projection @ variational.propagate(
-            trajectory, columns, self.scales, steps_per_node
+            trajectory, columns, self.scales, steps_per_node, tolerance
         )
 
     def monodromy(
@@ -560,8 +582,9 @@ class PeriodRun:
         range and `directions`, (k,) each; see `assemble_monodromy`.
         """
         size = len(self.deviation)
+        stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
         return assemble_monodromy(
-            lambda columns: self.propagate(columns, steps_per_node),
+            lambda columns: self.propagate(columns, steps_per_node, stage_tolerance),
             size,
             np.column_stack([np.zeros((size, 0)), *directions]),
             tolerance,
@@ -574,23 +597,15 @@ class PeriodRun:
         """Return the monodromy matrix for Newton's method, on steps of the run.
 
         It is exact on the deviation and `directions`. For runs of `Radau`, this is the derivative
-        of the discrete solution. If the linear equations of the steps do not converge, the steps
-        are halved, except those of coarse runs, which are then too inaccurate for Newton's method.
+        of the discrete solution.
 
         Raises
         ------
         LinearizationError
-            If the equations do not converge on the smallest steps.
+            As `VariationalEquations.propagate`.
         """
-        columns, steps = (self.deviation, *directions), self.steps_per_node
-        max_halvings = 0 if self.period_map.is_coarse else _MAX_STEP_HALVINGS
-        for halvings in range(max_halvings):
-            with suppress(LinearizationError):
-                return self.monodromy(
-                    *columns, steps_per_node=steps * 0.5**halvings, tolerance=tolerance
-                )
         return self.monodromy(
-            *columns, steps_per_node=steps * 0.5**max_halvings, tolerance=tolerance
+            self.deviation, *directions, steps_per_node=self.steps_per_node, tolerance=tolerance
         )
 
     def persistent_disturbances(self, monodromy: Array) -> Array:
@@ -658,7 +673,7 @@ def solve_shooting(
         If loads or drivers are not periodic or, with `free_period`, depend on time.
     """
     run, iterations, _ = _iterate(
-        period_map, q, v, tolerance, free_period, linearization, max_difference
+        period_map, q, v, tolerance, free_period, linearization, None, max_difference
     )
     return run, iterations
 
@@ -668,7 +683,8 @@ def settle_and_solve(
 ) -> tuple[PeriodRun, int]:
     """Return the result of `solve_shooting` after a run of `periods` periods.
 
-    Both begin with coarse runs. If these do not lead to the motion, all runs are accurate.
+    Both begin with coarse runs; accurate runs continue with their last matrix. If these do not lead
+    to the motion, all runs are accurate.
 
     Raises
     ------
@@ -679,13 +695,18 @@ def settle_and_solve(
     if coarse is not period_map:
         limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
         with suppress(IncompleteRunError, LinearizationError):
-            run, first, linearization = _iterate(coarse, *coarse.settle(periods), limits, False)
-            if run.relative_deviation <= limits.accepted:
-                q, v = np.split(run.state, 2)
-                run, count, _ = _iterate(period_map, q, v, tolerance, False, linearization)
+            q, v, amplitudes = coarse.settle(periods)
+            start, first, linearization = _iterate(coarse, q, v, limits, False, None, amplitudes)
+            if start.relative_deviation <= limits.accepted:
+                q, v = np.split(start.state, 2)
+                run, count, _ = _iterate(
+                    period_map, q, v, tolerance, False, linearization, start.amplitudes
+                )
                 if run.relative_deviation <= tolerance.accepted:
                     return run, first + count
-    return solve_shooting(period_map, *period_map.settle(periods), tolerance)
+    q, v, amplitudes = period_map.settle(periods)
+    run, count, _ = _iterate(period_map, q, v, tolerance, False, None, amplitudes)
+    return run, count
 
 
 def _iterate(
@@ -695,11 +716,16 @@ def _iterate(
     tolerance: Tolerance,
     free_period: bool,
     linearization: Linearization | None = None,
+    amplitudes: Array | None = None,
     max_difference: float = np.inf,
 ) -> tuple[PeriodRun, int, Linearization | None]:
-    """Return the best result of Newton's method, the number of iterations and the last matrix."""
+    """Return the best result of Newton's method, the number of iterations and the last matrix.
+
+    `amplitudes` are those of a similar motion, (n,), or None.
+    """
+    persistent = None if linearization is None else linearization.persistent
     try:
-        result = PeriodRun.from_state(period_map, q, v)
+        result = PeriodRun.from_state(period_map, q, v, persistent, amplitudes)
     except IncompleteRunError as error:
         if linearization is None:
             period_map.require_valid_loads(error.solution, free_period)
@@ -707,6 +733,7 @@ def _iterate(
     # A similar motion has the same loads.
     if linearization is None:
         period_map.require_valid_loads(result.solution, free_period)
+    stagnation = _COARSE_STAGNATION if period_map.is_coarse else _STAGNATION
     best, last_halving, contraction = result, 0, np.inf
     largest_change, prediction_error = _MAX_CHANGE, 0.0
     for iteration in range(1, _MAX_ITERATIONS + 1):
@@ -719,12 +746,18 @@ def _iterate(
         if tolerance.is_met(result.relative_deviation, correction, contraction):
             return result, iteration - 1, linearization
         if prediction_error > _MAX_PREDICTION_ERROR:
-            linearization = Linearization.from_run(result, free_period)
+            try:
+                linearization = Linearization.from_run(result, free_period)
+            except LinearizationError:
+                if period_map.is_coarse:
+                    return best, iteration - 1, linearization
+                raise
             change, stretch, share = linearization.newton_step(result, largest_change)
             correction = max(result.relative_size(change), abs(stretch))
         if max(correction, result.relative_deviation) > max_difference:
             return best, iteration - 1, linearization
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
+        linearization = linearization.update(last, result)
         contraction = result.relative_deviation / last.relative_deviation
         prediction_error = contraction if share == 1.0 else result.prediction_error(last, share)
         if prediction_error > _MAX_PREDICTION_ERROR:
@@ -734,8 +767,8 @@ def _iterate(
         if result.relative_deviation < 0.5 * best.relative_deviation:
             last_halving = iteration
         best = min(best, result, key=lambda x: x.relative_deviation)
-        is_near = best.relative_deviation < _STAGNATION_DEVIATION
-        if is_near and iteration - last_halving >= _STAGNATION_ITERATIONS:
+        is_near = best.relative_deviation < stagnation.deviation
+        if is_near and iteration - last_halving >= stagnation.iterations:
             return best, iteration, linearization
     return best, _MAX_ITERATIONS, linearization
 
@@ -774,6 +807,22 @@ class Linearization:
             phase = np.append(start / max(float(np.linalg.norm(start)), _TINY), 0.0)
             matrix = np.vstack([np.column_stack([matrix, end]), phase])
         return cls(run, matrix, run.persistent_disturbances(monodromy))
+
+    def update(self, last: PeriodRun, run: PeriodRun) -> Linearization:
+        """Return the linearization that predicts the change of the deviation between two runs.
+
+        The change of the matrix is the smallest possible one (Broyden, Math. Comp. 19 (1965) 577).
+        """
+        before, after = (x.period_map.deviation(x.solution) for x in (last, run))
+        projection, size = self.run.projection, len(self.run.deviation)
+        shift = projection @ (run.state - last.state)
+        if len(self.matrix) > size:
+            periods = run.period_map.period - last.period_map.period
+            shift = np.append(shift, periods / self.run.period_map.period)
+        matrix = self.matrix.copy()
+        error = projection @ (after - before) - matrix[:size] @ shift
+        matrix[:size] += np.outer(error, shift) / max(float(shift @ shift), _TINY)
+        return replace(self, matrix=matrix)
 
     def newton_step(self, run: PeriodRun, largest: float) -> tuple[Array, float, float]:
         """Return the changes of (q, v), (2 n,), and of the period, relative to the period.

@@ -12,36 +12,34 @@ from typing import Any
 import numpy as np
 
 from beamdae.equations.formulations.first_order import FirstOrderBuffers, evaluate_jacobian_parts
+from beamdae.equations.formulations.kinematic_reduction import KinematicReduction, reduce_unknowns
 from beamdae.integrators.radau.coefficients import (
     COMPLEX_EIGENVALUE,
-    RATES,
     REAL_EIGENVALUE,
     T_INVERSE,
     TO_COMPLEX,
     T,
 )
-from beamdae.integrators.radau.stages import factorize_both
-from beamdae.native.loop_functions import (
-    combine,
-    fill,
-    max_norm,
-    omit_refinement,
-    scatter,
-    solve,
-    split_complex,
+from beamdae.integrators.radau.stages import (
+    factorize_both,
+    predict_stages,
+    set_stages,
+    subtract_corrections,
 )
+from beamdae.integrators.radau.workspace import StepSizeState
+from beamdae.native.loop_functions import combine, fill, max_norm, omit_refinement, scatter
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 
 Array = np.ndarray
 
-_MAX_ITERATIONS = 30
-# Error of the stages, relative to the disturbance at the start of the step.
-_ITERATION_TOLERANCE = 1e-8
+_MAX_ITERATIONS = 20
+# From this iteration on, the rate of convergence must suffice for the remaining iterations.
+_FIRST_TESTED_ITERATION = 4
 # The iteration stagnates at its rounding errors if a correction shrinks by less than this factor;
 # corrections below this multiple of the tolerance are then accepted.
 _STAGNATION_RATE = 0.5
 _STAGNATION_FACTOR = 1e3
-# Rate of convergence assumed in the first iteration; later iterations measure it.
+# Rate of convergence assumed in the first iteration of a step; later iterations measure it.
 _FIRST_RATE = 0.9
 
 
@@ -52,27 +50,40 @@ class VariationalWorkspace:
     Attributes
     ----------
     form
-        Jacobians R_y and R_y' of the first-order form.
+        First-order form whose Jacobian has the parts of the reduced matrices, see
+        `reduce_kinematics`.
     real_solver, complex_solver
         Linear solvers of the decoupled stage equations; see `radau.coefficients`.
-    times, y, yp
+    reduction
+        Unknowns and equations of these systems.
+    step_size
+        Its `last_step` is the last step [s], 0 before the first step.
+    times, states, state_rates
         Times [s], states and rates of the run at the stages, three rows per step.
     h
         Steps [s].
     branch
         A time inside the interval [s].
-    disturbances
-        Disturbances of y, one per row; replaced by those at the end of the steps.
+    disturbances, ends
+        Disturbances of y at the start and at the end of a step, one per row.
+    disturbances_w, ends_w
+        W of the disturbances in the last and in the current step, three rows per disturbance.
     weights
         Reciprocal natural sizes of (q, v).
     jacobians
-        Non-zeros of R_y, then of R_y', one row per stage.
+        Parts of the reduced matrices, one row per stage.
     real_nonzeros, complex_nonzeros, entry_rows, entry_columns
         Non-zeros of the real and the complex matrix, and their rows and columns.
-    w, stages, rates, residuals, product
-        W, Y, Y' and residuals of the stages of one disturbance, and a work array.
+    y, yp, w, last_w, stages, rates, right, complex_right, extrapolation, velocities
+        As in `RadauWorkspace`, for one disturbance; `yp` is zero.
     real_change, complex_change, complex_real, complex_imaginary
-        Solutions of the decoupled equations.
+        As in `RadauWorkspace`.
+    residuals, product, unknowns
+        Reduced residuals of the stages, and work arrays.
+    tolerance
+        Error of the stages, relative to the disturbance at the start of the step.
+    rate
+        Largest rate of convergence in the current step.
     steps, next
         Number of steps, and index of the next step.
     count
@@ -82,26 +93,41 @@ class VariationalWorkspace:
     form: FirstOrderBuffers
     real_solver: Any
     complex_solver: Any
+    reduction: KinematicReduction
+    step_size: StepSizeState
     times: Array
-    y: Array
-    yp: Array
+    states: Array
+    state_rates: Array
     h: Array
     disturbances: Array
+    ends: Array
+    disturbances_w: Array
+    ends_w: Array
     weights: Array
     jacobians: Array
     real_nonzeros: Array
     complex_nonzeros: Array
     entry_rows: Array
     entry_columns: Array
+    y: Array
+    yp: Array
     w: Array
+    last_w: Array
     stages: Array
     rates: Array
-    residuals: Array
-    product: Array
+    right: Array
+    complex_right: Array
+    extrapolation: Array
+    velocities: Array
     real_change: Array
     complex_change: Array
     complex_real: Array
     complex_imaginary: Array
+    residuals: Array
+    product: Array
+    unknowns: Array
+    tolerance: float = 0.0
+    rate: float = 0.0
     branch: float = 0.0
     steps: int = 0
     next: int = 0
@@ -109,29 +135,40 @@ class VariationalWorkspace:
 
 
 def propagate_disturbances(run: VariationalWorkspace) -> int:
-    """Propagate the disturbances through the steps from `next` on; return the code."""
+    """Propagate the disturbances through the steps from `next` on; return the code.
+
+    A step that fails leaves the disturbances unchanged.
+    """
     while run.next < run.steps:
-        code = _factorize_step(run)
+        h = run.h[run.next]
+        code = _factorize_step(run, h)
         if code != DONE:
             return code
+        run.rate = 0.0
         for k in range(run.count):
-            code = _propagate(run, run.h[run.next], run.disturbances[k])
+            code = _propagate(run, h, k)
             if code != DONE:
                 return code
+        for k in range(run.count):
+            combine(run.disturbances[k], (1.0,), (run.ends[k],))
+            for i in range(3):
+                combine(run.disturbances_w[3 * k + i], (1.0,), (run.ends_w[3 * k + i],))
+        run.step_size.last_step = h
         run.next += 1
     return DONE
 
 
-def _factorize_step(run: VariationalWorkspace) -> int:
+def _factorize_step(run: VariationalWorkspace, h: float) -> int:
     """Evaluate the Jacobians of a step and factorize both matrices at its second stage."""
-    h, first = run.h[run.next], 3 * run.next
+    first, size = 3 * run.next, run.real_nonzeros.size
     for i in range(3):
-        t, y, yp = run.times[first + i], run.y[first + i], run.yp[first + i]
+        t, y, yp = run.times[first + i], run.states[first + i], run.state_rates[first + i]
         evaluate_jacobian_parts(run.form, t, run.branch, y, yp, run.jacobians[i])
-    size = run.real_nonzeros.size
-    parts = (run.jacobians[1, :size], run.jacobians[1, size:])
-    combine(run.real_nonzeros, (1.0, REAL_EIGENVALUE / h), parts)
-    combine(run.complex_nonzeros, (1.0, COMPLEX_EIGENVALUE / h), parts)
+    middle = run.jacobians[1]
+    parts = (middle[:size], middle[size : 2 * size], middle[2 * size : 3 * size])
+    rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
+    combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
+    combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
     code = factorize_both(run, True)
     if code == DONE:
         # The iteration of the stages is an iterative refinement itself.
@@ -140,39 +177,30 @@ def _factorize_step(run: VariationalWorkspace) -> int:
     return code
 
 
-def _propagate(run: VariationalWorkspace, h: float, y: Array) -> int:
-    """Replace the disturbance `y` by the one at the end of the step.
+def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
+    """Write disturbance `k` at the end of the step to `ends`.
 
-    The linear stage equations are solved by the simplified Newton iteration of `radau.stages`.
+    The linear stage equations are solved by the simplified Newton iteration of `radau.stages`. It
+    begins with the extrapolation of the last step.
     """
-    w, residuals, weights, nonzeros = run.w, run.residuals, run.weights, run.real_nonzeros.size
-    limit = _ITERATION_TOLERANCE * max_norm(y[: weights.size], weights)
-    if limit == 0.0:
-        return DONE
+    w, weights, residuals = run.w, run.weights, run.residuals
+    combine(run.y, (1.0,), (run.disturbances[k],))
     for i in range(3):
-        fill(w[i], 0.0)
-    previous, rate = math.inf, _FIRST_RATE
+        combine(run.last_w[i], (1.0,), (run.disturbances_w[3 * k + i],))
+    predict_stages(run, h)
+    limit = run.tolerance * max_norm(run.y[: weights.size], weights)
+    # All disturbances have the same iteration matrix.
+    previous, rate = math.inf, (run.rate if run.rate > 0.0 else _FIRST_RATE)
     for iteration in range(_MAX_ITERATIONS):
+        set_stages(run, h)
         for i in range(3):
-            combine(run.stages[i], (1.0, T[i, 0], T[i, 1], T[i, 2]), (y, w[0], w[1], w[2]))
-            by_y = run.jacobians[i, :nonzeros]
-            scatter(residuals[i], run.entry_rows, by_y, run.stages[i], run.entry_columns)
-            if iteration > 0:
-                factors = (RATES[i, 0] / h, RATES[i, 1] / h, RATES[i, 2] / h)
-                combine(run.rates[i], factors, (w[0], w[1], w[2]))
-                by_rate = run.jacobians[i, nonzeros:]
-                scatter(run.product, run.entry_rows, by_rate, run.rates[i], run.entry_columns)
-                combine(residuals[i], (1.0, 1.0), (residuals[i], run.product))
+            _evaluate_residual(run, i)
         stage_residuals = (residuals[0], residuals[1], residuals[2])
         factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
-        combine(run.real_change, factors, stage_residuals)
-        combine(run.complex_change, (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2]), stage_residuals)
-        solve(run.real_solver, run.real_change)
-        solve(run.complex_solver, run.complex_change)
-        split_complex(run.complex_real, run.complex_imaginary, run.complex_change)
-        combine(w[0], (1.0, -1.0), (w[0], run.real_change))
-        combine(w[1], (1.0, -1.0), (w[1], run.complex_real))
-        combine(w[2], (1.0, -1.0), (w[2], run.complex_imaginary))
+        combine(run.right, factors, stage_residuals)
+        complex_factors = (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2])
+        combine(run.complex_right, complex_factors, stage_residuals)
+        subtract_corrections(run, h)
         size = max(
             max_norm(run.real_change[: weights.size], weights),
             max_norm(run.complex_real[: weights.size], weights),
@@ -184,9 +212,32 @@ def _propagate(run: VariationalWorkspace, h: float, y: Array) -> int:
             rate = size / previous if previous > 0.0 else 0.0
         stagnates = rate > _STAGNATION_RATE and size <= _STAGNATION_FACTOR * limit
         if stagnates or (rate < 1.0 and size * rate <= limit * (1.0 - rate)):
-            combine(y, (1.0, T[2, 0], T[2, 1], T[2, 2]), (y, w[0], w[1], w[2]))
+            if iteration > 0:
+                run.rate = max(run.rate, rate)
+            combine(run.ends[k], (1.0, T[2, 0], T[2, 1], T[2, 2]), (run.y, w[0], w[1], w[2]))
             # The equations do not depend on the time integrals of the multipliers.
-            fill(y[weights.size :], 0.0)
+            fill(run.ends[k, weights.size :], 0.0)
+            for i in range(3):
+                combine(run.ends_w[3 * k + i], (1.0,), (w[i],))
             return DONE
+        is_tested = iteration >= _FIRST_TESTED_ITERATION
+        if is_tested and size * rate ** (_MAX_ITERATIONS - iteration) > limit:
+            return NOT_CONVERGED
         previous = size
     return NOT_CONVERGED
+
+
+def _evaluate_residual(run: VariationalWorkspace, i: int) -> None:
+    """Evaluate the reduced residual of stage `i`; q' = v holds for defined velocities."""
+    at, n, size = run.reduction, run.form.n, run.real_nonzeros.size
+    rows, columns, unknowns, rates = run.entry_rows, run.entry_columns, run.unknowns, run.rates[i]
+    residual, product, parts = run.residuals[i], run.product, run.jacobians[i]
+    reduce_unknowns(at, n, run.stages[i], unknowns)
+    scatter(residual, rows, parts[:size], unknowns, columns)
+    reduce_unknowns(at, n, rates, unknowns)
+    scatter(product, rows, parts[size : 2 * size], unknowns, columns)
+    combine(residual, (1.0, 1.0), (residual, product))
+    # The last part acts on accelerations only.
+    combine(unknowns[:n], (1.0,), (rates[n : 2 * n],))
+    scatter(product, rows, parts[2 * size : 3 * size], unknowns, columns)
+    combine(residual, (1.0, 1.0), (residual, product))

@@ -74,7 +74,7 @@ def solve_stages(run: RadauWorkspace, h: float, renew: bool) -> int:
     return _iterate_newton(run, h)
 
 
-def predict_stages(run: RadauWorkspace, h: float) -> None:
+def predict_stages(run: Any, h: float) -> None:
     """Predict W from the last collocation polynomial, or with constant y' in a first step.
 
     Where no correction by joints enters q' = v, velocities are derivatives of predicted positions.
@@ -101,7 +101,7 @@ def predict_stages(run: RadauWorkspace, h: float) -> None:
     derive_velocities(run, h)
 
 
-def derive_velocities(run: RadauWorkspace, h: float) -> None:
+def derive_velocities(run: Any, h: float) -> None:
     """Set the defined velocities of the stages to the derivatives of their positions."""
     n, w, at = run.form.n, run.w, run.reduction
     known = (w[0][:n], w[1][:n], w[2][:n], run.y[n : 2 * n])
@@ -111,7 +111,7 @@ def derive_velocities(run: RadauWorkspace, h: float) -> None:
         pick(w[i], at.defined_velocities, run.velocities, at.defined, 0, at.defined.size)
 
 
-def set_stages(run: RadauWorkspace, h: float) -> None:
+def set_stages(run: Any, h: float) -> None:
     """Compute the stages Y and Y' from W."""
     w = run.w
     for i in range(3):
@@ -205,33 +205,35 @@ def _iterate_newton(run: RadauWorkspace, h: float) -> int:
 
 
 def correct_stages(run: RadauWorkspace, h: float) -> None:
-    """Subtract the corrections from W that belong to `run.stage_residuals`."""
-    w, residuals = run.w, run.stage_residuals
+    """Subtract the corrections from W that belong to `run.stage_residuals`.
+
+    Rows q' = v must hold already.
+    """
+    at, n, residuals = run.reduction, run.form.n, run.stage_residuals
     factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
     stage_residuals = (residuals[0], residuals[1], residuals[2])
     combine(run.real_change, factors, stage_residuals)
     combine(run.complex_change, (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2]), stage_residuals)
-    _solve_real(run, h)
-    _solve_complex(run, h)
+    reduce_right(at, n, run.real_change, run.right)
+    reduce_right(at, n, run.complex_change, run.complex_right)
+    subtract_corrections(run, h)
+
+
+def subtract_corrections(run: Any, h: float) -> None:
+    """Subtract the corrections from W that belong to reduced right-hand sides.
+
+    `run` has the attributes of a `RadauWorkspace`; `run.right` and `run.complex_right` are replaced
+    by the solutions.
+    """
+    at, n, w = run.reduction, run.form.n, run.w
+    solve(run.real_solver, run.right)
+    expand_solution(at, n, REAL_EIGENVALUE / h, run.right, run.real_change)
+    solve(run.complex_solver, run.complex_right)
+    expand_solution(at, n, COMPLEX_EIGENVALUE / h, run.complex_right, run.complex_change)
     split_complex(run.complex_real, run.complex_imaginary, run.complex_change)
     combine(w[0], (1.0, -1.0), (w[0], run.real_change))
     combine(w[1], (1.0, -1.0), (w[1], run.complex_real))
     combine(w[2], (1.0, -1.0), (w[2], run.complex_imaginary))
-
-
-def _solve_real(run: RadauWorkspace, h: float) -> None:
-    """Replace `real_change`, whose rows q' = v must hold already, by the solution."""
-    at, n, change, reduced = run.reduction, run.form.n, run.real_change, run.right
-    reduce_right(at, n, change, reduced)
-    solve(run.real_solver, reduced)
-    expand_solution(at, n, REAL_EIGENVALUE / h, reduced, change)
-
-
-def _solve_complex(run: RadauWorkspace, h: float) -> None:
-    at, n, change, reduced = run.reduction, run.form.n, run.complex_change, run.complex_right
-    reduce_right(at, n, change, reduced)
-    solve(run.complex_solver, reduced)
-    expand_solution(at, n, COMPLEX_EIGENVALUE / h, reduced, change)
 
 
 def estimate_error(run: RadauWorkspace, h: float) -> None:
