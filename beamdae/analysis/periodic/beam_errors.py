@@ -86,6 +86,10 @@ class _TransferredLinearization(Linearization):
 
     prolongation: Array
 
+    def update(self, last: PeriodRun, run: PeriodRun) -> Linearization:
+        """Return this linearization: the matrix has other motions than the runs."""
+        return self
+
     def newton_step(self, run: PeriodRun, largest: float) -> tuple[Array, float, float]:
         """Return the changes of (q, v), (2 n',), and of the period, and their share.
 

@@ -96,8 +96,10 @@ _TINY = 1e-300  # avoids a division by zero
 _MAX_HALVINGS = 5
 # A matrix is kept for the next Newton step if the last step reduced the deviation as predicted
 # within this fraction, full steps to at most this fraction: a run costs a period, a new matrix two
-# to six. Meanwhile, the runs improve the matrix.
+# to six. Meanwhile, the runs improve the matrix, unless the period is an unknown: those of undamped
+# strips spoil it.
 _MAX_PREDICTION_ERROR = 0.3
+_MAX_FREE_PREDICTION_ERROR = 0.1
 # Rank tolerance of Newton's matrix. Disturbances that shrink below it within a period need no
 # linearization: Newton's method leaves them to the run (Lust, Roose, Spence & Champneys, SIAM J.
 # Sci. Comput. 19 (1998) 1188). With 1e-2, kept matrices do not reduce the deviation of stiff beams.
@@ -307,8 +309,9 @@ class PeriodMap:
         e = self.equations
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
         q, v, amplitudes = state.q, state.v, None
-        for count in (1, periods - 1) if self.is_coarse else (periods,):
-            if count > 0:
+        first = min(periods, 1) if self.is_coarse else periods
+        for count in (first, periods - first):
+            if count:
                 solution = self.run(q, v, amplitudes, count)
                 amplitudes = np.split(self.state_scales(solution), 2)[0]
                 q, v = self.end_state(solution)
@@ -736,6 +739,7 @@ def _iterate(
     stagnation = _COARSE_STAGNATION if period_map.is_coarse else _STAGNATION
     best, last_halving, contraction = result, 0, np.inf
     largest_change, prediction_error = _MAX_CHANGE, 0.0
+    max_error = _MAX_FREE_PREDICTION_ERROR if free_period else _MAX_PREDICTION_ERROR
     for iteration in range(1, _MAX_ITERATIONS + 1):
         if linearization is None:
             if result.relative_deviation <= tolerance.target:
@@ -745,7 +749,7 @@ def _iterate(
         correction = max(result.relative_size(change), abs(stretch))
         if tolerance.is_met(result.relative_deviation, correction, contraction):
             return result, iteration - 1, linearization
-        if prediction_error > _MAX_PREDICTION_ERROR:
+        if prediction_error > max_error:
             try:
                 linearization = Linearization.from_run(result, free_period)
             except LinearizationError:
@@ -757,10 +761,11 @@ def _iterate(
         if max(correction, result.relative_deviation) > max_difference:
             return best, iteration - 1, linearization
         last, result = result, _shoot_from(result, change, stretch, linearization.persistent)
-        linearization = linearization.update(last, result)
+        if not free_period:
+            linearization = linearization.update(last, result)
         contraction = result.relative_deviation / last.relative_deviation
         prediction_error = contraction if share == 1.0 else result.prediction_error(last, share)
-        if prediction_error > _MAX_PREDICTION_ERROR:
+        if prediction_error > max_error:
             largest_change = _MAX_CHANGE
         elif share < 1.0:
             largest_change *= _CHANGE_GROWTH
@@ -811,18 +816,15 @@ class Linearization:
     def update(self, last: PeriodRun, run: PeriodRun) -> Linearization:
         """Return the linearization that predicts the change of the deviation between two runs.
 
+        Both have the same period.
         The change of the matrix is the smallest possible one (Broyden, Math. Comp. 19 (1965) 577).
         """
         before, after = (x.period_map.deviation(x.solution) for x in (last, run))
-        projection, size = self.run.projection, len(self.run.deviation)
+        projection = self.run.projection
         shift = projection @ (run.state - last.state)
-        if len(self.matrix) > size:
-            periods = run.period_map.period - last.period_map.period
-            shift = np.append(shift, periods / self.run.period_map.period)
-        matrix = self.matrix.copy()
-        error = projection @ (after - before) - matrix[:size] @ shift
-        matrix[:size] += np.outer(error, shift) / max(float(shift @ shift), _TINY)
-        return replace(self, matrix=matrix)
+        error = projection @ (after - before) - self.matrix @ shift
+        update = np.outer(error, shift) / max(float(shift @ shift), _TINY)
+        return replace(self, matrix=self.matrix + update)
 
     def newton_step(self, run: PeriodRun, largest: float) -> tuple[Array, float, float]:
         """Return the changes of (q, v), (2 n,), and of the period, relative to the period.
