@@ -6,88 +6,53 @@ This module does not import pandas, because importing pandas takes as long as a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from beamdae import deferred
 from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.part_warnings import (
-    MotionSamples,
-    idle_part_warnings,
-    start_inside_warnings,
-    supplied_energy_warnings,
-)
-from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.contacts.hard_impacts import (
     HardImpact,
     find_hard_impacts,
-    hard_impact_warnings,
 )
-from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
-from beamdae.results.diagnostics.contacts.impacts import impact_warnings
-from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
 from beamdae.results.diagnostics.energy_balance import EnergyLedger, Quality
-from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
-    range_warnings,
-    sample_positions,
-    strain_warnings,
 )
-from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
-from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
-from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
-from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
-from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
-from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
-from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
     find_missed_peaks,
     measure_step_extremes,
-    missed_peak_warnings,
-    unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
-from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
-    singularity_warnings,
 )
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
-from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
-from beamdae.results.diagnostics.table_ranges import table_range_warnings
-from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.provenance import describe_provenance, state_hash
-from beamdae.results.section_forces.balance import group_rows
 from beamdae.results.storage.files import versions as installed_versions
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
 
-# The columns of longer runs are thinned out before they are checked.
-_MAX_CHECKED_ROWS = 10_000
 # Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
 # take as much again.
 _MAX_BLOCK_BYTES = 2.5e7
 _MAX_CACHED_BYTES = 1e8  # of states at the output times that are kept after columns are evaluated
-_POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
 
 
 @read_only_data
@@ -205,16 +170,6 @@ class RunData:
         )
 
     @cached_property
-    def row_warnings(self) -> tuple[str, ...]:
-        """Warnings about peaks and vibrations that the output rows do not show."""
-        is_resolved = not self.hard_impacts
-        return (
-            *missed_peak_warnings(self.missed_peaks, len(self.t), is_resolved),
-            *unknown_peak_warnings(self.equations, self.trajectory),
-            *self._coarse_row_warnings(),
-        )
-
-    @cached_property
     def hard_impacts(self) -> tuple[HardImpact, ...]:
         """Contacts whose force rises faster than the elements of a touched beam resolve."""
         return find_hard_impacts(self.equations, self.trajectory)
@@ -287,110 +242,16 @@ class RunData:
         return find_singular_positions(self.equations, self.trajectory)
 
     @cached_property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the reliability of the run and the model; `simulate` issues them.
-
-        The first ones are about the motion and the deformation, followed by missed extremes, by
-        errors of single forces and columns, and by notes on the start and the model.
-        """
-        checked = self._with_checked_rows()
-        return (
-            *self._balance_warnings(),
-            *column_warnings(checked.columns, checked.t),
-            *singularity_warnings(self.singular_positions),
-            *range_warnings(self.validity),
-            *strain_warnings(
-                self.equations, self.validity, lambda: sample_positions(self.trajectory)
-            ),
-            *(x.sentence for x in self.suspected_errors),
-            *hard_impact_warnings(self.hard_impacts),
-            *self.row_warnings,
-            *impact_warnings(self.equations, self.trajectory, self.event_records),
-            *velocity_jump_warnings(self.equations, self.trajectory, self.event_records),
-            *self._step_warnings(),
-            *slow_sliding_warnings(self.equations, self.trajectory),
-            *impact_speed_warnings(self.equations, self.trajectory),
-            *mesh_error_warnings(self.equations, checked.columns, checked._select_loaded_state),
-            *self._long_element_warnings(),
-            *moving_load_warnings(self.equations, self.trajectory),
-            *growing_loop_warnings(self.equations, self.trajectory),
-            *table_range_warnings(self.equations, self.trajectory),
-            *self._start_transient_warnings(),
-            *self.resume_warnings,
-            *filter(None, (self.start.warning, self._describe_unstable_start())),
-            *self._part_warnings(),
-            *self.equations.build_warnings,
-        )
-
-    def _describe_unstable_start(self) -> str:
-        """Return a sentence if the run starts in an unstable equilibrium; otherwise ""."""
-        if self.start.request != EQUILIBRIUM:
-            return ""
-        statics = deferred.module("analysis.statics.start_stability")
-        return str(statics.describe_unstable_start(self.equations, self.trajectory.start))
-
-    def _start_transient_warnings(self) -> Iterator[str]:
-        """Yield a warning about extremes that a start in equilibrium avoids."""
-        yield from start_transient_warnings(
-            self.equations,
-            self.trajectory,
-            self.step_extremes,
-            lambda rows, state: self._observe(rows, *state),
-        )
-
-    @cached_property
     def _is_at_rest(self) -> bool:
         return is_at_rest(self.equations, self.trajectory, self._energy_ledger.force.scale)
 
-    def _balance_warnings(self) -> Iterator[str]:
-        """Yield warnings about the energy balance and the residual."""
-        if not self._is_at_rest:
-            yield from balance_warnings(self.equations, self._energy_ledger)
-
     @cached_property
     def suspected_errors(self) -> tuple[SuspectedError, ...]:
-        """Those of the `warnings` that an estimate of the errors of columns may exclude."""
+        """Warnings of the run that an estimate of the errors of columns may exclude."""
         return (
             *self._long_step_warnings(),
             *small_motion_warnings(self.equations, self.trajectory, self.integrator),
         )
-
-    def _long_element_warnings(self) -> Iterator[str]:
-        """Yield warnings about elements that are too long for vibrations."""
-        if self._is_at_rest:
-            return
-        examined = dict(
-            examine_vibrations(
-                self.equations,
-                self.trajectory,
-                self.step_extremes,
-                lambda rows, state: self._observe(rows, *state),
-            )
-        )
-        yield from filter(None, examined.values())
-        yield from long_element_warnings(
-            self.equations,
-            self.trajectory,
-            self.step_extremes,
-            self._observe_at,
-            lambda: self._energy_ledger.has_free_vibrations,
-            examined,
-        )
-
-    def _coarse_row_warnings(self) -> Iterator[str]:
-        """Yield warnings about vibrations that the output rows do not show."""
-        # Long runs store only the rows, and few steps between them.
-        has_all_steps = all(x.record is None for x in self.trajectory.intervals)
-        if has_all_steps and not self._is_at_rest:
-            rtol = self.integrator.get("rtol") or 0.0
-            yield from coarse_row_warnings(
-                self.t,
-                self.columns,
-                self._observe_at,
-                self.equations.length,
-                rtol,
-                self.find_drift,
-            )
 
     def _observe_at(self, times: Array) -> Array:
         """Return rows of the observed columns at ascending times [s]."""
@@ -414,48 +275,6 @@ class RunData:
                 lambda: self._energy_ledger.has_free_vibrations,
             )
 
-    def _select_loaded_state(self, row: int) -> LoadedState:
-        """Return the state at an output time; load factors of inactive parts are zero."""
-        t = self.t[[row]]
-        ((_, factors),) = group_rows(self.trajectory, t)
-        if "_output" not in vars(self):
-            return LoadedState(*self.trajectory.at(t), factors)
-        times, state = self._output
-        return LoadedState(times[[row]], State(*(x[[row]] for x in state)), factors)
-
-    def _step_warnings(self) -> Iterator[str]:
-        """Yield warnings about forces and reactions that steps do not resolve."""
-        if self._has_fixed_steps:
-            yield from unresolved_force_warnings(self.equations, self.trajectory)
-        if not self._is_at_rest:
-            yield from driven_reaction_warnings(
-                self.equations,
-                self.trajectory,
-                self.columns,
-                self.t,
-                self._observe,
-                self.integrator,
-            )
-
-    def _part_warnings(self) -> Iterator[str]:
-        """Yield warnings about parts that do nothing, start inside a surface or supply energy."""
-        first, equations = self.trajectory.intervals[0], self.equations
-        start, end = self.trajectory.start, self.trajectory.end
-        # A run that was stopped early does not show which parts act later.
-        yield from idle_part_warnings(equations, start, self.model.get("t_end", end))
-        if start == 0.0:
-            # A resumed run may start in the middle of an impact.
-            active, state = first.active_equations(equations), State(*(x[0] for x in first.rows))
-            time = np.array([first.t[0], first.branch])
-            yield from start_inside_warnings(equations, active, time, state)
-        if end > start:
-            yield from supplied_energy_warnings(equations, self._sample_motion)
-
-    def _sample_motion(self) -> MotionSamples:
-        start, end = self.trajectory.start, self.trajectory.end
-        times, states = self.trajectory.at(np.linspace(start, end, _POWER_SAMPLES))
-        return MotionSamples(times, states.q, states.v, self._energy_ledger.energy.scale)
-
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""
         return {
@@ -466,44 +285,6 @@ class RunData:
             **asdict(self.statistics),
             **asdict(self.quality),
         }
-
-    def metadata(self, **further: Any) -> dict[str, Any]:
-        """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
-        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
-        ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
-        return {
-            "status": self.status.kind,
-            "reason": self.status.sentence,
-            "model": self.model,
-            "integrator": self.integrator,
-            "result": self.summary(),
-            "start": {
-                "asked": self.start.request,
-                "changed by the joints": [asdict(change) for change in self.start.changes],
-            },
-            "validity": [asdict(beam) for beam in self.validity],
-            "singular positions": [asdict(position) for position in self.singular_positions],
-            "events": [record.as_dict() for record in self.event_records],
-            "warnings": list(self.warnings),
-            # Used to join the tables of this run and of a run that resumes it: the hash identifies
-            # the run, and the works are added.
-            "end": {
-                "state": state_hash(end, last.q[-1], last.v[-1]),
-                **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
-            },
-            "equations": self._provenance,
-            "versions": self.versions,
-            **further,
-        }
-
-    @cached_property
-    def _provenance(self) -> dict[str, Any]:
-        return describe_provenance(self.equations)
-
-    def _with_checked_rows(self) -> RunData:
-        """Return the run with thinned output times, which suffice to check the columns."""
-        stride = len(self.t) // _MAX_CHECKED_ROWS + 1
-        return self if stride == 1 else replace(self, t=self.t[::stride])
 
     @cached_property
     def _ledger_rows(self) -> Array:

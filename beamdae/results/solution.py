@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +23,8 @@ from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
+from beamdae.results.provenance import describe_provenance, state_hash
+from beamdae.results.run_checks import ROW_CHECKS, RUN_CHECKS, Check
 from beamdae.results.run_data import RunData
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -142,6 +146,24 @@ class Solution(RunData, TimeSeries):
         import pandas as pd
 
         return pd.DataFrame(tabulate_events(self.equations, self.event_records, self._observe))
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the reliability of the run and the model; `simulate` issues them.
+
+        The first ones are about the motion and the deformation, followed by missed extremes, by
+        errors of single forces and columns, and by notes on the start and the model.
+        """
+        return tuple(chain.from_iterable(self._sentences.values()))
+
+    @property
+    def row_warnings(self) -> tuple[str, ...]:
+        """Those of the `warnings` about peaks and vibrations that the output rows do not show."""
+        return tuple(chain.from_iterable(self._sentences[check] for check in ROW_CHECKS))
+
+    @cached_property
+    def _sentences(self) -> dict[Check, tuple[str, ...]]:
+        return {check: tuple(check(self)) for check in RUN_CHECKS}
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `coordinates` by header."""
@@ -314,6 +336,39 @@ class Solution(RunData, TimeSeries):
             or a time lies outside the run.
         """
         return self.section_forces(beam, t).diagram(what)
+
+    def metadata(self, **further: Any) -> dict[str, Any]:
+        """Return the metadata of the run for `to_csv`; `further` adds or replaces entries."""
+        end, last = self.trajectory.end, self.trajectory.intervals[-1].state
+        ledger = self._energy_ledger.at(np.array([end]))[0].tolist()
+        return {
+            "status": self.status.kind,
+            "reason": self.status.sentence,
+            "model": self.model,
+            "integrator": self.integrator,
+            "result": self.summary(),
+            "start": {
+                "asked": self.start.request,
+                "changed by the joints": [asdict(change) for change in self.start.changes],
+            },
+            "validity": [asdict(beam) for beam in self.validity],
+            "singular positions": [asdict(position) for position in self.singular_positions],
+            "events": [record.as_dict() for record in self.event_records],
+            "warnings": list(self.warnings),
+            # Used to join the tables of this run and of a run that resumes it: the hash identifies
+            # the run, and the works are added.
+            "end": {
+                "state": state_hash(end, last.q[-1], last.v[-1]),
+                **dict(zip(measures.LEDGER_COLUMNS, ledger, strict=True)),
+            },
+            "equations": self._provenance,
+            "versions": self.versions,
+            **further,
+        }
+
+    @cached_property
+    def _provenance(self) -> dict[str, Any]:
+        return describe_provenance(self.equations)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from tolerances.mechanisms import parallelogram
 
 import beamdae as bd
+from beamdae.results import solution as solutions
 from beamdae.results.columns import observed_columns
 from beamdae.studies.run_values import tabulate_trajectory
 from beamdae.verification import accuracy_warning
@@ -273,12 +274,18 @@ def test_columns_that_are_not_finite_are_named():
     assert messages[1].startswith("inverse [-]: this column is not finite at 1001 of 1001 times")
 
 
-def test_columns_of_long_runs_are_thinned_out_before_they_are_checked():
-    solution = bd.simulate(bar(angle=1.0), bd.GeneralizedAlpha(step=0.1), 1.0, output_step=2e-5)
-    assert len(solution.t) == 50_001
-    checked = solution._with_checked_rows()
-    assert {len(values) for values in checked.columns.values()} == {len(checked.t)}
-    assert len(checked.t) <= 10_000
+def test_warnings_are_those_of_the_checks_in_order(monkeypatch):
+    solution = bd.simulate(bar(angle=1.0), bd.Ida(), 0.1)
+
+    def check(word):
+        return lambda run: [f"{word} until t = {run.t[-1]:g} s"]
+
+    of_rows = check("peaks")
+    monkeypatch.setattr(solutions, "ROW_CHECKS", (of_rows,))
+    monkeypatch.setattr(solutions, "RUN_CHECKS", (check("balance"), of_rows, lambda run: ()))
+    solution = replace(solution)
+    assert solution.warnings == ("balance until t = 0.1 s", "peaks until t = 0.1 s")
+    assert solution.row_warnings == ("peaks until t = 0.1 s",)
 
 
 FAILING = (bar(lambda t: np.sqrt(0.5 - t)), bd.GeneralizedAlpha(step=0.02))

@@ -2,6 +2,6 @@
 
 May import: results.trajectory, results.columns, results.section_forces.balance, equations and the
 layers below; nothing else of results.
-To extend: add a module for a new check and include its warnings in `results.run_data`. Checks of
+To extend: add a module for a new check and list its function in `results.run_checks`. Checks of
 contacts, of meshes, and of time steps and output rows are in the folders.
 """

@@ -38,7 +38,7 @@ def start_transient_warnings(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
     extremes: Mapping[str, StepExtremes],
-    observe: Callable[[Array, State], Array],
+    observe: Callable[..., Array],
 ) -> Iterator[str]:
     """Yield a warning if the largest forces are those of a vibration that the drawing causes.
 
@@ -52,7 +52,7 @@ def start_transient_warnings(
     extremes
         Extremes of the observed columns by header, see `measure_step_extremes`.
     observe
-        Function that returns rows of the observed columns at rows (t, branch) and states.
+        Function that returns the observed columns at rows of (t, branch) and of q, v, a, lam.
     """
     first = trajectory.intervals[0]
     start, duration = trajectory.start, trajectory.end - trajectory.start
@@ -86,8 +86,8 @@ def start_transient_warnings(
     if rest is None or not _is_near(equations, trajectory, states.q[0], rest.q):
         return
     at = first.times[:1]
-    (drawn,) = observe(at, states)
-    (static,) = observe(at, State(*(x[None] for x in rest)))
+    (drawn,) = observe(at, *states)
+    (static,) = observe(at, *(x[None] for x in rest))
     caused = []
     for (k, value, time), excess in excesses.items():
         change, overshoot = static[k] - drawn[k], value - static[k]
@@ -107,9 +107,7 @@ def start_transient_warnings(
     )
 
 
-def _later_extremes(
-    trajectory: Trajectory, begin: float, observe: Callable[[Array, State], Array]
-) -> Array:
+def _later_extremes(trajectory: Trajectory, begin: float, observe: Callable[..., Array]) -> Array:
     """Return the smallest and largest values of the observed columns from `begin` on, (2, k)."""
     extremes = []
     for interval in trajectory.intervals:
@@ -117,7 +115,7 @@ def _later_extremes(
         first = int(np.searchsorted(rows[:, 0], begin))
         for k in range(first, len(rows), _MAX_ROWS_AT_ONCE):
             block = slice(k, k + _MAX_ROWS_AT_ONCE)
-            values = observe(rows[block], State(*(x[::step][block] for x in interval.rows)))
+            values = observe(rows[block], *(x[::step][block] for x in interval.rows))
             extremes += [values.min(axis=0), values.max(axis=0)]
     return np.array([np.min(extremes, axis=0), np.max(extremes, axis=0)])
 

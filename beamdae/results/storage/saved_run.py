@@ -18,7 +18,8 @@ from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives, require_derivatives
 from beamdae.results.diagnostics.energy_balance import Quality
 from beamdae.results.outcome import Statistics, Status
-from beamdae.results.run_data import RunData, coordinate_headers
+from beamdae.results.run_data import coordinate_headers
+from beamdae.results.solution import Solution
 from beamdae.results.storage.files import atomic_write, require_file_path, write_result
 from beamdae.results.storage.packed_run import (
     PLAIN,
@@ -224,7 +225,7 @@ class SavedRun(TimeSeries):
         )
 
 
-def save_run(run: RunData, path: str | Path) -> Path:
+def save_run(run: Solution, path: str | Path) -> Path:
     """Write all data of a run to a zip archive of NumPy arrays and JSON; return the path.
 
     Raises

@@ -74,7 +74,7 @@ def examine_vibrations(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
     extremes: Mapping[str, StepExtremes],
-    observe: Callable[[Array, State], Array],
+    observe: Callable[..., Array],
 ) -> Iterator[tuple[str, str]]:
     """Yield the name of each beam that vibrates about rest, and a warning or "".
 
@@ -90,7 +90,7 @@ def examine_vibrations(
     extremes
         Extremes of the observed columns, by header.
     observe
-        Function that returns the observed columns at rows of (t, branch) and of states.
+        Function that returns the observed columns at rows of (t, branch) and of q, v, a, lam.
     """
     fastest = fastest_rate(trajectory)
     has_configurations = any(x.configuration is not None for x in trajectory.intervals)
@@ -209,7 +209,7 @@ class _Vibration:
     def measure(
         self,
         half_ranges: Mapping[str, float],
-        observe: Callable[[Array, State], Array],
+        observe: Callable[..., Array],
         tension: Array | float = 0.0,
         refinement: float = 1.0,
     ) -> dict[str, float]:
@@ -294,7 +294,7 @@ class _Vibration:
         self,
         change: Array,
         half_ranges: Mapping[str, float],
-        observe: Callable[[Array, State], Array],
+        observe: Callable[..., Array],
     ) -> Array:
         """Return the amplitudes of columns of a change (n,) of the amplitudes."""
         e = self.equations
@@ -302,7 +302,7 @@ class _Vibration:
         steps = scale * np.array([change.real, -change.real, change.imag, -change.imag])
         still = np.zeros_like(steps)
         states = State(self.state.q + steps, still, still, np.zeros((4, e.m)))
-        values = observe(np.tile(self.time, (4, 1)), states)
+        values = observe(np.tile(self.time, (4, 1)), *states)
         columns = values[:, [e.observed_headers.index(x) for x in half_ranges]]
         return np.asarray(
             np.hypot(columns[0] - columns[1], columns[2] - columns[3]) / (2.0 * scale)

@@ -1,0 +1,233 @@
+"""Checks of completed runs, whose warnings `Solution.warnings` lists in the order of this file.
+
+A check is a function of a run that yields sentences. To add one, write the function in
+`results.diagnostics` and add it to `RUN_CHECKS`: by `_of_motion` if it reads the equations and the
+steps, and by a function of the run in this module if it reads more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from beamdae import deferred
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.part_warnings import (
+    MotionSamples,
+    idle_part_warnings,
+    start_inside_warnings,
+    supplied_energy_warnings,
+)
+from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnings
+from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
+from beamdae.results.diagnostics.contacts.impacts import impact_warnings
+from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
+from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    range_warnings,
+    sample_positions,
+    strain_warnings,
+)
+from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
+from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
+from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
+from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
+from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
+from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
+from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
+from beamdae.results.diagnostics.resolution.missed_peaks import (
+    missed_peak_warnings,
+    unknown_peak_warnings,
+)
+from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
+from beamdae.results.diagnostics.singular_positions import singularity_warnings
+from beamdae.results.diagnostics.start_transients import start_transient_warnings
+from beamdae.results.diagnostics.table_ranges import table_range_warnings
+from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
+from beamdae.results.run_data import RunData
+from beamdae.results.section_forces.balance import group_rows
+from beamdae.results.trajectory import Trajectory
+
+Check = Callable[[RunData], Iterable[str]]
+
+_POWER_SAMPLES = 201  # times at which the power of user-written damping is evaluated
+
+
+def _of_motion(check: Callable[[EquationsOfMotion, Trajectory], Iterable[str]]) -> Check:
+    return lambda run: check(run.equations, run.trajectory)
+
+
+def _balance(run: RunData) -> Iterable[str]:
+    return () if run._is_at_rest else balance_warnings(run.equations, run._energy_ledger)
+
+
+def _columns(run: RunData) -> Iterable[str]:
+    return column_warnings(run.columns, run.t)
+
+
+def _singular_positions(run: RunData) -> Iterable[str]:
+    return singularity_warnings(run.singular_positions)
+
+
+def _beam_ranges(run: RunData) -> Iterable[str]:
+    return range_warnings(run.validity)
+
+
+def _strains(run: RunData) -> Iterable[str]:
+    return strain_warnings(run.equations, run.validity, lambda: sample_positions(run.trajectory))
+
+
+def _suspected_errors(run: RunData) -> Iterable[str]:
+    return (x.sentence for x in run.suspected_errors)
+
+
+def _hard_impacts(run: RunData) -> Iterable[str]:
+    return hard_impact_warnings(run.hard_impacts)
+
+
+def _missed_peaks(run: RunData) -> Iterable[str]:
+    return missed_peak_warnings(run.missed_peaks, len(run.t), is_resolved=not run.hard_impacts)
+
+
+def _coarse_rows(run: RunData) -> Iterable[str]:
+    # Long runs store only the rows, and few steps between them.
+    has_all_steps = all(x.record is None for x in run.trajectory.intervals)
+    if run._is_at_rest or not has_all_steps:
+        return ()
+    return coarse_row_warnings(
+        run.t,
+        run.columns,
+        run._observe_at,
+        run.equations.length,
+        run.integrator.get("rtol") or 0.0,
+        run.find_drift,
+    )
+
+
+def _impacts(run: RunData) -> Iterable[str]:
+    return impact_warnings(run.equations, run.trajectory, run.event_records)
+
+
+def _velocity_jumps(run: RunData) -> Iterable[str]:
+    return velocity_jump_warnings(run.equations, run.trajectory, run.event_records)
+
+
+def _unresolved_forces(run: RunData) -> Iterable[str]:
+    has_fixed_steps = run._has_fixed_steps
+    return unresolved_force_warnings(run.equations, run.trajectory) if has_fixed_steps else ()
+
+
+def _driven_reactions(run: RunData) -> Iterable[str]:
+    if run._is_at_rest:
+        return ()
+    return driven_reaction_warnings(
+        run.equations, run.trajectory, run.columns, run.t, run._observe, run.integrator
+    )
+
+
+def _mesh_errors(run: RunData) -> Iterable[str]:
+    def select_state(row: int) -> LoadedState:
+        """Return the state at an output time; load factors of inactive parts are zero."""
+        ((_, factors),) = group_rows(run.trajectory, run.t[[row]])
+        return LoadedState(*run.trajectory.at(run.t[[row]]), factors)
+
+    return mesh_error_warnings(run.equations, run.columns, select_state)
+
+
+def _long_elements(run: RunData) -> Iterator[str]:
+    if run._is_at_rest:
+        return
+    motion = run.equations, run.trajectory, run.step_extremes
+    examined = dict(examine_vibrations(*motion, run._observe))
+    yield from filter(None, examined.values())
+    yield from long_element_warnings(
+        *motion, run._observe_at, lambda: run._energy_ledger.has_free_vibrations, examined
+    )
+
+
+def _start_transients(run: RunData) -> Iterable[str]:
+    return start_transient_warnings(run.equations, run.trajectory, run.step_extremes, run._observe)
+
+
+def _resumed_run(run: RunData) -> Iterable[str]:
+    return run.resume_warnings
+
+
+def _start_changes(run: RunData) -> Iterable[str]:
+    return filter(None, (run.start.warning,))
+
+
+def _unstable_start(run: RunData) -> Iterable[str]:
+    if run.start.request != EQUILIBRIUM:
+        return ()
+    statics = deferred.module("analysis.statics.start_stability")
+    return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
+
+
+def _idle_parts(run: RunData) -> Iterable[str]:
+    start, end = run.trajectory.start, run.trajectory.end
+    # A run that was stopped early does not show which parts act later.
+    return idle_part_warnings(run.equations, start, run.model.get("t_end", end))
+
+
+def _parts_inside_surfaces(run: RunData) -> Iterable[str]:
+    if run.trajectory.start != 0.0:
+        # A resumed run may start in the middle of an impact.
+        return ()
+    first = run.trajectory.intervals[0]
+    active, state = first.active_equations(run.equations), State(*(x[0] for x in first.rows))
+    return start_inside_warnings(run.equations, active, np.array([first.t[0], first.branch]), state)
+
+
+def _supplied_energy(run: RunData) -> Iterable[str]:
+    start, end = run.trajectory.start, run.trajectory.end
+
+    def sample_motion() -> MotionSamples:
+        times, states = run.trajectory.at(np.linspace(start, end, _POWER_SAMPLES))
+        return MotionSamples(times, states.q, states.v, run._energy_ledger.energy.scale)
+
+    return supplied_energy_warnings(run.equations, sample_motion) if end > start else ()
+
+
+def _built_model(run: RunData) -> Iterable[str]:
+    return run.equations.build_warnings
+
+
+# Warnings about peaks and vibrations that the output rows do not show.
+ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings), _coarse_rows)
+
+RUN_CHECKS: tuple[Check, ...] = (
+    # The motion and the deformation.
+    _balance,
+    _columns,
+    _singular_positions,
+    _beam_ranges,
+    _strains,
+    _suspected_errors,
+    _hard_impacts,
+    # Missed extremes.
+    *ROW_CHECKS,
+    # Single forces and columns.
+    _impacts,
+    _velocity_jumps,
+    _unresolved_forces,
+    _driven_reactions,
+    _of_motion(slow_sliding_warnings),
+    _of_motion(impact_speed_warnings),
+    _mesh_errors,
+    _long_elements,
+    _of_motion(moving_load_warnings),
+    _of_motion(growing_loop_warnings),
+    _of_motion(table_range_warnings),
+    # The start and the model.
+    _start_transients,
+    _resumed_run,
+    _start_changes,
+    _unstable_start,
+    _idle_parts,
+    _parts_inside_surfaces,
+    _supplied_energy,
+    _built_model,
+)
