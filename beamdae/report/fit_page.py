@@ -114,6 +114,8 @@ def describe_fit(fit: Fit) -> dict[str, str]:
         "data": f"{fit.residuals.size} in {format_count(len(fit.solutions), 'experiment')}",
         "runs": f"{fit.evaluations} with derivatives of each experiment",
     }
+    if searches := fit.describe_starts():
+        facts["searches"] = searches
     if fit.at_bounds:
         facts["at a bound"] = ", ".join(fit.at_bounds)
     return facts

@@ -273,3 +273,31 @@ def test_regression_parameters_without_effect_keep_their_first_values(exact):
     assert result.parameters["stiff"] == 1e7
     assert result.standard_deviations[2] > 1e7
     assert not any("hardly distinguish" in x for x in result.undetermined)
+
+
+def test_regression_parameters_that_the_model_does_not_use_take_no_evaluations(exact):
+    """An unused parameter moved to three times its first value and took eleven more runs."""
+
+    @bd.model(t_end=2.0)
+    def with_unused(stiffness=30.0, damping=0.5, unused=1.0):
+        return oscillator(stiffness=stiffness, damping=damping)
+
+    data = {"t [s]": TIMES, "mass.x": exact + white()}
+    used = bd.fit(with_unused, data, ["stiffness", "damping"], METHOD)
+    with pytest.warns(bd.BeamdaeWarning, match="small changes of unused change no number"):
+        both = bd.fit(with_unused, data, ["stiffness", "damping", "unused"], METHOD)
+    assert both.evaluations == used.evaluations
+    assert both.parameters == {**used.parameters, "unused": 1.0}
+
+
+def test_parameters_that_have_an_effect_later_are_fitted(exact):
+    @bd.model(t_end=2.0)
+    def stiff_only(stiffness=30.0, level=1.0):
+        """Damping begins at a stiffness of 35."""
+        rate = 0.1 * level * max(stiffness - 35.0, 0.0)
+        return oscillator(stiffness=stiffness, damping=rate)
+
+    data = {"t [s]": TIMES, "mass.x": exact}
+    result = bd.fit(stiff_only, data, ["stiffness", "level"], METHOD)
+    assert result.status.success
+    assert result.parameters == pytest.approx({"stiffness": 40.0, "level": 1.6}, rel=1e-4)

@@ -81,7 +81,14 @@ def test_experiments_shifts_and_starts(here):
     assert document["estimates"]["stiffness"]["value"] == pytest.approx(40.0, rel=1e-3)
     shift = document["estimates"]["shift of mass.x in heavy"]["value"]
     assert shift == pytest.approx(0.01, rel=1e-2)
-    assert len(document["files"]) == 2
+    searches = pd.read_csv("results/oscillator_fit_starts.csv")
+    assert document["files"][2] == str(Path("results", "oscillator_fit_starts.csv"))
+    assert len(document["files"]) == 3
+    assert searches["stiffness"].tolist() == pytest.approx([40.0, 40.0], rel=1e-3)
+    assert [x["evaluations"] for x in document["searches"]] == searches["evaluations"].tolist()
+    # Nothing was printed on the searches. The stored ones are read.
+    text = run("long.csv", "--by", "stiffness", *options).stdout
+    assert "2 of 2 searches end at these estimates" in text
     assert len(list(Path("results/oscillator_fit_starts/outcomes").glob("*.json"))) == 2
 
 

@@ -16,7 +16,7 @@ from beamdae import deferred
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
-from beamdae.analysis.fit.search import SearchResult
+from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
@@ -48,6 +48,8 @@ _MIN_SINGULAR_RATIO = 1e-9
 _MIN_RELATIVE_VALUE = 1e-3
 # Estimates that more accurate runs change by more, in standard deviations, depend on the steps.
 _MAX_STEP_ERROR = 0.3
+# Searches with a larger difference of their sums of squares, in variances, have other minima.
+_MAX_SUM_DIFFERENCE = 0.1
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
 _MIN_RELATIVE_SIGMA = 1e-6
 # From this share of the mean of the residuals in their root mean square, squared, offsets help.
@@ -331,6 +333,23 @@ class Fit:
         None without the argument `starts` of `fit`.
         """
         return None if self._starts is None else self._starts.copy()
+
+    def describe_starts(self) -> str:
+        """Return how many of several searches ended at the estimates, or "" of one search.
+
+        Others have a sum of squares that is larger by over 0.1 times the variance of the errors.
+        """
+        if self._starts is None:
+            return ""
+        sums = self._starts["chi-square"].dropna().to_numpy(float)
+        variance = 1.0 if self.is_sigma_known else self.chi_square / max(self.degrees_of_freedom, 1)
+        rounding = MIN_RELATIVE_RESIDUAL**2 * self._problem.weighted_square
+        limit = sums.min(initial=np.inf) + max(_MAX_SUM_DIFFERENCE * variance, rounding)
+        text = f"{np.sum(sums <= limit)} of {len(self._starts)} searches end at these estimates"
+        worse = sums[sums > limit]
+        if len(worse):
+            text += f"; the next lowest chi-square is {worse.min():.4g}, not {sums.min():.4g}"
+        return text
 
     def table(self) -> pd.DataFrame:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.

@@ -28,7 +28,7 @@ _MAX_NEXT_STEP = 0.1
 # Logarithm of the ratio to its first value from which a parameter without effect ran away.
 _MIN_RUNAWAY = np.log(10.0)
 # Residuals below this ratio to the data are rounding errors, whose next step is arbitrary.
-_MIN_RELATIVE_RESIDUAL = 1e-6
+MIN_RELATIVE_RESIDUAL = 1e-6
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
 _MIN_SINGULAR_RATIO = 1e-9
 
@@ -76,8 +76,8 @@ def search(
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
-    Only the variables marked in `free` (K,) vary; None means all. `check_start` is called with the
-    first evaluation.
+    Only the variables marked in `free` (K,) vary; None means all. Variables without any effect keep
+    their first values. `check_start` is called with the first evaluation.
 
     Raises
     ------
@@ -87,7 +87,8 @@ def search(
         If Ctrl-C ends the search after its first evaluation, with the `SearchResult` at the best
         values as partial result.
     """
-    free = np.ones(len(first), bool) if free is None else free
+    given = np.ones(len(first), bool) if free is None else free
+    free = given
     evaluations = 0
     failures: list[str] = []
     failed_values = scaling.values(first)
@@ -149,6 +150,12 @@ def search(
     if not free.any():
         is_at_bound = np.zeros(len(first), bool)
         return SearchResult(start, 1, Status("ok", "all parameters are fixed"), is_at_bound)
+    # The steps of variables without effect are arbitrary, and the search would take many more.
+    has_effect = np.any(start.projected_jacobian, axis=0)
+    if (given & has_effect).any():
+        free = given & has_effect
+        begin = first[free]
+        latest = begin.tobytes(), start
     lower, upper = (limit[free] for limit in scaling.limits)
     at_bounds = np.zeros(len(first), bool)
     # The search must not depend on the units of the data.
@@ -174,6 +181,12 @@ def search(
         raise Interrupted(reason, partial) from None
     last = evaluate(result.x)
     assert last is not None
+    if np.any(last.projected_jacobian[:, given & ~free]) and max_evaluations > evaluations:
+        # They have an effect elsewhere.
+        again = search(
+            problem, scaling, scaling.variables(last.values), max_evaluations - evaluations, given
+        )
+        return replace(again, evaluations=evaluations + again.evaluations)
     at_bounds[free] = result.active_mask != 0
     if result.success:
         at_bounds[free] |= _find_bounds_ahead(result, lower, upper)
@@ -264,7 +277,7 @@ def _judge_end(
     residuals = end.residuals
     freedom = max(residuals.size - jacobian.shape[1], 1)
     left = float(residuals @ residuals)
-    if left <= _MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square:
+    if left <= MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square:
         return Status("ok", "converged")
     directions, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
     largest = singular.max(initial=0.0)

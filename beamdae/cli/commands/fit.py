@@ -126,8 +126,8 @@ def fit_command(
 
     The data determine the end time of the runs.
 
-    With several starts, finished searches are stored in the results folder: run the same command
-    again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
+    With several starts, a table (CSV) contains all searches, and finished searches are stored in
+    the results folder: run the same command again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
     if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C (the best
     values so far are written).
     """
@@ -154,8 +154,15 @@ def fit_command(
     }
     stem = f"{model.name}_fit"
     table_path, residuals_path = out / f"{stem}.csv", out / f"{stem}_residuals.csv"
+    starts_path = out / f"{stem}_starts.csv"
     page_path, picture_path = out / f"{stem}.html", out / f"{stem}.png"
-    planned = [table_path, residuals_path, *[page_path] * page, *[picture_path] * picture]
+    planned = [
+        table_path,
+        residuals_path,
+        *[starts_path] * (starts > 1),
+        *[page_path] * page,
+        *[picture_path] * picture,
+    ]
     require_writable(("--out", planned))
     from beamdae.analysis.fit.fit import fit
     from beamdae.results.storage.files import escape_table, write_text
@@ -165,9 +172,12 @@ def fit_command(
             options |= {"folder": out / f"{stem}_starts", "jobs": jobs}
             options["progress"] = stack.enter_context(show_study_progress())
         result = fit(model, data, integrator=method, partial="return", **options)
-    residuals = escape_table(result.residual_table()).to_csv(index=False)
+    tables = {residuals_path: result.residual_table()}
+    if result.starts is not None:
+        tables[starts_path] = result.starts
+    texts = {path: escape_table(table).to_csv(index=False) for path, table in tables.items()}
     files = WrittenFiles(
-        [result.to_csv(table_path), write_text(residuals_path, residuals)],
+        [result.to_csv(table_path), *(write_text(path, text) for path, text in texts.items())],
         (page_path, picture_path),
     )
     _print_results(result, model.name)
@@ -238,6 +248,8 @@ def _print_results(result: Fit, name: str) -> None:
     facts = {key: name_options(text) for key, text in describe_fit(result).items()}
     console = print_facts(name, facts, lambda: _json_results(result))
     console.print(text_tables.estimates_table(result.table(), result.units))
+    if result.starts is not None:
+        console.print(text_tables.searches_table(result.starts, result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
 
 
@@ -251,6 +263,7 @@ def _json_results(result: Fit) -> dict[str, Any]:
         "probability of a larger chi-square": result.probability,
         "sigma": dict(result.sigma),
         "evaluations": result.evaluations,
+        "searches": None if result.starts is None else result.starts.to_dict("records"),
         "undetermined": list(result.undetermined),
         "at bounds": list(result.at_bounds),
     }
