@@ -127,9 +127,9 @@ def fit_command(
     The data determine the end time of the runs.
 
     With several starts, a table (CSV) contains all searches, and finished searches are stored in
-    the results folder: run the same command again to resume. Exits with 0 if the search converged, 1 if not (the last values are written) or
-    if the page or picture failed, 2 for a usage or model error, and 130 after Ctrl-C (the best
-    values so far are written).
+    the results folder: run the same command again to resume. Exits with 0 if the search converged,
+    1 if not (the last values are written) or if the page or picture failed, 2 for a usage or model
+    error, and 130 after Ctrl-C (the best values so far are written).
     """
     from beamdae.cli.model_files.model_file import ModelFile
 
@@ -156,13 +156,8 @@ def fit_command(
     table_path, residuals_path = out / f"{stem}.csv", out / f"{stem}_residuals.csv"
     starts_path = out / f"{stem}_starts.csv"
     page_path, picture_path = out / f"{stem}.html", out / f"{stem}.png"
-    planned = [
-        table_path,
-        residuals_path,
-        *[starts_path] * (starts > 1),
-        *[page_path] * page,
-        *[picture_path] * picture,
-    ]
+    planned = [table_path, residuals_path, *[starts_path] * (starts > 1)]
+    planned += [*[page_path] * page, *[picture_path] * picture]
     require_writable(("--out", planned))
     from beamdae.analysis.fit.fit import fit
     from beamdae.results.storage.files import escape_table, write_text
@@ -249,7 +244,8 @@ def _print_results(result: Fit, name: str) -> None:
     console = print_facts(name, facts, lambda: _json_results(result))
     console.print(text_tables.estimates_table(result.table(), result.units))
     if result.starts is not None:
-        console.print(text_tables.searches_table(result.starts, result.units))
+        starts = result.starts.assign(reason=result.starts["reason"].map(name_options))
+        console.print(text_tables.searches_table(starts, result.units))
     print_warnings(console, [*result.warnings, *result.undetermined])
 
 
