@@ -1,7 +1,7 @@
 """Integrators with `integrate(equations, times) -> Solution`: `alpha`, `ida`, `radau`.
 
 May import: results and everything below; only `ida` imports sundials.
-To extend: subclass `Integrator`; its `integrate` passes `drive` a function that makes a `Method`.
+To extend: subclass `Integrator`; its `method_on` returns the `Method` that takes the steps.
 """
 
 from importlib import import_module

@@ -5,10 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
@@ -19,6 +20,10 @@ from beamdae.errors import (
     short_repr,
 )
 from beamdae.results.solution import Solution
+
+if TYPE_CHECKING:
+    from beamdae.integrators.method import Method
+    from beamdae.integrators.run_plan import RunPlan
 
 Array = np.ndarray
 
@@ -44,9 +49,9 @@ class Accuracy(NamedTuple):
 class Integrator(ABC):
     """Base class of the settings of integration methods.
 
-    A subclass is a frozen dataclass of settings without run state. `accuracy` gives the name,
-    "step" or "rtol", and the value of one of its fields. The errors of positions and velocities are
-    proportional to this value to the power `order`.
+    A subclass is a frozen dataclass of settings without run state. It defines `order` and
+    `method_on`, and `accuracy` unless the accuracy is controlled by a field `step`. Override
+    `integrate` for runs that `drive` does not supply.
     """
 
     @property
@@ -55,9 +60,18 @@ class Integrator(ABC):
         return type(self).__name__
 
     @property
-    @abstractmethod
     def accuracy(self) -> Accuracy:
-        """Step [s] or relative tolerance: Accuracy("step", h) or Accuracy("rtol", rtol)."""
+        """Step [s] or relative tolerance: Accuracy("step", h) or Accuracy("rtol", rtol).
+
+        The name is that of a field of the settings. Defaults to the field `step`.
+        """
+        step = getattr(self, "step", None)
+        if step is None:
+            raise BeamdaeError(
+                f"{self.method}: the settings have no step; add a field `step` [s], or define the "
+                "property `accuracy`."
+            )
+        return Accuracy("step", step)
 
     @property
     @abstractmethod
@@ -69,11 +83,27 @@ class Integrator(ABC):
         """Name of the method with its step or rtol, for tables."""
         return f"{self.method}({self.accuracy.name}={self.accuracy.value:g})"
 
-    @abstractmethod
+    def method_on(self, plan: RunPlan) -> Method:
+        """Return the object that takes the steps of a run.
+
+        Parameters
+        ----------
+        plan
+            Equations, duration, start and scales of the run.
+
+        Returns
+        -------
+        Method
+            A `StepMethod`, with one step per call, or a `LoopMethod`.
+        """
+        raise BeamdaeError(f"{self.method}: this integrator takes no steps; define `method_on`.")
+
     def integrate(
         self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
     ) -> Solution:
         """Integrate the equations over the output times and return the solution.
+
+        By default, `drive` runs the method of `method_on`.
 
         Parameters
         ----------
@@ -99,6 +129,9 @@ class Integrator(ABC):
             If Ctrl-C ends the run; with the solution as partial result. Integrators that do not use
             `drive` may return a solution with the status "interrupted" instead.
         """
+        drive = deferred.module("integrators.drive").drive
+        solution: Solution = drive(self, equations, times, self.method_on, progress)
+        return solution
 
 
 class AdaptiveIntegrator(Integrator):

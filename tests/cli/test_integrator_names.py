@@ -29,7 +29,7 @@ from beamdae.results.outcome import Statistics
 
 @dataclass(frozen=True)
 class ImplicitEuler(bd.Integrator):
-    """y' = (y - y_n) / h."""
+    """y' = (y - y_n) / h; calls `drive` itself."""
 
     step: float = 1e-3
     iterations: int = 20

@@ -8,8 +8,6 @@ from numpy.testing import assert_allclose
 
 import beamdae as bd
 from beamdae.integrators.compiled_method import FixedStepMethod, solve_stage
-from beamdae.integrators.drive import drive
-from beamdae.integrators.integrator import Accuracy
 from beamdae.native.loop_functions import combine
 from beamdae.native.object_code import is_native_enabled
 from beamdae.native.return_codes import DONE
@@ -34,17 +32,7 @@ METHODS = []
 @dataclass(frozen=True)
 class Euler(bd.Integrator):
     step: float = 1e-3
-
-    @property
-    def accuracy(self):
-        return Accuracy("step", self.step)
-
-    @property
-    def order(self):
-        return 1
-
-    def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, self.method_on, progress)
+    order = 1
 
     def method_on(self, plan):
         METHODS.append(FixedStepMethod(plan, take_euler_step, self.step, stages=("end_point",)))

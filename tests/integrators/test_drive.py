@@ -22,7 +22,6 @@ import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators import drive as drive_module
 from beamdae.integrators import step_history
-from beamdae.integrators.drive import drive
 from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.method import clip_step
 from beamdae.integrators.run_plan import plan_run
@@ -58,17 +57,10 @@ class Roll(bd.Integrator):
     slip: object = field(default=lambda t, state, k: (t, state))
     max_steps: object = None
     time_limit: object = None
+    order = 1
 
-    @property
-    def accuracy(self):
-        return Accuracy("step", self.step)
-
-    @property
-    def order(self):
-        return 1
-
-    def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda plan: Rolling(self), progress)
+    def method_on(self, plan):
+        return Rolling(self)
 
 
 def rolling():
@@ -422,10 +414,12 @@ class Loose(Roll):
 
 
 class Plain(bd.Integrator):
-    accuracy, order = Accuracy("step", 0.1), 1
+    step, order = 0.1, 1
 
-    def integrate(self, equations, times, progress=None):
-        raise NotImplementedError
+
+@dataclass(frozen=True)
+class Stepless(bd.Integrator):
+    order = 1
 
 
 @pytest.mark.parametrize(
@@ -433,13 +427,24 @@ class Plain(bd.Integrator):
     [
         (Loose(), "the accuracy of Loose must be named 'rtol' or 'step'"),
         (Plain(), "Plain must be a dataclass whose fields"),
+        (Stepless(), "Stepless: the settings have no step; add a field `step`"),
         (bd.Ida, "integrator must be Ida"),
         ("ida", "integrator must be Ida"),
     ],
 )
 def test_invalid_integrator_is_rejected(integrator, message):
-    with pytest.raises(bd.BeamdaeError, match=f"^simulate: {message}"):
+    with pytest.raises(bd.BeamdaeError, match=f"^(simulate: )?{message}"):
         bd.simulate(rolling(), integrator, 1.0)
+
+
+def test_integrators_without_a_method_are_rejected():
+    @dataclass(frozen=True)
+    class Motionless(bd.Integrator):
+        step: float = 0.1
+        order = 1
+
+    with pytest.raises(bd.BeamdaeError, match=r"^Motionless: this integrator takes no steps"):
+        bd.simulate(rolling(), Motionless(), 1.0)
 
 
 def test_progress_during_the_pilot_run_gets_the_start_time():

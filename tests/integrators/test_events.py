@@ -14,8 +14,6 @@ from scipy.special import ellipk
 from support import use_scikit_sundae
 
 import beamdae as bd
-from beamdae.integrators.drive import drive
-from beamdae.integrators.integrator import Accuracy
 from beamdae.integrators.method import clip_step
 from beamdae.results.outcome import Statistics
 
@@ -57,17 +55,10 @@ class Ballistic(bd.Integrator):
     """A user-defined method whose steps are exact for constant forces."""
 
     step: float = 0.05
+    order = 1
 
-    @property
-    def accuracy(self):
-        return Accuracy("step", self.step)
-
-    @property
-    def order(self):
-        return 1
-
-    def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda plan: _Ballistic(self.step), progress)
+    def method_on(self, plan):
+        return _Ballistic(self.step)
 
 
 class _Ballistic:
@@ -230,8 +221,8 @@ def test_event_before_nonfinite_states_stops_the_run():
 
     @dataclass(frozen=True)
     class Breaks(Ballistic):
-        def integrate(self, equations, times, progress=None):
-            return drive(self, equations, times, lambda plan: Breaking(self.step), progress)
+        def method_on(self, plan):
+            return Breaking(self.step)
 
     solution = bd.simulate(falling(("ball.y", {"crosses": 1.0})), Breaks(), 5.0)
     assert_allclose(solution.t[-1], np.sqrt(2.0 / 9.81), rtol=1e-9)

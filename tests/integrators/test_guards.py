@@ -78,17 +78,14 @@ class PrescribedSteps(bd.Integrator):
     lengths: object = None
     rtol: float = 1e-5
     max_steps: int | None = None
+    order = 1
 
     @property
     def accuracy(self):
         return Accuracy("rtol", self.rtol)
 
-    @property
-    def order(self):
-        return 1
-
-    def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda plan: Stepping(self.lengths), progress)
+    def method_on(self, plan):
+        return Stepping(self.lengths)
 
 
 def ball():
