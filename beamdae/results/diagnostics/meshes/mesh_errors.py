@@ -138,6 +138,7 @@ class _Evaluator:
         self._evaluate = cache(partial(_evaluate_forces, *arguments))
         self._evaluate_points = cache(partial(_evaluate_point_forces, *arguments))
         self._select_sections = cache(partial(_select_sections, *arguments))
+        self._attached_at = cache(partial(_find_attached_sections, equations))
         self._has_loads_within_elements = cache(partial(_has_loads_within_elements, equations))
 
     def measure(
@@ -163,9 +164,10 @@ class _Evaluator:
         indicated = np.inf
         points = self._evaluate_points(beam, row)
         if points is not None and beam.mesh.elements > 1:
-            interpolations = _interpolate(beam, points, sections)
-            own, smoothed = (convert(x, sections) for x in interpolations)
-            indicated = float(np.max(np.abs(smoothed - own)))
+            interpolations = _interpolate(beam, points, sections, self._attached_at(beam))
+            if interpolations is not None:
+                own, smoothed = (convert(x, sections) for x in interpolations)
+                indicated = float(np.max(np.abs(smoothed - own)))
         # The sections of a largest stress are at element ends. The comparison with further sections
         # takes more time than the whole equilibrium of a small beam.
         has_further_sections = Beam.covers_beam(quantity) and self._has_loads_within_elements(beam)
@@ -199,17 +201,24 @@ class _Evaluator:
         return _ColumnError(header, s[largest], value, value + change, abs(change) / scale)
 
 
+def _find_attached_sections(equations: EquationsOfMotion, beam: Beam) -> tuple[float, ...]:
+    """Return the arc lengths [m] at which parts are attached to a beam."""
+    assert equations.mechanism is not None
+    return tuple(
+        float(attachment.s)
+        for part in equations.mechanism.parts.values()
+        for attachment in part.attachments
+        if attachment.body is beam and attachment.s is not None
+    )
+
+
 def _has_loads_within_elements(equations: EquationsOfMotion, beam: Beam) -> bool:
     """Return True if a part is attached between the ends of an element, or moves along the beam."""
     assert equations.mechanism is not None
     parts: list[Any] = list(equations.mechanism.parts.values())
-    return any(
-        attachment.body is beam
-        and attachment.s is not None
-        and not beam.mesh.has_end_at(float(attachment.s))
-        for part in parts
-        for attachment in part.attachments
-    ) or any(part.moves_along_beam and part.beam is beam for part in parts)
+    return any(part.moves_along_beam and part.beam is beam for part in parts) or not all(
+        map(beam.mesh.has_end_at, _find_attached_sections(equations, beam))
+    )
 
 
 def _select_sections(
@@ -247,19 +256,27 @@ def _evaluate_point_forces(
     return beam.kinematics.point_forces(state_at(row).state.q[0, rows])
 
 
-def _interpolate(beam: Beam, points: Array, sections: tuple[float, ...]) -> tuple[Array, Array]:
+def _interpolate(
+    beam: Beam, points: Array, sections: tuple[float, ...], attached_at: tuple[float, ...]
+) -> tuple[Array, Array] | None:
     """Interpolate section forces between the stiffness points, (3, sections) each.
 
     The first interpolation uses the points of the element only, as the strains do, and the second
-    one also the nearest point of the adjacent element.
+    one also the nearest point of an adjacent element. Section forces jump or have kinks at the
+    element ends `attached_at` [m]. Return None if an element has no other neighbor.
     """
     mesh = beam.mesh
+    distances = np.abs(np.subtract.outer(mesh.element_bounds, [0.0, beam.length, *attached_at]))
+    is_smooth = np.min(distances, axis=1) > SAME_SECTION_TOLERANCE * beam.length
     xi_points, _ = gauss_points(points.shape[1])
     lengths = mesh.element_lengths
     own, smoothed = [], []
     for s in sections:
         element, xi = mesh.locate(s)
-        side = 1 if element == 0 or (xi > 0.0 and element < mesh.elements - 1) else -1
+        sides = [1, -1] if xi > 0.0 else [-1, 1]
+        side = next((x for x in sides if is_smooth[element + (x + 1) // 2]), None)
+        if side is None:
+            return None
         neighbor = element + side
         gap = (1.0 - xi_points[-1]) * lengths[neighbor] / lengths[element]
         forces = points[element]
