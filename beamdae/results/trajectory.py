@@ -191,7 +191,7 @@ class Interval:
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
         return State(positions, _combine(motion, v), _combine(reaction, a), _combine(reaction, lam))
 
-    def positions_at(self, t: Array, coordinates: Sequence[int] | None = None) -> Array:
+    def positions_at(self, t: Array, coordinates: Sequence[int] | slice | None = None) -> Array:
         """Return the coordinates q of `at` (j, n), or only some of them."""
         columns = slice(None) if coordinates is None else coordinates
         q = self.rows.q[:, columns]
@@ -537,7 +537,7 @@ class Trajectory:
         parts = [x.derivative_at(times[index == k]) for k, x in enumerate(self.intervals)]
         return State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
-    def positions_at(self, times: Array, coordinates: Sequence[int] | None = None) -> Array:
+    def positions_at(self, times: Array, coordinates: Sequence[int] | slice | None = None) -> Array:
         """Return the coordinates q (k, n), or only some of them, at ascending times (k,) [s]."""
         index = self.interval_index(times)
         parts = [

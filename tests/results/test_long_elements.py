@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics.meshes.forced_vibrations import _Vibration
 
 SECTION = bd.Section.rectangle(bd.Material(E=210e9, nu=0.3, rho=7850.0), width=0.02, height=0.01)
 LENGTH = 1.0
@@ -154,6 +155,30 @@ def test_regression_amplitudes_of_maintained_vibrations_by_long_elements(
 def test_maintained_vibrations_of_several_elements_per_wave_have_no_warning():
     for elements, rate in ((2, frequency(1.875)), (4, frequency(4.694)), (4, 20.0)):
         assert not warnings_of(maintained(elements, rate))
+
+
+def test_short_elements_are_examined_without_linearization(monkeypatch):
+    """A bound of the error suffices: solving for the error took a third of the run's time."""
+    solved, bounds = [], []
+    measure, bound = _Vibration.measure, _Vibration.bound
+    monkeypatch.setattr(
+        _Vibration, "measure", lambda x, *a: solved.append(x.beam.name) or measure(x, *a)
+    )
+
+    def bound_and_record(vibration, half_ranges):
+        bounds.append(bound(vibration, half_ranges))
+        return bounds[-1]
+
+    monkeypatch.setattr(_Vibration, "bound", bound_and_record)
+    assert not warnings_of(maintained(5, frequency(1.875)))
+    assert len(bounds) == 1
+    assert not solved
+    # Estimates that are needed do not exceed the bound.
+    run = maintained(2, frequency(4.694))
+    (message,) = warnings_of(run)
+    estimate = float(re.search(r"about (\S+) %", message)[1]) / 100.0
+    assert solved
+    assert bounds[1] > estimate
 
 
 @pytest.mark.slow(reason="100 periods of two meshes")
