@@ -5,7 +5,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from beamdae.report.page.page_file import CurveBlock
+from beamdae.report.page.page_data import CurveBlock
 
 T = np.linspace(0.0, 2.0, 41)
 RESOLUTION = 1e-6  # of the reference

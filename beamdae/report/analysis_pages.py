@@ -16,6 +16,7 @@ from beamdae.analysis.statics.imperfections import KnockDown
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, format_count
+from beamdae.report.page.page_content import PageCase, PageColumn, PageContent, PageTable
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.pictures.mode_shapes import (
@@ -95,7 +96,7 @@ def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Pa
     return write_page(path, page if title is None else page | {"title": title})
 
 
-def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
+def build_path_page(equilibrium: Equilibrium, title: str) -> PageContent:
     """Return the page of an equilibrium path, with its points in the place of times.
 
     One chart shows the load factor over an observed column, with the critical points.
@@ -108,7 +109,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> dict[str, Any]:
         for point in equilibrium.critical
     ]
     observed = equilibrium.columns
-    tables: list[dict[str, Any]] = [
+    tables: list[PageTable] = [
         {"title": "Equilibria", "rows": list(path_facts(equilibrium).items())},
         {
             "title": "Critical points",
@@ -172,7 +173,7 @@ def _export_path_frames(equilibrium: Equilibrium) -> dict[str, Any] | None:
     return export_frames(scene, times, scale=scale)
 
 
-def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
+def build_modes_page(modes: Modes | Buckling, title: str) -> PageContent:
     """Return the page content of natural or buckling modes: their table and their motion.
 
     The motion of each mode is one period without decay or growth, scaled to be visible.
@@ -220,7 +221,7 @@ def build_modes_page(modes: Modes | Buckling, title: str) -> dict[str, Any]:
     }
 
 
-def _describe_mode_column(name: str, values: Any) -> dict[str, str]:
+def _describe_mode_column(name: str, values: Any) -> PageColumn:
     unit = Header.of(name).unit
     kind = "number" if np.asarray(values).dtype.kind in _NUMBERS else "text"
     return {"key": name, "label": name.removesuffix(f" [{unit}]"), "unit": unit, "kind": kind}
@@ -242,7 +243,7 @@ def _export_mode_frames(modes: Modes | Buckling) -> list[dict[str, Any]]:
     return [export_frames(scenes.vibrating(k, phases), shares) for k in range(len(modes))]
 
 
-def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> dict[str, Any]:
+def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> PageContent:
     """Return the page content of critical loads over a parameter or an imperfection.
 
     There is one case per point, without motion. Marks show the special points.
@@ -257,7 +258,7 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> dict[
     else:
         subtitle = "load factors of the first critical points of imperfect structures"
         facts = {"load factor without imperfection": f"{result.perfect:.7g}"}
-    tables: list[dict[str, Any]] = [
+    tables: list[PageTable] = [
         {"title": "Critical loads", "rows": [[key, value] for key, value in facts.items()]},
         {"title": "Special points", "head": ["kind", name, "load factor"], "rows": points},
     ]
@@ -297,7 +298,7 @@ def build_critical_loads_page(result: Boundary | KnockDown, title: str) -> dict[
     }
 
 
-def build_periodic_page(motion: PeriodicMotion, title: str) -> dict[str, Any]:
+def build_periodic_page(motion: PeriodicMotion, title: str) -> PageContent:
     """Return the page content of a periodic motion: one period as a run, and its stability."""
     page = build_run_page(motion.solution, title)
     amplitudes = motion.amplitudes()
@@ -309,7 +310,7 @@ def build_periodic_page(motion: PeriodicMotion, title: str) -> dict[str, Any]:
     return page | {"subtitle": subtitle, "tables": [*added, *tables]}
 
 
-def build_response_page(response: FrequencyResponse, title: str) -> dict[str, Any]:
+def build_response_page(response: FrequencyResponse, title: str) -> PageContent:
     """Return the page content of a response curve: one case per periodic motion along the curve.
 
     The scatter plot shows a half range over the parameter, with peaks marked and lines to unstable
@@ -326,6 +327,17 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
     moving = _sample_evenly(count, _MAX_RESPONSE_MOTIONS)
     max_rows = compute_row_limit(count * len(observed))
     peaks = response.peak_table()
+    tables: list[PageTable] = [
+        {"title": "Response", "rows": list(response_facts(response).items())},
+        {
+            "title": "Peaks",
+            "head": ["column", response.label, "half range", "largest magnitude"],
+            "rows": [
+                [name, *(f"{x:.7g}" for x in numbers)]
+                for name, *numbers in peaks.itertuples(index=False)
+            ],
+        },
+    ]
     return {
         "title": title,
         "subtitle": f"periodic motions over {response.parameter}: {response.status.sentence}",
@@ -364,17 +376,7 @@ def build_response_page(response: FrequencyResponse, title: str) -> dict[str, An
                 "isNumeric": True,
             }
         ],
-        "tables": [
-            {"title": "Response", "rows": list(response_facts(response).items())},
-            {
-                "title": "Peaks",
-                "head": ["column", response.label, "half range", "largest magnitude"],
-                "rows": [
-                    [name, *(f"{x:.7g}" for x in numbers)]
-                    for name, *numbers in peaks.itertuples(index=False)
-                ],
-            },
-        ][: 1 + (not peaks.empty)],
+        "tables": [table for table in tables if table["rows"]],
         "cases": [
             {
                 "id": str(k),
@@ -409,7 +411,7 @@ def _sample_evenly(count: int, limit: int) -> set[int]:
     return set(np.linspace(0, count - 1, min(count, limit)).round().astype(int).tolist())
 
 
-def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
+def build_campbell_page(diagram: Campbell, title: str) -> PageContent:
     """Return the page content of a Campbell diagram: one case per mode and speed.
 
     The scatter plot shows the frequencies over the speed, with the multiples of the speed as lines
@@ -426,7 +428,6 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     resonances = diagram.resonances()
     resonances.insert(0, key, resonances.pop(_SPEED) / diagram.speed_factor)
     marks = resonances.to_dict("records")
-    number = {"kind": "number"}
     hidden, overdamped = describe_hidden_modes(diagram), find_overdamped(diagram)
     limit = choose_frequency_limit(diagram)
     return {
@@ -441,9 +442,9 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
         "leads": True,
         "columns": [
             {"key": "label", "label": "mode", "unit": "", "kind": "text"},
-            {"key": key, "label": "speed", "unit": unit, **number},
-            {"key": _FREQUENCY, "label": "frequency", "unit": "Hz", **number},
-            {"key": _GROWTH_RATE, "label": "growth rate", "unit": "1/s", **number},
+            {"key": key, "label": "speed", "unit": unit, "kind": "number"},
+            {"key": _FREQUENCY, "label": "frequency", "unit": "Hz", "kind": "number"},
+            {"key": _GROWTH_RATE, "label": "growth rate", "unit": "1/s", "kind": "number"},
         ],
         "axes": {"x": key, "y": _FREQUENCY},
         "views": {"scatter": {"y": [-_VIEW_MARGIN * limit, (1.0 + _VIEW_MARGIN) * limit]}}
@@ -511,7 +512,7 @@ def build_campbell_page(diagram: Campbell, title: str) -> dict[str, Any]:
     }
 
 
-def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
+def build_linear_page(model: LinearModel, title: str) -> PageContent:
     """Return the page content of a linear model: its poles and one case per transfer function.
 
     The charts show magnitude and phase over the frequency (Bode diagram).
@@ -554,8 +555,7 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         for x, y in zip(model.outputs, model.output_values, strict=True)
     ]
     quantities = [*([x.name, x.unit, "input", "-"] for x in model.inputs), *values]
-    number = {"unit": "", "kind": "number"}
-    tables = [
+    tables: list[PageTable] = [
         {"title": "Linear model", "rows": list(facts.items())},
         {
             "title": "Poles",
@@ -579,7 +579,7 @@ def build_linear_page(model: LinearModel, title: str) -> dict[str, Any]:
         "axes": None,
         "columns": [
             {"key": "label", "label": "output / input", "unit": "", "kind": "text"},
-            {"key": "largest", "label": "largest magnitude", **number},
+            {"key": "largest", "label": "largest magnitude", "unit": "", "kind": "number"},
             {"key": "at", "label": "at frequency", "unit": "Hz", "kind": "number"},
         ],
         "tables": [table for table in tables if table["rows"]],
@@ -632,7 +632,7 @@ def _format_ratio(output_unit: str, input_unit: str) -> str:
 
 def _build_transfer_case(
     model: LinearModel, frequencies: Array, response: Array, i: int, j: int, noise: float
-) -> dict[str, Any]:
+) -> PageCase:
     """Return a transfer function, without curves if its median magnitude is at most `noise`.
 
     Rounding errors are compared to medians, because peaks of undamped modes have any magnitude.
@@ -797,7 +797,7 @@ def periodic_facts(motion: PeriodicMotion) -> dict[str, str]:
     }
 
 
-def _settings_table(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _settings_table(settings: Mapping[str, Any]) -> PageTable:
     rows = [[str(name), _format_setting(value)] for name, value in settings.items()]
     rows = [row for row in rows if row[1]]
     return {"title": "Settings", "rows": rows, "section": "solver"}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdae.equations.measures import TIME
 from beamdae.errors import format_count
+from beamdae.report.page.page_content import PageCase, PageContent, PageTable
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_run_frames
@@ -26,12 +27,12 @@ def write_fit_page(fit: Fit, path: Path) -> Path:
     return write_page(path, build_fit_page(fit, f"Fit of {fit.model_name}"))
 
 
-def build_fit_page(fit: Fit, title: str) -> dict[str, Any]:
+def build_fit_page(fit: Fit, title: str) -> PageContent:
     """Return the page content of a fit for `beamdae.report.page.page_file.write_page`."""
     runs = fit.solutions
     columns = sum(len(run.columns) for run in runs.values()) + len(fit.series)
     limit = compute_row_limit(columns)
-    cases: list[dict[str, Any]] = []
+    cases: list[PageCase] = []
     for experiment, run in runs.items():
         cases.append(
             {
@@ -121,7 +122,7 @@ def describe_fit(fit: Fit) -> dict[str, str]:
     return facts
 
 
-def _estimates_table(fit: Fit) -> dict[str, Any]:
+def _estimates_table(fit: Fit) -> PageTable:
     table, headers = fit.table(), format_headers(fit.units)
     rows = [
         [headers.get(name, name), *(format_number(x, _DIGITS) for x in row)]

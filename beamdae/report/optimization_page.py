@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -12,6 +12,16 @@ from beamdae.equations.measures import TIME
 from beamdae.errors import BeamdaeError, BeamdaeWarning
 from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.analysis_pages import build_modes_page, build_path_page
+from beamdae.report.page.page_content import (
+    Curves,
+    Frames,
+    PageCase,
+    PageColumn,
+    PageContent,
+    PageProfile,
+    PageTable,
+    PageTime,
+)
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.page.page_file import write_page
 from beamdae.report.scene.frame_export import export_frames, export_run_frames
@@ -33,18 +43,26 @@ _DESIGN, _OBJECTIVE, _VIOLATION = "design", "objective", "violation"
 _MAX_NUMBER_COLUMNS = 12
 
 
+class _Motion(TypedDict):
+    """Motion, equilibria, mode or drawing of a design; `time` is the axis of its curves."""
+
+    frames: Frames | None
+    curves: Curves | None
+    time: PageTime
+
+
 def write_optimization_page(result: Optimization, path: Path) -> Path:
     """Write the page of an optimization and return its path; see `Optimization.page`."""
     return write_page(path, build_optimization_page(result, f"Design of {result.model['name']}"))
 
 
-def build_optimization_page(result: Optimization, title: str) -> dict[str, Any]:
+def build_optimization_page(result: Optimization, title: str) -> PageContent:
     """Return the page content of an optimization for `write_page`.
 
     The cases are the evaluated designs; the first and the best one have a motion or a drawing.
     """
     motions = [_export_design(result, is_best) for is_best in (False, True)]
-    tables = [
+    tables: list[PageTable] = [
         {"title": "Optimization", "rows": list(describe_optimization(result).items())},
         _constraints_table(result),
         _parameters_table(result),
@@ -92,7 +110,7 @@ def _build_warnings(result: Optimization) -> tuple[str, ...]:
         return result.mechanism().build_warnings
 
 
-def _constraints_table(result: Optimization) -> dict[str, Any]:
+def _constraints_table(result: Optimization) -> PageTable:
     # The largest quantity of `LargestOf`, whose value is a smooth bound of it.
     has_largest = any(np.isfinite(x.largest) for x in result.constraints)
     rows = [
@@ -110,7 +128,7 @@ def _constraints_table(result: Optimization) -> dict[str, Any]:
     return {"title": "Constraints", "head": head, "rows": rows}
 
 
-def _parameters_table(result: Optimization) -> dict[str, Any]:
+def _parameters_table(result: Optimization) -> PageTable:
     table = result.table()
     rows = [
         [
@@ -121,7 +139,7 @@ def _parameters_table(result: Optimization) -> dict[str, Any]:
         for name, row in zip(table.index, table.to_numpy().tolist(), strict=True)
     ]
     # The unit is part of the name.
-    return {"title": "Parameters", "head": ["parameter", *list(table)[:-1]], "rows": rows}
+    return {"title": "Parameters", "head": ["parameter", *map(str, list(table)[:-1])], "rows": rows}
 
 
 def _list_headers(result: Optimization) -> list[str]:
@@ -133,9 +151,9 @@ def _list_headers(result: Optimization) -> list[str]:
     return [observed.get(name, name) for name in result.columns]
 
 
-def _list_profiles(result: Optimization) -> list[dict[str, Any]]:
+def _list_profiles(result: Optimization) -> list[PageProfile]:
     """Return lists of numbers among the parameters, such as the thicknesses along a beam."""
-    profiles = []
+    profiles: list[PageProfile] = []
     for name, values in result.parameters.items():
         if isinstance(values, tuple) and len(values) > 1:
             keys = [f"{name}[{k}]" for k in range(len(values))]
@@ -144,53 +162,53 @@ def _list_profiles(result: Optimization) -> list[dict[str, Any]]:
     return profiles
 
 
-def _list_columns(result: Optimization) -> list[dict[str, str]]:
+def _list_columns(result: Optimization) -> list[PageColumn]:
     """Return the columns of the table of designs."""
     names = [str(x) for x in result.history() if x != "failure"]
     numbers = list(result.table().index)
     if len(numbers) > _MAX_NUMBER_COLUMNS:
         names = [x for x in names if x not in numbers]
-    columns = [{"key": _DESIGN, "label": _DESIGN, "unit": "", "kind": "number"}]
+    columns: list[PageColumn] = [{"key": _DESIGN, "label": _DESIGN, "unit": "", "kind": "number"}]
     for name in names:
         unit = result.units.get(name, "")
         columns.append({"key": name, "label": name, "unit": unit, "kind": "number"})
     return columns
 
 
-def _list_cases(result: Optimization, motions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _list_cases(result: Optimization, motions: list[_Motion]) -> list[PageCase]:
     """Return a case per evaluated design."""
     history = result.history()
     rows = history.drop(columns="failure").to_dict("records")
     best = result.best_number
-    cases: list[dict[str, Any]] = []
+    cases: list[PageCase] = []
     for k, (row, failure) in enumerate(zip(rows, history["failure"], strict=True), 1):
         family = _FEASIBLE if result.is_feasible(k) else _INFEASIBLE
-        label, motion = f"design {k}", {}
+        label = f"design {k}"
         if k in (1, best):
-            motion = {x: motions[k == best][x] for x in ("frames", "curves")}
             family = _BEST if k == best else _FIRST
             label += f" ({'first and best' if best == 1 else family})"
         if result.is_feasible(k):
             row[_VIOLATION] = 0.0  # without rounding errors
-        values = {_DESIGN: k, **{name: x for name, x in row.items() if np.isfinite(x)}}
-        cases.append(
-            {
-                "id": f"{_DESIGN} {k}",
-                "group": _GROUP,
-                "label": label,
-                "family": family,
-                "rank": k,
-                "status": failure or "ok",
-                "values": values,
-                **motion,
-            }
-        )
+        values = {_DESIGN: k, **{str(name): x for name, x in row.items() if np.isfinite(x)}}
+        case: PageCase = {
+            "id": f"{_DESIGN} {k}",
+            "group": _GROUP,
+            "label": label,
+            "family": family,
+            "rank": k,
+            "status": failure or "ok",
+            "values": values,
+        }
+        if k in (1, best):
+            motion = motions[k == best]
+            case |= {"frames": motion["frames"], "curves": motion["curves"]}
+        cases.append(case)
     # The page opens on the first cases with curves.
     cases.sort(key=lambda case: (_BEST, _FIRST).index(case["family"]) if case.get("frames") else 2)
     return cases
 
 
-def _export_design(result: Optimization, is_best: bool) -> dict[str, Any]:
+def _export_design(result: Optimization, is_best: bool) -> _Motion:
     """Return frames, curves and their time axis: of a run, a path, a mode, or a drawing."""
     analyses = result.analyses if is_best else result.first_analyses
     run = next((x for x in analyses if isinstance(x, Solution)), None)

@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from beamdae.equations.measures import TIME
+from beamdae.report.page.page_content import PageCase, PageContent, PageTable
 from beamdae.report.page.page_data import compute_row_limit, select_curves
 from beamdae.report.pictures.time_plots import PlotSelection, find_time_window
 from beamdae.report.scene.frame_export import export_run_frames
@@ -30,7 +31,7 @@ def build_run_page(
     warnings: Sequence[str] | None = None,
     certificate: Mapping[str, str] | None = None,
     charts: PlotSelection | None = None,
-) -> dict[str, Any]:
+) -> PageContent:
     """Return the page content of a run for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -90,7 +91,7 @@ def build_run_page(
     }
 
 
-def _list_measured(charts: PlotSelection, limit: int) -> list[dict[str, Any]]:
+def _list_measured(charts: PlotSelection, limit: int) -> list[PageCase]:
     """Return a case for the measured values of each column and experiment."""
     return [
         {
@@ -111,13 +112,13 @@ def _build_tables(
     columns: Mapping[str, Any],
     errors: Mapping[str, Any] | None,
     certificate: Mapping[str, str] | None,
-) -> list[dict[str, Any]]:
+) -> list[PageTable]:
     facts = terminal.run_facts(solution.summary(), solution.integrator)
     if solution.equations.events:
         facts["events"] = format_event_times(solution.event_records)
     observed = {name: columns[name] for name in observed_columns(columns)}
     validity = terminal.validity_table(solution.validity)
-    tables = [
+    tables: list[PageTable] = [
         export_table("Observed", terminal.range_table(observed, steps=solution.step_extremes)),
         {"title": "Parameters", "rows": _list_parameters(solution)},
         {"title": "Certificate", "rows": list((certificate or {}).items()), "section": "errors"},
@@ -128,14 +129,13 @@ def _build_tables(
     if errors is not None:
         estimated = {name: x for name, x in observed.items() if not is_derivative(name)}
         budget = export_table("Errors of the columns", terminal.range_table(estimated, errors))
-        extremes = slice(1, 4)
-        for row in (budget["head"], *budget["rows"]):
-            del row[extremes]
-        tables.insert(2, budget | {"section": "errors"})
+        # Without the extremes.
+        head, *rows = ([*x[:1], *x[4:]] for x in (budget["head"], *budget["rows"]))
+        tables.insert(2, budget | {"head": head, "rows": rows, "section": "errors"})
     return tables
 
 
-def export_table(title: str, table: ResponsiveTable, section: str = "results") -> dict[str, Any]:
+def export_table(title: str, table: ResponsiveTable, section: str = "results") -> PageTable:
     """Return a table of the terminal as a table of facts of the page."""
     head, *rows = (list(row) for row in table.texts)
     return {"title": title, "head": head, "rows": rows, "section": section}

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from beamdae.equations.measures import TIME
-from beamdae.report.page.page_data import compute_row_limit, select_curves
-from beamdae.report.page.page_file import CurveBlock
+from beamdae.report.page.page_content import PageCase, PageContent, PageGroup
+from beamdae.report.page.page_data import CurveBlock, compute_row_limit, select_curves
 from beamdae.results.columns import Header
 from beamdae.results.storage.files import versions
 from beamdae.studies.case import Case
@@ -77,7 +77,7 @@ def create_study_page(
     extra_columns: pd.DataFrame | None = None,
     with_curves: set[int] | None = None,
     is_stored: bool = True,
-) -> dict[str, Any]:
+) -> PageContent:
     """Return the page data of a study for `beamdae.report.page.page_file.write_page`.
 
     Parameters
@@ -223,13 +223,13 @@ def _create_notes(results: StudyResults, n_in_files: int) -> list[str]:
     return [*results.describe_warnings(), *notes]
 
 
-def _create_groups(results: StudyResults, group_without_reference: str) -> list[dict[str, Any]]:
+def _create_groups(results: StudyResults, group_without_reference: str) -> list[PageGroup]:
     """Return the groups whose errors are computed and, if needed, one group for all other cases."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Only references record frames, which are valid for all runs of the same mechanism.
         frames[group] = frames.get(group) or results.frames_of(case)
-    groups = [
+    groups: list[PageGroup] = [
         _create_group(name, reference, frames[name])
         for name, reference in results.references.items()
     ]
@@ -244,9 +244,7 @@ def _create_groups(results: StudyResults, group_without_reference: str) -> list[
     return groups
 
 
-def _create_group(
-    group: str, reference: Reference, frames: dict[str, Any] | None
-) -> dict[str, Any]:
+def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> PageGroup:
     accepted = reference.table is not None
     return {
         "id": group,
@@ -271,10 +269,10 @@ def _create_cases(
     with_curves: set[int],
     is_stored: bool,
     blocks: Mapping[int, int],
-) -> list[dict[str, Any]]:
+) -> list[PageCase]:
     study, ranks = results.study, _rank_cases(results.study)
     max_rows = _max_rows_per_case(results, with_curves)
-    cases = []
+    cases: list[PageCase] = []
     for k, (case, row) in enumerate(zip(study.cases, table.to_dict("records"), strict=True)):
         group = str(row["group"])
         has_reference = group in results.references
@@ -302,9 +300,10 @@ def _create_cases(
                 else None,
                 "extremes": _list_extremes(results, case),
                 "file": row["trajectory"] if is_stored else "",
-                **({"block": blocks[k]} if k in blocks else {}),
             }
         )
+        if k in blocks:
+            cases[-1]["block"] = blocks[k]
     return cases
 
 

@@ -26,7 +26,9 @@ from pages import (
 )
 
 import beamdae as bd
-from beamdae.report.page.page_file import CurveBlock, list_page_files, write_page
+from beamdae.report.page import page_content, page_file
+from beamdae.report.page.page_data import CurveBlock
+from beamdae.report.page.page_file import list_page_files, write_page
 
 HALF_STEP = 0.5 / 65534  # largest error of stored values, relative to their range
 MISSING_CODE = 65535
@@ -46,6 +48,11 @@ def decode(value):
     codes = np.frombuffer(base64.b64decode(value["u16"]), "<u2")
     numbers = value["low"] + value["step"] * codes
     return np.where(codes == MISSING_CODE, math.nan, 10.0**numbers if value.get("log") else numbers)
+
+
+def test_all_entries_of_a_page_have_a_default():
+    """The scripts of the page read each of them."""
+    assert set(page_file._PAGE_DEFAULTS) == set(page_content.PageContent.__annotations__)
 
 
 def test_pages_store_all_entries(tmp_path):

@@ -1,16 +1,22 @@
-"""Data of an HTML page: selection of curves, and 16-bit encoding of curves and frames."""
+"""Curves and frames of an HTML page: selection, 16-bit encoding, and files beside the page."""
 
 from __future__ import annotations
 
 import base64
+import hashlib
+import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.results.columns import Header, observed_columns
+from beamdae.results.storage.files import versions, write_text
 
 Array = np.ndarray
 
@@ -30,6 +36,7 @@ _LOGARITHMIC: dict[str, tuple[str, ...]] = {
     "energy": ("imbalance",),
     "drift": (_POSITION_DRIFT, _VELOCITY_DRIFT),
 }
+_CURVE_FILE = re.compile(r"// SHA-256 (?P<checksum>[0-9a-f]{64})\n(?P<script>.*)", re.DOTALL)
 
 
 def compute_row_limit(curves: int) -> int:
@@ -44,7 +51,7 @@ def select_curves(
     error: Array | None = None,
     differences: Mapping[str, Array] | None = None,
 ) -> dict[str, Any] | None:
-    """Return the curves of a run for `beamdae.report.page.page_file.write_page`.
+    """Return the curves of a run for the cases of a page.
 
     Parameters
     ----------
@@ -60,7 +67,7 @@ def select_curves(
     Returns
     -------
     dict or None
-        Curves by panel, see "curves" in `write_page`. None if the table has fewer than two rows.
+        Curves by panel, see `page_content.Curves`. None if the table has fewer than two rows.
     """
     t = np.asarray(columns[TIME], float)
     if len(t) < 2:
@@ -91,6 +98,60 @@ def select_curves(
         "error": None if error is None else np.asarray(error, float)[selection],
         "difference": {} if differences is None else split_panels(differences),
     }
+
+
+@dataclass(frozen=True)
+class CurveBlock:
+    """Curves of some cases, which a page loads from a file beside it when one is selected.
+
+    A page that is opened from a folder may load scripts but no data, so the file is a script.
+
+    Attributes
+    ----------
+    ids
+        Identifiers of the cases.
+    key
+        Text that changes if the curves change; an existing file with the same key is kept, unless
+        it is damaged.
+    create
+        Function that returns the curves by identifier, as returned by `select_curves`.
+    """
+
+    ids: tuple[str, ...]
+    key: str
+    create: Callable[[], Mapping[str, Mapping[str, Any] | None]]
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        text = json.dumps([versions(), self.ids, self.key])
+        return f"curves_{_compute_checksum(text)[:16]}.js"
+
+    def write(self, folder: Path) -> None:
+        """Write the file, unless it exists and is undamaged."""
+        path = folder / self.name
+        if _is_undamaged(path):
+            return
+        curves = {name: encode_curves(x) for name, x in self.create().items()}
+        text = json.dumps(replace_nonfinite(curves), allow_nan=False, separators=(",", ":"))
+        # As text, because "__proto__" as a name in a script is not a name of a quantity.
+        script = f"addCurves({json.dumps(text)});\n"
+        write_text(path, f"// SHA-256 {_compute_checksum(script)}\n{script}")
+
+
+def _is_undamaged(path: Path) -> bool:
+    """Return True if a file of curves exists and its checksum is correct."""
+    if not path.is_file():
+        return False
+    try:
+        content = _CURVE_FILE.fullmatch(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return False
+    return content is not None and _compute_checksum(content["script"]) == content["checksum"]
+
+
+def _compute_checksum(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def encode_curves(curves: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -174,3 +235,12 @@ def _pack_values(values: Sequence[float | None] | Array, log: bool = False) -> d
     codes[finite] = np.round((x[finite] - low) / step)
     packed = {"u16": base64.b64encode(codes.tobytes()).decode(), "low": low, "step": step}
     return packed | {"log": True} if log else packed
+
+
+def replace_nonfinite(value: Any) -> Any:
+    """Return plain values with None for nan and infinity, which JSON lacks."""
+    if isinstance(value, Mapping):
+        return {str(name): replace_nonfinite(entry) for name, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [replace_nonfinite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

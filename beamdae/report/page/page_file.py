@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import html
 import json
-import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -18,9 +15,10 @@ from urllib.parse import quote
 
 from beamdae.errors import BeamdaeError
 from beamdae.report.option_names import name_options
-from beamdae.report.page.page_data import encode_curves, encode_frames
+from beamdae.report.page.page_content import PageContent
+from beamdae.report.page.page_data import encode_curves, encode_frames, replace_nonfinite
 from beamdae.report.text import make_printable
-from beamdae.results.storage.files import versions, write_text
+from beamdae.results.storage.files import write_text
 
 # Files in the order of concatenation; all scripts share one global scope.
 _STYLES = ("page", "charts", "tables", "mechanism", "media")
@@ -110,66 +108,10 @@ _PAGE_DEFAULTS: dict[str, Any] = {
 # Sources of scripts, in addition to those in the page: files beside the page, opened from a folder
 # or from a server.
 _FILE_SOURCES = " 'self' file:"
-_CURVE_FILE = re.compile(r"// SHA-256 (?P<checksum>[0-9a-f]{64})\n(?P<script>.*)", re.DOTALL)
 _CURVE_FILE_NAME = re.compile(r"curves_[0-9a-f]{16}\.js")
 
 
-@dataclass(frozen=True)
-class CurveBlock:
-    """Curves of some cases, which a page loads from a file beside it when one is selected.
-
-    A page that is opened from a folder may load scripts but no data, so the file is a script.
-
-    Attributes
-    ----------
-    ids
-        Identifiers of the cases.
-    key
-        Text that changes if the curves change; an existing file with the same key is kept, unless
-        it is damaged.
-    create
-        Function that returns the curves by identifier, as returned by
-        `beamdae.report.page.page_data.select_curves`.
-    """
-
-    ids: tuple[str, ...]
-    key: str
-    create: Callable[[], Mapping[str, Mapping[str, Any] | None]]
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        text = json.dumps([versions(), self.ids, self.key])
-        return f"curves_{_compute_checksum(text)[:16]}.js"
-
-    def write(self, folder: Path) -> None:
-        """Write the file, unless it exists and is undamaged."""
-        path = folder / self.name
-        if _is_undamaged(path):
-            return
-        curves = {name: encode_curves(x) for name, x in self.create().items()}
-        text = json.dumps(_replace_nonfinite(curves), allow_nan=False, separators=(",", ":"))
-        # As text, because "__proto__" as a name in a script is not a name of a quantity.
-        script = f"addCurves({json.dumps(text)});\n"
-        write_text(path, f"// SHA-256 {_compute_checksum(script)}\n{script}")
-
-
-def _is_undamaged(path: Path) -> bool:
-    """Return True if a file of curves exists and its checksum is correct."""
-    if not path.is_file():
-        return False
-    try:
-        content = _CURVE_FILE.fullmatch(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
-        return False
-    return content is not None and _compute_checksum(content["script"]) == content["checksum"]
-
-
-def _compute_checksum(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def write_page(path: Path, page: Mapping[str, Any]) -> Path:
+def write_page(path: Path, page: PageContent) -> Path:
     """Write tables, charts and animations of runs to one HTML file that opens offline.
 
     Parameters
@@ -177,68 +119,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> Path:
     path
         Path of the HTML file.
     page
-        Plain values. All entries are optional except "id", the "group" of a case, and the entries
-        of a column:
-
-        - "title", "subtitle", "made" (versions by package name) and "notes" (list of sentences).
-        - "noun": what the cases are; "cases" by default.
-        - "groups": sets of cases that are compared with each other, for example cases with equal
-          parameters. Entries: "id"; "label"; "reference", the reference solution for errors, with
-          "methods", "uncertainty" (the smallest error that it resolves), "accepted" and "sentence",
-          or None; "frames", the animation, as returned by
-          `beamdae.report.scene.frame_export.export_run_frames`.
-        - "columns" of the case table: "key", "label", "unit" and "kind" ("text", "number",
-          "status", "error" or "cost"). Columns of the kinds "error" and "cost" show the entries
-          "error" and "cost" of each case. The label of a case (key "label") and its status always
-          come first. Columns with "section" equal to "solver" are hidden initially.
-        - "axes": keys "x" and "y" of the columns that the scatter plot shows initially. The user
-          can select error, cost and numeric columns. Defaults to error over cost if available; None
-          for no scatter plot.
-        - "sliders", one per swept parameter: "label", "unit", "values" (ascending), and "isNumeric"
-          (the mechanism morphs between neighboring values). They select the motion, which is
-          interpolated between the cases that have "frames".
-        - "map": indices of the two sliders that are the axes of a map of a response, or None.
-        - "families" that have the first colors and markers, in this order; with two or more, there
-          is a legend even if only one of them occurs. Other families follow in the order of the
-          cases.
-        - "sequential": True if the families follow a parameter; their colors form a sequence.
-        - "time": "name" and "unit" of the quantity that takes the place of the time, for example
-          the load factor of an equilibrium path, and "log" (True for a logarithmic axis).
-        - "portrait": columns "x" and "y" that a chart initially shows over each other, and "marks"
-          with "t" and "label"; None for no such chart.
-        - "overlays" of the scatter plot, for pairs of axes "x" and "y" (keys of columns): "lines"
-          and "marks" with "label", "x" and "y" (lists of numbers for lines, numbers for marks).
-        - "views": ranges that charts show first, by key of the chart ("scatter"), with "x" and "y"
-          as pairs of numbers; the button "Reset" shows all.
-        - "leads": True if the scatter plot is the main result, shown first beside the motion.
-        - "featured": names of the observed columns that the user measured or asked for. They are
-          listed first; the page opens on the first one that moves.
-        - "profiles": lists of numbers that a chart shows over their index, for each selected case:
-          "label", and "keys" of the numbers in the "values" of the cases.
-        - "tables" of facts: "title", "head" (column names), "rows", and "section": "results"
-          (default), "errors" or "solver".
-        - "cases": "id"; "group"; "label"; "family", which determines color and legend entry, for
-          example the integrator; "series" (cases of the same series are connected by a line;
-          default None); "rank", a number that orders the cases of a series and the table by label;
-          "status" ("ok" or a sentence); "values" by column; "extremes", pairs of the smallest and
-          the largest value of observed columns over all steps, by header (optional); "error";
-          "cost" [s]; "below" (True if the error is below the resolution of the reference);
-          "limited" (True if a limit stopped the run); "dashed" (True if lines to it are dashed);
-          "at" (index of its value for each slider); "frames", its own animation, or
-          None; "points" (True for measured data, which are drawn as points and
-          selected with their model when the page opens); "file" (name of the file with its rows);
-          and "curves", as returned by
-          `beamdae.report.page.page_data.select_curves`; or "block", the index of an entry of
-          "curve_files", from which the curves are loaded when the case is selected.
-          Entries of "curves": "t" [s]; at these times "observed" by name, "magnitude" and "phase"
-          of a transfer function by name (with frequencies as "t"), "error", "energy" by name
-          (the magnitude of "imbalance" is drawn), "position drift", "velocity drift"; and
-          "difference" from the reference, with "observed" and "energy" by name.
-        - "curve_files": list of `CurveBlock`, written to a folder beside the page that has the name
-          of the page, without ".html", and "_curves".
-
-        A page with one case and without columns is the page of a run: it has no case table. The
-        order of every page is motion, curves, results, error budget, solver.
+        Content of the page; see `PageContent`.
 
     Returns
     -------
@@ -334,9 +215,9 @@ def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
     return _END_COMMENTS.sub("", lines) if suffix == ".js" else _STYLE_LINE_ENDS.sub("", lines)
 
 
-def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
+def _complete_page(content: PageContent) -> dict[str, Any]:
     """Add default entries, encode curves and frames, and replace non-finite numbers with None."""
-    page = {**_PAGE_DEFAULTS, **page}
+    page = {**_PAGE_DEFAULTS, **content}
     groups = [_GROUP_DEFAULTS | group for group in page["groups"]]
     cases = [_CASE_DEFAULTS | case for case in page["cases"]]
     group_ids = _collect_unique_ids("group", groups)
@@ -353,7 +234,8 @@ def _complete_page(page: Mapping[str, Any]) -> dict[str, Any]:
         case | {"curves": encode_curves(case["curves"]), "frames": encode_frames(case["frames"])}
         for case in cases
     ]
-    return _replace_nonfinite(page)
+    completed: dict[str, Any] = replace_nonfinite(page)
+    return completed
 
 
 def _collect_unique_ids(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[str]:
@@ -365,11 +247,3 @@ def _collect_unique_ids(kind: str, entries: Iterable[Mapping[str, Any]]) -> set[
             )
         ids.add(entry["id"])
     return ids
-
-
-def _replace_nonfinite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(name): _replace_nonfinite(entry) for name, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_replace_nonfinite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
