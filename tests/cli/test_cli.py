@@ -369,7 +369,31 @@ def test_check_reports_size_and_start(command):
     assert rows["mobility"].startswith("10 =")
     assert "as drawn" in rows["start"]
     assert "Revolute" in result.stdout
-    assert "beam, largest relative error of arc length" in result.stdout
+    assert "largest relative error of arc length of beam" in rows["zero up to rounding"]
+
+
+CRANK = """import beamdae as bd
+
+
+@bd.model(t_end=0.1)
+def crank():
+    mech = bd.Mechanism()
+    rod = mech.add(bd.RigidBody.rod("rod", (0, 0), (1, 0), 1.0))
+    shaft = mech.ground.at(0, 0), rod.at(0, 0)
+    mech.add(bd.Revolute("hinge", *shaft))
+    mech.add(bd.Driver("motor", *shaft, lambda t: 0.25 * t))
+    return mech
+"""
+
+
+def test_regression_check_ends_with_the_verdict_and_names_levels_of_residuals(command):
+    """Forty lines of zeros followed it, and velocities before the start seemed to be a defect."""
+    Path("crank.py").write_text(CRANK, "utf-8")
+    lines = [x.strip() for x in command("check", "crank.py").stdout.splitlines() if x.strip()]
+    assert lines[-1].split() == ["verdict", "ready", "to", "run"]
+    (residuals,) = (x for x in lines if x.startswith("largest residuals"))
+    assert "g_dot 0.25 (motor) as given, which the start removes; then g_ddot 0" in residuals
+    assert sum("initial angle" in x for x in lines) == 1
 
 
 @pytest.mark.slow(reason="half a second and more")

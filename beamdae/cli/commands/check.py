@@ -38,10 +38,6 @@ def check_command(
     mechanism = model()
     result = check(mechanism, model.t_end, predict)
     parts = mechanism.parts if isinstance(mechanism, Mechanism) else {}
-    facts = dict(describe_check(result))
-    for name, part in parts.items():
-        for fact, value in part.facts.items():
-            facts[f"{name}, {fact}"] = text_tables.format_number(value)
     types = {name: type(part).__name__ for name, part in parts.items()}
     record_results(lambda: {**_json_results(result), "parts": types})
     for sentence in result.warnings:
@@ -50,7 +46,7 @@ def check_command(
     console.print(model.name, style="bold")
     if parts:
         console.print(text_tables.parts_table(types))
-    console.print(text_tables.fact_list("", facts))
+    console.print(text_tables.fact_list("", describe_check(result, parts)))
     if not result.ok:
         raise BeamdaeError(result.problem)
 

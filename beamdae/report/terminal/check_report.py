@@ -9,14 +9,20 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import FrequencyRange
 from beamdae.equations.starts.dependent_constraints import describe_dependent_sets
 from beamdae.errors import list_first
 from beamdae.integrators.error_control import STABLE_DAMPING_RATIO
+from beamdae.report.terminal.text_tables import format_number
 
 _MAX_FREE_MOTIONS = 8
 _MAX_MESH_ERRORS = 8
+_MAX_ZEROS = 4
+_ROUNDING = 1e-12  # of facts of parts, in SI units
 _RESOLVING_STEP = 0.05  # step that resolves a vibration, as a fraction of its period
 
 
-def describe_check(check: Any) -> Mapping[str, str]:
-    """Return the results of a `Check` as texts by topic."""
+def describe_check(check: Any, parts: Mapping[str, Any] | None = None) -> Mapping[str, str]:
+    """Return the results of a `Check` and the facts of the parts as texts by topic.
+
+    Facts that are zero up to rounding share one text. The verdict is the last text.
+    """
     facts = {"size": f"{check.coordinates} coordinates, {check.constraints} constraints"}
     if check.mobility is not None:
         states = f" - {check.states} states" if check.states else ""
@@ -40,11 +46,14 @@ def describe_check(check: Any) -> Mapping[str, str]:
             level: max(check.residuals, key=lambda r: getattr(r, level) or 0.0)
             for level in ("position", "velocity", "acceleration")
         }
-        facts["largest residuals"] = ", ".join(
+        g, g_dot, g_ddot = (
             f"{symbol} {getattr(residual, level) or 0.0:.2g} ({residual.part})"
             for symbol, (level, residual) in zip(
                 ("g", "g_dot", "g_ddot"), worst.items(), strict=True
             )
+        )
+        facts["largest residuals"] = f"{g} and {g_dot} as given" + (
+            f", which the start removes; then {g_ddot}" if check.start is not None else ""
         )
     if check.spectrum is not None:
         facts |= _describe_frequencies(check.spectrum)
@@ -72,6 +81,15 @@ def describe_check(check: Any) -> Mapping[str, str]:
             f"about {_round(p.steps)} steps, {_round(p.seconds)} s ({p.method}), measured by "
             f"{source}"
         )
+    zeros = []
+    for name, part in (parts or {}).items():
+        for fact, value in part.facts.items():
+            if abs(value) <= _ROUNDING:
+                zeros.append(f"{fact} of {name}")
+            else:
+                facts[f"{name}, {fact}"] = format_number(value)
+    if zeros:
+        facts["zero up to rounding"] = list_first(zeros, _MAX_ZEROS)
     for k, warning in enumerate(check.warnings, start=1):
         facts["warning" if len(check.warnings) == 1 else f"warning {k}"] = warning
     facts["verdict"] = check.verdict
