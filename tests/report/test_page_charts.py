@@ -21,7 +21,7 @@ from pages import (
     visible_ranges,
 )
 
-from beamdae.report.pictures.tick_labels import engineering_order, scale_unit
+from beamdae.report.scaled_units import engineering_order, scale_unit
 
 PLOT = "[data-chart={}] .plot"
 

@@ -229,3 +229,18 @@ def test_regression_values_without_a_unit_are_never_rounding():
     table = terminal.range_table(pd.DataFrame({"a [-]": [1.0, 2.0], "b [-]": [1e15, np.inf]}))
     (line,) = [line for line in render(table, 120).splitlines() if "a [-]" in line]
     assert line.split()[2:] == ["1", "2", "2"]
+
+
+def test_regression_sweep_tables_show_rounding_errors_as_zero():
+    """A smallest force was -0, and -2.8002e-20 was shown beside values of order 1."""
+    table = pd.DataFrame(
+        {
+            "height": [1.0, 2.0],
+            "status": ["ok", "ok"],
+            "contact.N min [N]": [-0.0, -2.8002e-20],
+            "contact.N max [N]": [3.0, 4.0],
+            "gap [m]": [1e-20, 2e-20],
+        }
+    )
+    rows = terminal.sweep_table(table, ["height"], list(table)[2:]).texts[1:]
+    assert rows == [["1", "ok", "0", "3", "1e-20"], ["2", "ok", "0", "4", "2e-20"]]

@@ -40,6 +40,23 @@ def test_regression_impacts_far_from_the_given_speed_have_a_warning(impact_speed
     assert "bounce: the fastest impact is at 3.7 m/s" in text
 
 
+def test_regression_contacts_with_one_law_have_one_warning():
+    """Each corner of a frame had a warning."""
+    mech = bd.Mechanism()
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    settings = {"restitution": 0.6, "impact_speed": 1.0}
+    for k, speed in enumerate((5.0, 4.0, 6.0)):
+        velocity = (0.0, -speed)
+        ball = mech.add(bd.PointMass(f"ball {k}", 0.3, at=(k, 0.01), velocity=velocity))
+        mech.add(bd.Contact(f"bounce {k}", ball.point, floor, 8e6, **settings))
+    mech.observe("ball", ball.point)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(mech, bd.Radau(1e-6), t_end=0.005, output_step=1e-4)
+    (text,) = (x for x in solution.warnings if "impact_speed" in x)
+    assert text.startswith("bounce 2 (also bounce 0, bounce 1): the fastest impact is at 6 m/s")
+
+
 @pytest.mark.parametrize(
     ("impact_speed", "restitution"), [(SPEED, 0.6), (2.0, 0.6), (7.0, 0.6), (1.0, 0.99)]
 )

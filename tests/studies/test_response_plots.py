@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
-from turning import THICK, THIN, run_sweep
+from turning import ALPHA, THICK, THIN, run_sweep
 
 import beamdae as bd
 from beamdae.report.page.page_file import write_page
 from beamdae.studies.column_measures import MEASURES
 from beamdae.studies.study_page import create_study_page
 from beamdae.studies.sweeps.parameter_grid import ParameterGrid
-from beamdae.studies.sweeps.response_plots import ParameterScale, drop_constant
+from beamdae.studies.sweeps.response_plots import ParameterScale, _draw_map, drop_constant
 from beamdae.studies.sweeps.sweep_results import create_sweep_page
 
 
@@ -57,7 +57,7 @@ def test_two_parameters_give_several_curves_and_a_map(speed_radius_sweep):
     # The model rejects the radius 0 at each speed, so that all speeds have a mark.
     assert_allclose(axes.lines[3].get_xdata(), [1.0, 2.0, 4.0])
     names = [text.get_text() for text in plot.figure.legends[0].get_texts()]
-    assert names == ["radius=0.5", "radius=0", "radius=2", "did not reach the end time"]
+    assert names == ["radius = 0.5", "radius = 0", "radius = 2", "did not reach the end time"]
     colored = speed_radius_sweep.map("tip.x max").figure.axes[0].collections[0].get_array()
     assert_allclose(np.ma.filled(colored, -1.0), [[-1.0] * 3, [0.5] * 3, [2.0] * 3], atol=1e-9)
 
@@ -108,7 +108,7 @@ def test_page_plots_responses_over_a_parameter(speed_radius_sweep):
     other = {"speed": "radius", "radius": "speed"}[keys[page["axes"]["x"]]]
     families = [case["family"] for case in page["cases"]]
     assert families == [
-        f"{other}={setting[other]:g}" for setting in speed_radius_sweep.sweep.settings
+        f"{other} = {setting[other]:g}" for setting in speed_radius_sweep.sweep.settings
     ]
     assert [case["series"] for case in page["cases"]] == families
     # A line connects its runs from left to right, in whatever order the values are listed.
@@ -189,3 +189,52 @@ def test_ticks_are_values_with_few_digits_or_round_numbers(values, is_exact):
     ticks = axes.get_xticks()
     assert (len(ticks) == 3 and np.allclose(ticks, values)) == is_exact
     assert not np.isclose(ticks, 8 / 3).any()
+
+
+@pytest.mark.slow(reason="nine small runs")
+def test_regression_maps_and_legends_have_scaled_units():
+    """Forces had the axis [N] with 1e5, lengths were 0.003 [m], and legends had no units."""
+
+    @bd.model(t_end=1e-6)
+    def pulled(
+        stretch=bd.param(0.001, "m", "stretch"), stiffness=bd.param(1e8, "N/m", "stiffness")
+    ):
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        ground, length = mech.ground.at(-1.0, 0.0), 1.0 - stretch
+        spring = mech.add(
+            bd.SpringDamper("spring", ground, mass.point, stiffness, free_length=length)
+        )
+        mech.observe("pull", spring.force)
+        return mech
+
+    over = {"stretch": [1e-3, 2e-3, 4e-3], "stiffness": [1e8, 2e8, 3e8]}
+    swept = bd.sweep(pulled, over, integrator=ALPHA)
+    name = next(x for x in swept.table if x.startswith("pull") and " max" in x).partition(" [")[0]
+    figure = swept.map(name, x="stiffness").figure
+    axis, bar_axis = figure.axes
+    figure.draw_without_rendering()
+    labels = axis.get_xlabel(), axis.get_ylabel(), bar_axis.get_ylabel()
+    assert labels == ("stiffness [MN/m]", "stretch [mm]", "[MN]")
+    assert [x.get_text() for x in axis.get_xticklabels()] == ["100", "200", "300"]
+    assert [x.get_text() for x in axis.get_yticklabels()] == ["1", "2", "4"]
+    (legend,) = swept.plot(name, x="stiffness").figure.legends
+    assert [x.get_text() for x in legend.get_texts()] == [f"stretch = {k} mm" for k in (1, 2, 4)]
+
+
+@pytest.mark.parametrize(("step", "n_collections"), [(0.0, 1), (1.0, 2)])
+def test_regression_maps_have_no_contour_lines_of_rounding_errors(step, n_collections):
+    x, y = np.repeat([1.0, 2.0, 3.0], 3), np.tile([1.0, 2.0, 3.0], 3)
+    table = pd.DataFrame({"x": x, "y": y})
+    axes = Figure().add_subplot()
+    noise = 1e-12 * np.random.default_rng(0).normal(size=9)
+    values = noise + step * (x > 2.0) + 5.0 * (step == 0.0)
+    _draw_map(axes, ParameterScale.of(table, "x"), ParameterScale.of(table, "y"), values, "[N]")
+    assert len(axes.collections) == n_collections
+    if step == 0.0:
+        assert np.ptp(axes.collections[0].get_array()) == 0.0
+    else:
+        # A single line between the columns.
+        paths = axes.collections[1].get_paths()
+        points = np.vstack([path.vertices for path in paths])
+        assert points[:, 0].min() > 1.99

@@ -70,7 +70,8 @@ def format_number(value: Any, digits: int = 3) -> str:
     if isinstance(value, (int, np.integer)):
         return f"{value:d}"
     try:
-        return f"{float(value):.{digits}g}"
+        # The sum with 0 removes the sign of -0.
+        return f"{float(value) + 0.0:.{digits}g}"
     except TypeError:  # Raised by missing values of pandas.
         return "-"
 
@@ -270,8 +271,10 @@ def sweep_table(
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
     `units` contains the units of the parameters, by name, and `never_shown` the names of other
-    columns of the sweep.
+    columns of the sweep. Outputs below 1e-12 of the largest one of the same column are zero.
     """
+    import pandas as pd
+
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
@@ -282,7 +285,19 @@ def sweep_table(
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
     names = [first, *others, "status", *outputs]
-    rows = [tuple(format_number(row[name], 5) for name in names) for _, row in table.iterrows()]
+    # Without the measure, "contact.N min [N]" and "contact.N max [N]" are one column.
+    columns_of = {name: name.partition(" [")[0].rpartition(" ")[0] or name for name in outputs}
+    magnitudes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
+    largest: dict[str, float] = {}
+    for name, column in columns_of.items():
+        largest[column] = max(largest.get(column, 0.0), float(magnitudes[name].max(skipna=True)))
+
+    def format_cell(name: str, value: Any) -> str:
+        limit = _ROUNDING * largest.get(columns_of.get(name, ""), 0.0)
+        is_noise = isinstance(value, float) and abs(value) <= limit
+        return format_number(0.0 if is_noise else value, 5)
+
+    rows = [tuple(format_cell(name, row[name]) for name in names) for _, row in table.iterrows()]
     return ResponsiveTable(headers.get(first, first), columns, rows, "sweep.csv", never_shown)
 
 

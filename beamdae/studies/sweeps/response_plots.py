@@ -22,7 +22,13 @@ from beamdae.studies.sweeps.parameter_study import (
     format_setting,
     parameter_column,
 )
-from beamdae.studies.sweeps.responses import Panel, choose_axis, group_rows, is_numeric_parameter
+from beamdae.studies.sweeps.responses import (
+    Panel,
+    choose_axis,
+    find_scale,
+    group_rows,
+    is_numeric_parameter,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,11 +98,15 @@ class ParameterScale:
 
     def format_axis(self, axes: Axes, which: str) -> None:
         """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
+        from beamdae.report.pictures.tick_labels import format_ticks
+
         axis = getattr(axes, f"{which}axis")
         label = shorten_text(self.name, figures.MAX_LABEL_LETTERS)
         axis.set_label_text(label if self.unit in ("", "-") else f"{label} [{self.unit}]")
         if self.log:
             getattr(axes, f"set_{which}scale")("log")
+        # Scales the label, too.
+        format_ticks(axis)
         spread = np.linspace(0, len(self.ticks) - 1, _MAX_TICKS).round().astype(int)
         ticks = self.ticks[np.unique(spread)]
         # Labels below the panel share its width.
@@ -108,7 +118,8 @@ class ParameterScale:
                 style = {"rotation": _LABEL_ROTATION, "ha": "right"}
             axis.set_ticks(ticks, names, **style)
             return
-        names = [format_setting(float(x)) for x in ticks]
+        scale = find_scale(ticks.tolist(), self.unit)
+        names = [format_setting(scale.divide(float(x))) for x in ticks]
         # Values with many digits, such as 2666.67, are harder to read than round numbers.
         is_short = self.log or all(np.isclose(float(f"{x:.3g}"), x, rtol=1e-9) for x in ticks)
         few = len(self.ticks) <= _MAX_TICKS // 2 or self.log
@@ -118,6 +129,8 @@ class ParameterScale:
             and len(ticks) == len(self.ticks)
             and max(map(len, names)) <= max_letters
         ):
+            if scale.unit:
+                axis.set_label_text(f"{label} [{scale.unit}]")
             axis.set_ticks(ticks, names)
             axis.set_ticks([], minor=True)
 
@@ -328,20 +341,25 @@ def plot_maps(
     for axis, panel in zip(axes, panels, strict=False):
         (column,) = panel.lines.values()
         figures.format_axis(axis, shorten_text(panel.title, figures.MAX_LABEL_LETTERS), "")
-        _draw_map(axis, horizontal, vertical, _extract_numbers(table[column]))
-        axis.figure.axes[-1].set_ylabel(_format_unit(panel))  # the color bar was added last
+        heights = _extract_numbers(table[column])
+        _draw_map(axis, horizontal, vertical, heights, _format_unit(panel))
         horizontal.format_axis(axis, "x")
         vertical.format_axis(axis, "y")
     figures.disable_math_text(figure)
     return Plot(figure)
 
 
-def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) -> None:
+def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array, unit: str) -> None:
     """Draw cells, or dots if fewer than half of all pairs were run; crosses mark missing values.
 
     Contour lines are added to cells if all cells have values and both parameters are numeric with
-    at least three values.
+    at least three values. Relative differences below 1e-6 are not drawn.
     """
+    from beamdae.report.pictures.tick_labels import format_ticks
+
+    size, span = np.nanmax(np.abs(heights)), np.nanmax(heights) - np.nanmin(heights)
+    if span <= _CONSTANT_RANGE * size:
+        heights, span = np.where(np.isnan(heights), np.nan, np.nanmean(heights)), 0.0
     cells = np.full((len(y.ticks), len(x.ticks)), np.nan)
     rows = np.searchsorted(y.ticks, y.positions)
     columns = np.searchsorted(x.ticks, x.positions)
@@ -352,8 +370,16 @@ def _draw_map(axis: Axes, x: ParameterScale, y: ParameterScale, heights: Array) 
         colored: Any = axis.scatter(x_run, y_run, c=heights[~failed], s=30, cmap="viridis")
     else:
         colored = axis.pcolormesh(x.cell_edges(), y.cell_edges(), cells, cmap="viridis")
-        if min(cells.shape) > 2 and not (x.labels or y.labels or np.isnan(cells).any()):
-            axis.contour(x.ticks, y.ticks, cells, colors="white", linewidths=0.7)
+        if span and min(cells.shape) > 2 and not (x.labels or y.labels or np.isnan(cells).any()):
+            # Contour lines would follow the rounding errors of flat regions.
+            rounded = np.round(cells / (_CONSTANT_RANGE * span)) * (_CONSTANT_RANGE * span)
+            axis.contour(x.ticks, y.ticks, rounded, colors="white", linewidths=0.7)
     axis.plot(x.positions[failed], y.positions[failed], **_FAILURE_STYLE)
     axis.grid(False)
-    axis.figure.colorbar(colored, ax=axis)
+    if not span:
+        middle = float(np.nanmean(heights))
+        margin = abs(middle) or 1.0
+        colored.set_clim(middle - margin, middle + margin)
+    bar = axis.figure.colorbar(colored, ax=axis)
+    bar.set_label(unit)
+    format_ticks(bar.ax.yaxis)

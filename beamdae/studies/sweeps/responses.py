@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from beamdae.errors import (
     suggest,
 )
 from beamdae.report.pictures.figures import characteristic_columns
+from beamdae.report.scaled_units import engineering_order, scale_unit
 from beamdae.results.columns import (
     Header,
     observed_columns,
@@ -220,11 +221,52 @@ def choose_axis(study: ParameterStudy, table: pd.DataFrame, name: Any = None) ->
     return max(varied, key=rank)
 
 
+class SettingScale(NamedTuple):
+    """Multiple of a unit in which pictures show the values of a parameter.
+
+    Attributes
+    ----------
+    order
+        Power of ten by which values are divided.
+    unit
+        The multiple of the unit; "" if it is unknown or one.
+    """
+
+    order: int
+    unit: str
+
+    def divide(self, value: float) -> float:
+        """Return the value in this unit."""
+        return value / 10.0**self.order
+
+    def format(self, value: Any) -> str:
+        """Return the value with the unit."""
+        if self.order and isinstance(value, (int, float)):
+            value = self.divide(float(value))
+        return f"{format_setting(value)} {self.unit}".rstrip()
+
+
+def find_scale(values: Sequence[Any], unit: str) -> SettingScale:
+    """Return the multiple of a unit in which pictures show the values of a parameter."""
+    numbers = [abs(x) for x in values if isinstance(x, (int, float)) and not isinstance(x, bool)]
+    if unit in ("", "-"):
+        return SettingScale(0, "")
+    order = engineering_order(max(numbers, default=0.0)) if len(numbers) == len(values) else 0
+    return SettingScale(order, scale_unit(unit, order))
+
+
 def group_rows(study: ParameterStudy, x: str) -> dict[str, Array]:
-    """Return table row indices, grouped by the values of all varied parameters except `x`."""
+    """Return table row indices, grouped by the values of all varied parameters except `x`.
+
+    The names of groups have the multiples of units that axes have: "thickness = 3 mm".
+    """
     others = [name for name in study.varied if name != x]
     groups: dict[str, list[int]] = {}
+    scales = {
+        name: find_scale([x[name] for x in study.settings], study.units.get(name, ""))
+        for name in others
+    }
     for row, setting in enumerate(study.settings):
-        label = ", ".join(f"{name}={format_setting(setting[name])}" for name in others)
+        label = ", ".join(f"{x} = {scales[x].format(setting[x])}" for x in others)
         groups.setdefault(label, []).append(row)
     return {label: np.array(rows) for label, rows in groups.items()}

@@ -8,10 +8,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.errors import list_first
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
+_MAX_NAMES = 3  # of further contacts in a warning
 _MAX_SPEED_RATIO = 2.0  # or its reciprocal
 _MIN_RESTITUTION_CHANGE = 0.05
 _SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
@@ -20,9 +22,11 @@ _MIN_SPEED_SHARE = 1e-9  # of the speeds of the bodies at a gap; rounding errors
 
 
 def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield one warning per contact whose fastest impact is far from its `impact_speed`.
+    """Yield a warning about contacts whose fastest impact is far from their `impact_speed`.
 
-    The coefficient of restitution then differs from the given one by more than 0.05.
+    Contacts with the same restitution and `impact_speed` have one warning, with the impact that is
+    farthest from it. The coefficient of restitution then differs from the given one by more than
+    0.05.
 
     Parameters
     ----------
@@ -43,6 +47,7 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     }
     if not contacts:
         return
+    impacts: dict[tuple[float, float], dict[str, float]] = {}
     for gap in compile_surface_gaps(equations):
         contact = contacts.get(gap.part)
         if contact is None or contact.impact_speed is None:
@@ -57,10 +62,18 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         restitution = restitution_at(speed, contact.restitution, contact.impact_speed)
         if abs(restitution - contact.restitution) < _MIN_RESTITUTION_CHANGE:
             continue
+        law = contact.restitution, contact.impact_speed
+        speeds = impacts.setdefault(law, {})
+        speeds[gap.part] = max(speed, speeds.get(gap.part, 0.0))
+    for (restitution, expected), speeds in impacts.items():
+        names = sorted(speeds, key=lambda name: -abs(np.log(speeds[name] / expected)))
+        also = f" (also {list_first(names[1:], _MAX_NAMES)})" if names[1:] else ""
+        speed = speeds[names[0]]
         yield (
-            f"{gap.part}: the fastest impact is at {speed:.3g} m/s, where the restitution is "
-            f"{restitution:.2g}, because restitution={contact.restitution:g} holds at "
-            f"impact_speed={contact.impact_speed:g}; pass the expected speed of the impact."
+            f"{names[0]}{also}: the fastest impact is at {speed:.3g} m/s, where the restitution is "
+            f"{restitution_at(speed, restitution, expected):.2g}, because "
+            f"restitution={restitution:g} holds at impact_speed={expected:g}; pass the expected "
+            "speed of the impact."
         )
 
 
