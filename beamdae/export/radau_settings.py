@@ -9,7 +9,10 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import motion_scales
-from beamdae.integrators.multiplier_test import MultiplierTest, plan_multiplier_test
+from beamdae.integrators.multiplier_tolerances import (
+    MultiplierTolerances,
+    plan_multiplier_tolerances,
+)
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.radau.stepper import RadauStepper
@@ -44,7 +47,7 @@ class RadauSettings:
     stagnation_limit: float
     longest_step: float
     start_rate: float
-    multipliers: MultiplierTest
+    multipliers: MultiplierTolerances
 
 
 def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> RadauSettings:
@@ -72,5 +75,5 @@ def plan_radau(equations: EquationsOfMotion, times: Array, rtol: float) -> Radau
         stagnation_limit=work.stagnation_limit,
         longest_step=work.step_size.longest,
         start_rate=scales.rate**2 / local,
-        multipliers=plan_multiplier_test(plan, scales, rtol),
+        multipliers=plan_multiplier_tolerances(plan, scales, rtol),
     )

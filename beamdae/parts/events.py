@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from beamdae.errors import (
     BeamdaeError,
@@ -17,10 +17,6 @@ from beamdae.errors import (
 )
 from beamdae.parts.laws import Law
 from beamdae.symbolic.statements import Quantity
-
-# Parts list their events, so their module imports this one.
-if TYPE_CHECKING:
-    from beamdae.parts.part import Part
 
 # Sign of the rate of the quantity at the crossing; 0 accepts both signs.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -46,7 +42,8 @@ class Switch:
     off: tuple[str, ...] = ()
     as_is: tuple[str, ...] = ()
     laws: tuple[tuple[str, Law], ...] = ()
-    parts: tuple[Part, ...] = field(default=(), compare=False, repr=False)
+    # Instances of `Part`, whose module imports this one, because parts list their events.
+    parts: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

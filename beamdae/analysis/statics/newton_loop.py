@@ -120,8 +120,7 @@ _SOLVE_NEWTON = 7
 PREDICT = 0
 _PREDICTED = 1
 ITERATE = 2
-_ITERATED = 3
-CONVERGED = 4
+CONVERGED = 3
 
 # Codes of `perform_task` besides those of the linear solver: beams in a floating frame must be
 # displaced, the control must be linearized again, the next load step needs further decisions, or

@@ -34,7 +34,7 @@ from beamdae.integrators.integrator import (
 )
 from beamdae.integrators.limits import require_feasible_step
 from beamdae.integrators.method import Method
-from beamdae.integrators.multiplier_test import plan_multiplier_test
+from beamdae.integrators.multiplier_tolerances import plan_multiplier_tolerances
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import RunPlan
@@ -244,7 +244,7 @@ class GeneralizedAlpha(Integrator):
             largest=plan.longest_step("GeneralizedAlpha", None),
             duration=plan.duration,
             tolerance=local_tolerance(self.rtol, count_periods(plan), is_one_sided),
-            multipliers=plan_multiplier_test(plan, motion_scales(plan), self.rtol),
+            multipliers=plan_multiplier_tolerances(plan, motion_scales(plan), self.rtol),
         )
 
 

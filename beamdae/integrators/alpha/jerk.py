@@ -122,7 +122,7 @@ class AdaptiveAlphaWorkspace(AlphaWorkspace):
     corrects_velocities
         1 if velocities are corrected when the step changes, otherwise 0.
     multiplier_weights, multiplier_tolerance, shortest_tested_step
-        Error test of the multipliers; see `MultiplierTest`.
+        Error test of the multipliers; see `MultiplierTolerances`.
     lam_before
         Multipliers at the start of the step before, for the extrapolation after a rejected step.
     """

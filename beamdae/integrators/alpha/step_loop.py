@@ -26,7 +26,7 @@ from beamdae.integrators.compiled_run import (
     SLOW_RATE,
 )
 from beamdae.integrators.method import clip_step
-from beamdae.integrators.multiplier_test import lower_weights
+from beamdae.integrators.multiplier_tolerances import lower_weights
 from beamdae.native.loop_functions import combine, euclidean_norm, factorize, fill, max_norm, solve
 from beamdae.native.return_codes import (
     DONE,

@@ -31,7 +31,7 @@ from beamdae.integrators.method import (
     allocate_rows,
     count_equal_steps,
 )
-from beamdae.integrators.multiplier_test import NO_MULTIPLIER_TEST, MultiplierTest
+from beamdae.integrators.multiplier_tolerances import UNTESTED_MULTIPLIERS, MultiplierTolerances
 from beamdae.integrators.sampling import Sampler
 from beamdae.native.return_codes import DONE, ERROR_TOO_LARGE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.outcome import Statistics
@@ -355,7 +355,7 @@ class AdaptiveAlphaStepper(AlphaStepper):
         largest: float,
         duration: float,
         tolerance: float,
-        multipliers: MultiplierTest = NO_MULTIPLIER_TEST,
+        multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
     ) -> None:
         equations = form.equations
         self._multipliers = multipliers

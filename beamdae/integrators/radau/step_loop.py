@@ -6,7 +6,7 @@ The functions are plain Python over arrays; `native.loops` compiles them if poss
 from __future__ import annotations
 
 from beamdae.integrators.method import clip_step
-from beamdae.integrators.multiplier_test import lower_weights
+from beamdae.integrators.multiplier_tolerances import lower_weights
 from beamdae.integrators.radau.coefficients import REAL_EIGENVALUE, C
 from beamdae.integrators.radau.stages import (
     MAX_ITERATIONS,

@@ -38,10 +38,10 @@ from beamdae.integrators.method import (
     RESIDUAL_NOT_FINITE,
     StepError,
 )
-from beamdae.integrators.multiplier_test import (
-    NO_MULTIPLIER_TEST,
-    MultiplierTest,
-    plan_multiplier_test,
+from beamdae.integrators.multiplier_tolerances import (
+    UNTESTED_MULTIPLIERS,
+    MultiplierTolerances,
+    plan_multiplier_tolerances,
 )
 from beamdae.integrators.radau.step_loop import take_radau_steps
 from beamdae.integrators.radau.workspace import TOO_SMALL, RadauWorkspace, StepSizeState
@@ -238,7 +238,7 @@ class RadauStepper:
                 (complex_.make_solver(native, linear_solver), complex_.nonzeros),
                 tolerance,
                 longest,
-                plan_multiplier_test(plan, self._scales, rtol),
+                plan_multiplier_tolerances(plan, self._scales, rtol),
             )
 
         def matrices(run: RadauWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -438,7 +438,7 @@ def make_workspace(
     complex_: tuple[Any, Array],
     tolerance: StepTolerance,
     longest: float,
-    multipliers: MultiplierTest = NO_MULTIPLIER_TEST,
+    multipliers: MultiplierTolerances = UNTESTED_MULTIPLIERS,
 ) -> RadauWorkspace:
     """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
     n, m, size = form.equations.n, form.equations.m, form.size

@@ -1,4 +1,4 @@
-"""Error test of the multipliers of mechanisms whose motion joints and drivers prescribe."""
+"""Tolerances of the multipliers of mechanisms whose motion joints and drivers prescribe."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LEAST_FORCE = 1e-200  # avoids division by zero without any forces
 _SHORTEST_TESTED_STEP = 1e-4
 
 
-class MultiplierTest(NamedTuple):
-    """Error test of multipliers, by default none.
+class MultiplierTolerances(NamedTuple):
+    """Tolerances of the error test of multipliers, by default none.
 
     Attributes
     ----------
@@ -41,24 +41,26 @@ class MultiplierTest(NamedTuple):
     shortest_step: float = math.inf
 
 
-NO_MULTIPLIER_TEST = MultiplierTest()
+UNTESTED_MULTIPLIERS = MultiplierTolerances()
 
 
-def plan_multiplier_test(plan: RunPlan, scales: MotionScales, rtol: float) -> MultiplierTest:
-    """Return the error test of a run with `rtol`; none if there are free motions.
+def plan_multiplier_tolerances(
+    plan: RunPlan, scales: MotionScales, rtol: float
+) -> MultiplierTolerances:
+    """Return the tolerances of a run with `rtol`; none if there are free motions.
 
     If joints and drivers prescribe all motions, positions and velocities do not reveal errors of
     the multipliers.
     """
     equations = plan.equations
     if not equations.is_driven:
-        return NO_MULTIPLIER_TEST
+        return UNTESTED_MULTIPLIERS
     tolerance = float(np.clip(_TOLERANCE_FACTOR * rtol, *_TOLERANCES))
     arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
     forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * np.array(arms), _LEAST_FORCE)
     largest = np.maximum(np.abs(plan.state.lam), forces)
     shortest = _SHORTEST_TESTED_STEP / scales.rate
-    return MultiplierTest(1.0 / (tolerance * largest), tolerance, shortest)
+    return MultiplierTolerances(1.0 / (tolerance * largest), tolerance, shortest)
 
 
 def lower_weights(weights: Array, tolerance: float, values: Array) -> None:
