@@ -393,7 +393,10 @@ def draw_run(run: Run, solution: Solution) -> None:
 
 def print_results(run: Run, solution: Solution) -> None:
     """Print the tables and warnings of a run, and add its results to the JSON document."""
+    from beamdae.errors import format_count
+    from beamdae.model_parameters import format_with_unit, split_unit
     from beamdae.report.terminal import text_tables
+    from beamdae.results.columns import remove_unit
     from beamdae.results.event_records import format_event_times
 
     rows = text_tables.run_facts(solution.summary(), solution.integrator)
@@ -401,7 +404,19 @@ def print_results(run: Run, solution: Solution) -> None:
         rows["events"] = format_event_times(solution.event_records)
     if run.certificate is not None:
         rows |= run.certificate.facts()
-    console = print_facts(run.model.name, rows, lambda: _json_results(run, solution))
+    comparisons = _compare_with_data(run, solution)
+    for name, x in comparisons.items():
+        unit = split_unit(name)[1]
+        rms, largest = (format_with_unit(float(f"{x[k]:.3g}"), unit) for k in ("RMS", "largest"))
+        rows[f"data of {remove_unit(name)}"] = (
+            f"RMS difference {rms}, largest {largest} at t = {x['t']:.5g} s "
+            f"({format_count(int(x['count']), 'value')})"
+        )
+    console = print_facts(
+        run.model.name,
+        rows,
+        lambda: _json_results(run, solution) | ({"data": comparisons} if comparisons else {}),
+    )
     if solution.columns:
         console.print(text_tables.range_table(solution.columns, run.errors, solution.step_extremes))
     if solution.derivatives is not None:
@@ -409,6 +424,37 @@ def print_results(run: Run, solution: Solution) -> None:
     if solution.validity:
         console.print(text_tables.validity_table(solution.validity))
     print_warnings(console, _warnings(run, solution))
+
+
+def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, float]]:
+    """Return differences between the run and measured data, by header of the column.
+
+    These are the RMS and the largest magnitude, its time [s], and the number of values within the
+    run. Columns that are not in the table of the run are omitted.
+    """
+    import numpy as np
+
+    points = {} if run.charts is None else run.charts.points
+    comparisons = {}
+    for name, experiments in points.items():
+        if name not in solution.columns or not experiments:
+            continue
+        t, measured = map(np.concatenate, zip(*experiments.values(), strict=True))
+        is_inside = (solution.trajectory.start <= t) & (t <= solution.trajectory.end)
+        is_inside &= np.isfinite(measured)
+        t, measured = t[is_inside], measured[is_inside]
+        if not len(t):
+            continue
+        times, rows = np.unique(t, return_inverse=True)
+        differences = np.abs(solution.at_times(times).columns[name][rows] - measured)
+        k = int(np.argmax(differences))
+        comparisons[name] = {
+            "RMS": float(np.sqrt(np.mean(differences**2))),
+            "largest": float(differences[k]),
+            "t": float(t[k]),
+            "count": len(t),
+        }
+    return comparisons
 
 
 def _warnings(run: Run, solution: Solution) -> list[str]:

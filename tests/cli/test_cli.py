@@ -372,6 +372,28 @@ def test_check_reports_size_and_start(command):
     assert "largest relative error of arc length of beam" in rows["zero up to rounding"]
 
 
+FALL = """import beamdae as bd
+
+
+@bd.model(t_end=1.0)
+def fall():
+    mech = bd.Mechanism(gravity=(0.0, -10.0))
+    mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0))).point)
+    return mech
+"""
+
+
+def test_regression_runs_with_data_print_their_differences(command):
+    """Measured points were drawn, but no number compared them with the run."""
+    # Differences of 3 and -4 mm; the last row is after the run.
+    Path("fall.csv").write_text("t [s],ball.y [mm]\n0.1,1953\n0.5,746\n1.5,0\n", "utf-8")
+    options = ["--data", "fall.csv", "--no-page", "--no-estimate"]
+    text = " ".join(command("run", FALL, *options).stdout.split())
+    assert "data of ball.y RMS difference 0.00354 m, largest 0.004 m at t = 0.5 s (2 val" in text
+    (x,) = json.loads(command("run", FALL, *options, "--json").stdout)["data"].values()
+    assert (x["largest"], x["t"], x["count"]) == (pytest.approx(0.004, rel=1e-3), 0.5, 2)
+
+
 CRANK = """import beamdae as bd
 
 
