@@ -120,7 +120,8 @@ _SOLVE_NEWTON = 7
 PREDICT = 0
 _PREDICTED = 1
 ITERATE = 2
-CONVERGED = 3
+_ITERATED = 3
+CONVERGED = 4
 
 # Codes of `perform_task` besides those of the linear solver: beams in a floating frame must be
 # displaced, the control must be linearized again, the next load step needs further decisions, or
@@ -557,7 +558,7 @@ def _correct(run: BorderedWorkspace) -> int:
             combine(run.displaced, (1.0,), (run.solution[:n],))
             displace_axes(run.axes, run.inputs, run.solution, run.displaced)
             combine(run.displaced, (1.0, 1.0), (run.inputs[:n], run.displaced))
-            run.phase += 1
+            run.phase = _PREDICTED if run.phase == PREDICT else _ITERATED
             if run.has_frames == 1:
                 return DISPLACE
         combine(run.inputs[:n], (1.0,), (run.displaced,))
