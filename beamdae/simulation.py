@@ -26,7 +26,8 @@ from beamdae.errors import (
     warn_of_result,
 )
 from beamdae.integrators import Auto, Integrator
-from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.integrators.integrator import require_integrator
+from beamdae.integrators.limits import Progress
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import (
     PARTIAL_RESULTS,

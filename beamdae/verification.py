@@ -11,7 +11,8 @@ import numpy as np
 from beamdae.beams.beam import beams_of
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.integrators import Integrator, Radau
-from beamdae.integrators.integrator import Progress, require_integrator
+from beamdae.integrators.integrator import require_integrator
+from beamdae.integrators.limits import Progress
 from beamdae.interrupts import Interrupted, interruptible
 from beamdae.results.columns import (
     Header,

@@ -31,7 +31,7 @@ from beamdae.errors import (
     warn_user,
 )
 from beamdae.integrators import Radau
-from beamdae.integrators.integrator import Progress
+from beamdae.integrators.limits import Progress
 from beamdae.interrupts import (
     PARTIAL_RESULTS,
     Interrupted,

@@ -12,7 +12,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import needs_radau
-from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
+from beamdae.integrators.integrator import AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.limits import Progress
 from beamdae.integrators.method import Method
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau

@@ -25,8 +25,8 @@ from beamdae.errors import BeamdaeError, ProgressError, list_first
 from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
-from beamdae.integrators.integrator import Integrator, Progress, require_limits
-from beamdae.integrators.limits import RunLimits, StallDetector
+from beamdae.integrators.integrator import Integrator, require_limits
+from beamdae.integrators.limits import Progress, RunLimits, StallDetector
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,

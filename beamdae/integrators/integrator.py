@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +18,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.integrators.limits import Progress
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -34,9 +34,6 @@ _MAX_RTOL = 0.1
 # Factors of the step and of `rtol` in `refine`.
 _FINER_STEP = 0.5
 _FINER_RTOL = 0.1
-
-# Function of the time reached [s]; a returned string stops the run and becomes the reason.
-Progress = Callable[[float], str | None]
 
 
 class Accuracy(NamedTuple):

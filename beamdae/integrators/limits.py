@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from beamdae.errors import BeamdaeError, call_progress
-from beamdae.integrators.integrator import Progress
+
+# Function of the time reached [s]; a returned string stops the run and becomes the reason.
+Progress = Callable[[float], str | None]
 
 # Runs that would need more steps are rejected.
 MAX_PLANNED_STEPS = 1e8

@@ -42,7 +42,7 @@ from beamdae.equations.measures import ENERGIES, plan_balance
 from beamdae.equations.model_hash import hash_model
 from beamdae.errors import BeamdaeError, record_warnings, short_repr
 from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
-from beamdae.integrators.integrator import Progress
+from beamdae.integrators.limits import Progress
 from beamdae.interrupts import (
     Interrupted,
     PartialResult,

@@ -25,14 +25,8 @@ from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaSt
 from beamdae.integrators.amplitudes import SMALL_DEFORMATION_SHARE
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import count_periods, motion_scales
-from beamdae.integrators.integrator import (
-    Accuracy,
-    Integrator,
-    Progress,
-    require_limits,
-    require_tolerance,
-)
-from beamdae.integrators.limits import require_feasible_step
+from beamdae.integrators.integrator import Accuracy, Integrator, require_limits, require_tolerance
+from beamdae.integrators.limits import Progress, require_feasible_step
 from beamdae.integrators.method import Method
 from beamdae.integrators.multiplier_tolerances import plan_multiplier_tolerances
 from beamdae.integrators.pilot_run import PILOT_RTOL

@@ -12,7 +12,8 @@ from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import ERROR_CONTROL
 from beamdae.integrators.ida.stepper import IdaStepper
-from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
+from beamdae.integrators.integrator import AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.results.solution import Solution

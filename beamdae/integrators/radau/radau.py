@@ -10,7 +10,8 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import require_choice
 from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import ERROR_CONTROL
-from beamdae.integrators.integrator import AdaptiveIntegrator, Progress, require_tolerance
+from beamdae.integrators.integrator import AdaptiveIntegrator, require_tolerance
+from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.integrators.run_plan import RunPlan
