@@ -47,6 +47,11 @@ def warn_of_trial_run(
     messages = [x for x in run.warnings if x not in omitted]
     if run.status.kind == "failed":
         messages.append(run.status.sentence)
+    elif run.status.kind == "limited":
+        messages.append(
+            f"{_MAX_TRIAL_STEPS} adaptive steps end at t = {run.trajectory.end:.3g} s of "
+            f'{t_end:g} s; the FMU takes as many: damp fast vibrations, or use integrator="alpha".'
+        )
     for sentence in messages:
         warn_user(f"{call}: in a trial run, {sentence}")
     # An FMU does not search its steps for these peaks.

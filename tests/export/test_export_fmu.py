@@ -671,6 +671,17 @@ def test_regression_default_exports_resolve_vibrations_and_fixed_steps_warn(tmp_
         assert any("change the period of its vibration" in x for x in fixed.warnings)
 
 
+@pytest.mark.slow(reason="20 000 steps")
+def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
+    """A beam without damping took 300 000 steps in 0.5 s, of which nothing was said."""
+    mech = bd.Mechanism()
+    point = mech.add(bd.PointMass("ball", 1.0, at=(1.1, 0.0))).point
+    mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), point, 1e10, free_length=1.0))
+    mech.observe("ball", point)
+    with pytest.warns(bd.BeamdaeWarning, match="20000 adaptive steps end at t = .* s of 5 s"):
+        export(tmp_path, mech, integrator="radau", t_end=5.0)
+
+
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
         export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
