@@ -117,7 +117,7 @@ class Truncating(AdaptiveIntegrator):
 
     def integrate(self, equations, times, progress=None):
         try:
-            return bd.Radau().integrate(equations, times, InterruptAt(8))
+            return bd.Radau().integrate(equations, times, InterruptAt(2))
         except Interrupted as interrupt:
             return interrupt.solution
 
