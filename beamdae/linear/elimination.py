@@ -233,6 +233,28 @@ def _scale_matrix(plan: EliminationPlan, factors: Factors, nonzeros: Array) -> N
     entries[len(entries) - N_EXTRA_ENTRIES + ONE_ENTRY] = 1.0
 
 
+def eliminate_interior(
+    blocks: Array, first: int, interior: int, neighbors: int, corner: Array, corner_first: int
+) -> None:
+    """Factorize one block per lane without pivoting, and add its contribution to `corner`.
+
+    The factors replace the entries from `first` on: columns of the interior unknowns, then interior
+    rows of the neighbors. Pivots are inverted.
+    """
+    size, left = interior + neighbors, first + interior
+    for j in range(interior):
+        column = first + j * size
+        subtract_unit_triangle(blocks, column, j, interior, blocks, first, size)
+        below = column + interior
+        subtract_products(blocks, below, neighbors, blocks, left, size, blocks, column, j)
+        invert_lanes(blocks, column + j)
+        multiply_lanes(blocks, column + j + 1, size - j - 1, blocks, column + j)
+    for j in range(neighbors):
+        column, below = first + interior * size + j * interior, corner_first + j * neighbors
+        subtract_unit_triangle(blocks, column, interior, interior, blocks, first, size)
+        subtract_products(corner, below, neighbors, blocks, left, size, blocks, column, interior)
+
+
 def _eliminate_blocks(plan: EliminationPlan, factors: Factors) -> None:
     """Factorize the blocks without pivoting, and subtract their contributions from `entries`."""
     entries, blocks, corner, at = (
@@ -245,21 +267,8 @@ def _eliminate_blocks(plan: EliminationPlan, factors: Factors) -> None:
         interior, neighbors = plan.batches[batch, INTERIOR], plan.batches[batch, NEIGHBORS]
         first, size = plan.batches[batch, FIRST_ENTRY], interior + neighbors
         gather_lanes(blocks, first, interior * (size + neighbors), entries, at, first)
-        left = first + interior
-        for j in range(interior):
-            column = first + j * size
-            subtract_unit_triangle(blocks, column, j, interior, blocks, first, size)
-            below = column + interior
-            subtract_products(blocks, below, neighbors, blocks, left, size, blocks, column, j)
-            invert_lanes(blocks, column + j)
-            multiply_lanes(blocks, column + j + 1, size - j - 1, blocks, column + j)
         clear_lanes(corner, 0, neighbors * neighbors)
-        for j in range(neighbors):
-            column, below = first + interior * size + j * interior, j * neighbors
-            subtract_unit_triangle(blocks, column, interior, interior, blocks, first, size)
-            subtract_products(
-                corner, below, neighbors, blocks, left, size, blocks, column, interior
-            )
+        eliminate_interior(blocks, first, interior, neighbors, corner, 0)
         target = plan.batches[batch, FIRST_CORNER]
         add_lanes(entries, plan.corner_entries, target, corner, 0, neighbors * neighbors)
 

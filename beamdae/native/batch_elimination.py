@@ -23,6 +23,7 @@ from beamdae.linear.elimination import (
     ONE_ENTRY,
     EliminationPlan,
     Factors,
+    eliminate_interior,
     empty_plan,
     find_refinements,
 )
@@ -34,8 +35,6 @@ from beamdae.linear.lane_operations import (
     multiply_lanes,
     set_entry,
     subtract_lanes,
-    subtract_products,
-    subtract_unit_triangle,
 )
 from beamdae.native.linear_solver import LinearSolver
 from beamdae.native.loop_functions import TILE_ROWS, combine, fill, set_tiles
@@ -198,7 +197,7 @@ def _eliminate_blocks(plan: EliminationPlan, batch: BatchFactors) -> None:
     padding, tile = len(plan.scale), 0
     for k in range(batches.shape[0]):
         interior, neighbors = batches[k, INTERIOR], batches[k, NEIGHBORS]
-        size, count = interior + neighbors, interior * (interior + 2 * neighbors)
+        count = interior * (interior + 2 * neighbors)
         entry = LANES * batches[k, FIRST_ENTRY]
         corner_size = neighbors * neighbors
         fill(corner[: LANES * LANES * corner_size], 0.0)
@@ -210,21 +209,7 @@ def _eliminate_blocks(plan: EliminationPlan, batch: BatchFactors) -> None:
             # Lanes without a block contain the identity.
             if block_unknowns[LANES * batches[k, FIRST_UNKNOWN] + block] == padding:
                 continue
-            left = first + interior
-            for j in range(interior):
-                column = first + j * size
-                subtract_unit_triangle(blocks, column, j, interior, blocks, first, size)
-                below = column + interior
-                subtract_products(blocks, below, neighbors, blocks, left, size, blocks, column, j)
-                invert_lanes(blocks, column + j)
-                multiply_lanes(blocks, column + j + 1, size - j - 1, blocks, column + j)
-            for j in range(neighbors):
-                column = first + interior * size + j * interior
-                below = block * corner_size + j * neighbors
-                subtract_unit_triangle(blocks, column, interior, interior, blocks, first, size)
-                subtract_products(
-                    corner, below, neighbors, blocks, left, size, blocks, column, interior
-                )
+            eliminate_interior(blocks, first, interior, neighbors, corner, block * corner_size)
         # In the order of `elimination`, so that rounding errors are the same.
         start = LANES * batches[k, FIRST_CORNER]
         for i in range(corner_size):

@@ -205,6 +205,7 @@ def test_compiled_elimination_agrees(kind):
         elimination.substitute_triangles,
         elimination._update_residual,
         elimination._scale_matrix,
+        elimination.eliminate_interior,
         elimination._eliminate_blocks,
         elimination._solve_scaled,
         elimination.eliminate_columns,
