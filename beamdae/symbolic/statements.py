@@ -389,16 +389,26 @@ class Quantity:
         # A cached property because fingerprints of models omit these.
         return None
 
+    @cached_property
+    def _rebuilt(self) -> Quantity | None:
+        """Result of the last call of `current` that rebuilt the quantity; None if there is none."""
+        return None
+
     @property
     def current(self) -> Quantity:
         """The quantity, rebuilt for the present coordinates of the bodies if this is possible."""
         if self.recipe is None or self._built_for is _present_meshes or not self.can_be_rebuilt:
             return self
-        build, arguments, options, _ = self.recipe
-        rebuilt = build(*arguments, **options)
-        if rebuilt.columns == self.columns:
-            return rebuilt
-        return replace(rebuilt, columns=self.columns)
+        # An assembly asks for the quantities of sensors several times.
+        rebuilt = self._rebuilt
+        if rebuilt is None or rebuilt._built_for is not _present_meshes:
+            build, arguments, options, _ = self.recipe
+            rebuilt = build(*arguments, **options)
+            if rebuilt.columns != self.columns:
+                rebuilt = replace(rebuilt, columns=self.columns)
+                set_fields(rebuilt, _built_for=_present_meshes)
+            set_fields(self, _rebuilt=rebuilt)
+        return rebuilt
 
 
 class _Recipe(NamedTuple):

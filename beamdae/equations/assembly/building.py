@@ -44,6 +44,7 @@ from beamdae.errors import BeamdaeError, require_name, short_repr, suggest
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.control.controller import Controller
 from beamdae.parts.events import DIRECTIONS, Event
+from beamdae.parts.forces.load_observables import FormulaLoad
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.observables import as_quantity
@@ -150,7 +151,9 @@ def build_equations(
         )
 
     def observe(name: str, quantity: Quantity) -> Observable:
-        return build_observable(name, quantity, coordinate_map, numbers, rows, laws_of_inputs)
+        return build_observable(
+            name, quantity, coordinate_map, numbers, rows, laws_of_inputs, statements
+        )
 
     observable_terms = [observe(name, quantity) for name, quantity in observables.items()]
     require_unique_headers(coordinates, multipliers, observable_terms)
@@ -233,10 +236,13 @@ def build_observable(
     numbers: NumberStore,
     rows: dict[str, slice],
     laws_of_inputs: Mapping[str, Law] = MappingProxyType({}),
+    statements: Sequence[PartStatements] = (),
 ) -> Observable:
     """Return the observable of a quantity; append the numbers of the quantity to `numbers`.
 
-    `rows` maps the name of each part with constraints to the slice of its multipliers.
+    `rows` maps the name of each part with constraints to the slice of its multipliers. Loads of
+    formulas with functions of the user follow from their `statements`, if there are any, so that
+    these functions are called once.
 
     Raises
     ------
@@ -248,6 +254,10 @@ def build_observable(
             f"{name}: {quantity.joint!r} has no constraints and therefore no reaction; observe "
             "the reaction of a joint."
         )
+    if isinstance(formula := quantity.expression, FormulaLoad):
+        for statement in statements:
+            if statement.part is formula.part:
+                quantity = formula.use_statements(quantity, statement.forces)
     lam_rows = slice(0, 0) if quantity.joint is None else rows[quantity.joint]
     operator = coordinate_map.global_operator(quantity.pieces)
     data = np.asarray(quantity.data, float)
@@ -327,7 +337,9 @@ def add_observable(
         part = multiplier.rpartition(".")[0]
         rows[part] = slice(rows.get(part, slice(row, row)).start, row + 1)
     laws_of_inputs = select_input_laws(mechanism.inputs)
-    new_observable = build_observable(name, quantity, coordinate_map, numbers, rows, laws_of_inputs)
+    new_observable = build_observable(
+        name, quantity, coordinate_map, numbers, rows, laws_of_inputs, e.statements
+    )
     observables = (*e.observables, new_observable)
     require_unique_headers(e.coordinates, e.multipliers, observables)
     observed = copy(mechanism)

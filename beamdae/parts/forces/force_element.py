@@ -22,7 +22,7 @@ from beamdae.parts.forces.formula_checks import (
     require_continuous_formula,
     require_function,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad, UserFormula
 from beamdae.parts.tables import Table
 from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel, constant_formula
 from beamdae.symbolic.statements import (
@@ -316,13 +316,22 @@ class ForceElement(ObservableLoad):
         """Both points, by the names "a" and "b"."""
         return {"a": LoadedPoint(self.a, 0), "b": LoadedPoint(self.b, 1)}
 
+    @property
+    def user_formula(self) -> UserFormula | None:
+        """The force formula if it contains functions of the user; otherwise None."""
+        if not self._has_user_law:
+            return None
+        arguments, functions = self._expression
+        expression, data = FormulaExpression.of(_ElementKernel(*arguments), functions)
+        return UserFormula(expression, (self.a.piece, self.b.piece), data)
+
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the forces on both bodies."""
+        if (formula := self.user_formula) is not None:
+            return [formula.statement(self.name)]
         arguments, functions = self._expression
         size = self.a.size + self.b.size
-        kernel, data = build_formula_kernel(
-            _ElementKernel(*arguments), functions, size, shared=not self._has_user_law
-        )
+        kernel, data = build_formula_kernel(_ElementKernel(*arguments), functions, size)
         return [ForceStatement(self.name, kernel, (self.a.piece, self.b.piece), data)]
 
     @rebuilt_for_mesh

@@ -9,7 +9,7 @@ resultant.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.parts.attachments import Attachment, rotate
 from beamdae.parts.part import Part
+from beamdae.symbolic.formula import FormulaExpression
 from beamdae.symbolic.signals import SignalNumbers
 from beamdae.symbolic.statements import (
     SX,
@@ -119,6 +120,68 @@ class _StatementValues:
         return self.combine(copies, local)
 
 
+class UserFormula(NamedTuple):
+    """Force formula of a part that contains functions of the user.
+
+    Attributes
+    ----------
+    expression
+        Function of local coordinates that returns the `ForceKernel`.
+    pieces
+        Operators that select the local coordinates.
+    data
+        Numbers in the formula, (n_data,).
+    """
+
+    expression: FormulaExpression
+    pieces: tuple[Piece, ...]
+    data: np.ndarray
+
+    def statement(self, part: str) -> ForceStatement:
+        """Return the forces of the part of this name, by calls of the functions of the user."""
+        kernel = self.expression(Local(sum(self._sizes), len(self.data)))
+        return ForceStatement(part, kernel, self.pieces, self.data[:, None])
+
+    def copy(self, local: Local) -> _Copy:
+        """Return the forces on the coordinates of `local`, with symbols of signals in them."""
+        force = -self.expression(local).force
+        return _Copy(force, local.q, local.v, list(range(local.size)), self._sizes)
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return tuple(piece.operator.shape[0] for piece in self.pieces)
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaLoad:
+    """Values computed from the forces of a part with a `UserFormula`.
+
+    The functions of the user are called when equations are assembled, like those of the forces, and
+    not when the quantity is created: their variables may change in between.
+
+    Attributes
+    ----------
+    part
+        The part.
+    combine
+        Function from the list of the one copy of the forces to the column of values.
+    """
+
+    part: ObservablePower
+    combine: Callable[[list[_Copy], Local], SX]
+
+    def __call__(self, local: Local) -> SX:
+        """Return the values by calls of the functions of the user."""
+        formula = self.part.user_formula
+        assert formula is not None
+        return self.combine([formula.copy(local)], local)
+
+    def use_statements(self, quantity: Quantity, statements: Sequence[ForceStatement]) -> Quantity:
+        """Return the quantity computed from the assembled forces of the part."""
+        built = _observe(self.part.name, statements, quantity.columns, self.combine)
+        return replace(quantity, pieces=built.pieces, expression=built.expression, data=built.data)
+
+
 def _observe(
     part: str,
     statements: Sequence[ForceStatement],
@@ -204,9 +267,23 @@ class ObservablePower(Part):
     """Part with observable power, from its force statements by the principle of virtual work."""
 
     @property
+    def user_formula(self) -> UserFormula | None:
+        """The force formula if it contains functions of the user; otherwise None."""
+        return None
+
+    @property
     def _joint(self) -> Part | None:
         """Joint on whose reactions the forces depend."""
         return None
+
+    def _observe_forces(
+        self, columns: tuple[Variable, ...], combine: Callable[[list[_Copy], Local], SX]
+    ) -> Quantity:
+        """Return a quantity computed by `combine` from the copies of all statements."""
+        if (formula := self.user_formula) is not None:
+            load = FormulaLoad(self, combine)
+            return Quantity(columns, formula.pieces, load, formula.data, load_of=self.name)
+        return _observe(self.name, self.forces(np.zeros(2)), columns, combine, self._joint)
 
     @property
     @rebuilt_for_mesh
@@ -216,7 +293,7 @@ class ObservablePower(Part):
         In the energy balance, its integral is the work of loads minus the dissipated energy and the
         increase of the strain energy of the part.
         """
-        return _observe(self.name, self.forces(np.zeros(2)), (_POWER,), _sum_powers, self._joint)
+        return self._observe_forces((_POWER,), _sum_powers)
 
 
 class ObservableBeamLoad(ObservablePower):
@@ -352,7 +429,6 @@ class ObservableLoad(ObservablePower):
         axes: str = "inertial",
         is_numbered: bool = True,
     ) -> Quantity:
-        (statement,) = self.forces(np.zeros(2))
         points = [self.loaded_points[place] for place in places]
 
         def combine(copies: list[_Copy], local: Local) -> SX:
@@ -373,4 +449,4 @@ class ObservableLoad(ObservablePower):
             for place in places
             for x in columns
         )
-        return _observe(self.name, [statement], all_columns, combine, self._joint)
+        return self._observe_forces(all_columns, combine)

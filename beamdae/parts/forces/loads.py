@@ -18,9 +18,9 @@ from beamdae.parts.attachments import (
     require_movable,
     rotate,
 )
-from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
+from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad, UserFormula
 from beamdae.parts.laws import Law, as_law
-from beamdae.symbolic.formula import build_formula_kernel
+from beamdae.symbolic.formula import FormulaExpression, build_formula_kernel
 from beamdae.symbolic.statements import SX, ForceKernel, ForceStatement, Local, Variable
 
 
@@ -55,6 +55,15 @@ def load_statement(
     functions = (on.checked_kinematics, *(law.formula for law in laws))
     kernel, data = build_formula_kernel(kind, functions, on.size)
     return ForceStatement(part, kernel, (on.piece,), data)
+
+
+def _user_formula(
+    on: Attachment, kind: Callable[..., ForceKernel], laws: Sequence[Law]
+) -> UserFormula | None:
+    """Return the formula of a load if a law is a function of the user; otherwise None."""
+    functions = (on.checked_kinematics, *(law.formula for law in laws))
+    expression, data = FormulaExpression.of(kind, functions)
+    return None if expression.is_shareable else UserFormula(expression, (on.piece,), data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +139,16 @@ class Force(ObservableLoad):
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the force as one statement."""
-        kind = {"inertial": dead_load, "body": _follower_load}[self.axes]
-        return [load_statement(self.name, self.on, kind, self.laws)]
+        return [load_statement(self.name, self.on, self._kind, self.laws)]
+
+    @property
+    def user_formula(self) -> UserFormula | None:
+        """The formula if a component is a function of the user; otherwise None."""
+        return _user_formula(self.on, self._kind, self.laws)
+
+    @property
+    def _kind(self) -> Callable[..., ForceKernel]:
+        return {"inertial": dead_load, "body": _follower_load}[self.axes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,3 +205,8 @@ class Moment(ObservableLoad):
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return the moment as one statement."""
         return [load_statement(self.name, self.on, _moment_load, self.laws)]
+
+    @property
+    def user_formula(self) -> UserFormula | None:
+        """The formula if the law is a function of the user; otherwise None."""
+        return _user_formula(self.on, _moment_load, self.laws)
