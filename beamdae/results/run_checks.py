@@ -20,6 +20,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
 )
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.diagnostics.contacts.elastic_bounces import elastic_bounce_warnings
 from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnings
 from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.contacts.impacts import impact_warnings
@@ -30,6 +31,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     sample_positions,
     strain_warnings,
 )
+from beamdae.results.diagnostics.meshes.fast_loads import fast_load_warnings
 from beamdae.results.diagnostics.meshes.forced_vibrations import examine_vibrations
 from beamdae.results.diagnostics.meshes.long_elements import long_element_warnings
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
@@ -141,10 +143,14 @@ def _long_elements(run: RunData) -> Iterator[str]:
         return
     motion = run.equations, run.trajectory, run.step_extremes
     examined = dict(examine_vibrations(*motion, run._observe))
-    yield from filter(None, examined.values())
-    yield from long_element_warnings(
-        *motion, run._observe_at, lambda: run._energy_ledger.has_free_vibrations, examined
-    )
+    warnings = [
+        *filter(None, examined.values()),
+        *long_element_warnings(
+            *motion, run._observe_at, lambda: run._energy_ledger.has_free_vibrations, examined
+        ),
+    ]
+    # One warning is enough to use more elements.
+    yield from warnings or fast_load_warnings(*motion)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
@@ -216,6 +222,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _driven_reactions,
     _of_motion(slow_sliding_warnings),
     _of_motion(impact_speed_warnings),
+    _of_motion(elastic_bounce_warnings),
     _mesh_errors,
     _long_elements,
     _of_motion(moving_load_warnings),

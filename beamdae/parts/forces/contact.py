@@ -204,7 +204,8 @@ class Contact(ObservableLoad):
         force has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
-        smaller fraction of their speed.
+        smaller fraction of their speed. If omitted, the contact is elastic as with 1, and runs
+        warn if it opens repeatedly: without dissipation, bodies do not come to rest.
     impact_speed
         Relative speed before the impact [m/s]; required if the restitution is less than 1.
     friction
@@ -246,7 +247,7 @@ class Contact(ObservableLoad):
     surface: LineSurface | CircleSurface
     stiffness: float
     exponent: float = 1.5
-    restitution: float = 1.0
+    restitution: float | None = None
     impact_speed: float | None = None
     friction: float = 0.0
     friction_speed: float | None = None
@@ -271,7 +272,6 @@ class Contact(ObservableLoad):
             self,
             stiffness=require_positive(self.name, "stiffness", self.stiffness),
             exponent=require_finite(self.name, "exponent", self.exponent),
-            restitution=require_finite(self.name, "restitution", self.restitution),
             friction=require_non_negative(self.name, "friction", self.friction),
         )
         static, stribeck = require_stribeck(
@@ -289,10 +289,13 @@ class Contact(ObservableLoad):
                 f"{self.name}: exponent must lie in [{_MIN_EXPONENT:g}, {_MAX_EXPONENT:g}], "
                 f"got {self.exponent:g}."
             )
-        if not _MIN_RESTITUTION <= self.restitution <= 1.0:
+        if self.restitution is not None:
+            set_fields(self, restitution=require_finite(self.name, "restitution", self.restitution))
+        restitution = self.restitution_or_elastic
+        if not _MIN_RESTITUTION <= restitution <= 1.0:
             raise BeamdaeError(
                 f"{self.name}: restitution must lie in [{_MIN_RESTITUTION:g}, 1], got "
-                f"{self.restitution:g}."
+                f"{restitution:g}."
             )
         if self.max_step is not None:
             set_fields(self, max_step=require_positive(self.name, "max_step", self.max_step))
@@ -300,9 +303,9 @@ class Contact(ObservableLoad):
             set_fields(
                 self, impact_speed=require_positive(self.name, "impact_speed", self.impact_speed)
             )
-        elif self.restitution < 1.0:
+        elif restitution < 1.0:
             raise BeamdaeError(
-                f"{self.name}: restitution={self.restitution:g} requires "
+                f"{self.name}: restitution={restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
             )
 
@@ -320,11 +323,16 @@ class Contact(ObservableLoad):
         return (replace(as_law(self.name, 0.0), time_scale=time_scale),)
 
     @property
+    def restitution_or_elastic(self) -> float:
+        """The coefficient of restitution, 1 if none is given."""
+        return 1.0 if self.restitution is None else self.restitution
+
+    @property
     def hysteresis(self) -> float:
         """Hysteresis factor X [s/m], zero if no impact speed is given; see `hysteresis_factor`."""
         if self.impact_speed is None:
             return 0.0
-        return hysteresis_factor(self.restitution, self.impact_speed)
+        return hysteresis_factor(self.restitution_or_elastic, self.impact_speed)
 
     @property
     def _law_arguments(self) -> tuple[Any, ...]:

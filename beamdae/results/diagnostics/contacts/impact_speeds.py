@@ -43,7 +43,7 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     contacts = {
         name: part
         for name, part in parts.items()
-        if isinstance(part, Contact) and part.impact_speed and part.restitution < 1.0
+        if isinstance(part, Contact) and part.impact_speed and part.hysteresis > 0.0
     }
     if not contacts:
         return
@@ -59,10 +59,9 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         least = 0.0 if is_thinned else 1.0 / _MAX_SPEED_RATIO
         if not speed or least <= ratio <= _MAX_SPEED_RATIO:
             continue
-        restitution = restitution_at(speed, contact.restitution, contact.impact_speed)
-        if abs(restitution - contact.restitution) < _MIN_RESTITUTION_CHANGE:
+        law = contact.restitution_or_elastic, contact.impact_speed
+        if abs(restitution_at(speed, *law) - law[0]) < _MIN_RESTITUTION_CHANGE:
             continue
-        law = contact.restitution, contact.impact_speed
         speeds = impacts.setdefault(law, {})
         speeds[gap.part] = max(speed, speeds.get(gap.part, 0.0))
     for (restitution, expected), speeds in impacts.items():

@@ -1,0 +1,69 @@
+"""Warnings about contacts that bounce because no dissipation is given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.errors import list_first
+from beamdae.results.trajectory import Trajectory
+
+_MIN_BOUNCES = 10  # a few of them may be impacts of a mechanism that moves on
+_MAX_NAMES = 3  # of further contacts
+# Of the deepest penetration: smaller gaps are oscillations about a static penetration that starts
+# at the surface.
+_MIN_OPENING = 1e-2
+
+
+def elastic_bounce_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield one warning about contacts without `restitution` that open at least ten times.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    """
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    if not any(part.gaps for part in parts.values()):
+        return
+    from beamdae.parts.forces.contact import Contact
+
+    elastic = {
+        name
+        for name, part in parts.items()
+        if isinstance(part, Contact) and part.restitution is None
+    }
+    counts = {
+        gap.part: _count_openings(gap, trajectory)
+        for gap in (compile_surface_gaps(equations) if elastic else ())
+        if gap.part in elastic
+    }
+    names = sorted((x for x in counts if counts[x] >= _MIN_BOUNCES), key=lambda x: -counts[x])
+    if not names:
+        return
+    first, *others = names
+    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+    yield (
+        f"{first}{also}: the contact opens {counts[first]} times and dissipates no energy; pass "
+        "restitution= and impact_speed=, or restitution=1 if elastic impacts are intended."
+    )
+
+
+def _count_openings(gap: SurfaceGapTerm, trajectory: Trajectory) -> int:
+    """Return how often the gap opens after a penetration."""
+    values = [
+        gap.evaluate(x.t, x.branch, x.state.q)
+        for x in trajectory.intervals
+        if gap.part not in x.inactive
+    ]
+    if not values:
+        return 0
+    gaps = np.concatenate(values)
+    least = _MIN_OPENING * max(-float(np.min(gaps)), 0.0)
+    sides = np.sign(gaps[np.abs(gaps) > least])
+    return int(np.count_nonzero((sides[:-1] < 0.0) & (sides[1:] > 0.0)))

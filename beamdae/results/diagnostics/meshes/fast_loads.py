@@ -1,0 +1,471 @@
+"""Errors by elements that are too long for the waves of loads and drivers that change fast.
+
+A law that jumps, or rises within less time than waves take through an element, excites waves that
+the elements do not resolve. Motions without these waves look smooth: they do not show that waves
+are missing. Therefore, the linear response to the changes of the laws is computed with the elements
+of the model and with shorter ones, and the extremes are compared:
+
+    M x'' + C x' + K x + G^T lam = f(t) - f(0),    G x = -(g(t) - g(0))
+
+at the state before the first fast change. Modal equations are integrated exactly for forces that
+are linear between the times of a grid.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from beamdae.beams.beam import Beam, beams_of
+from beamdae.beams.dispersion import axial_wave_error, bending_wave_errors, section_values
+from beamdae.beams.prolongation import halve_elements, prolong_coordinates
+from beamdae.beams.remeshing import choose_base_meshes, replace_beams
+from beamdae.equations.assembly.assemble import equations_of_motion
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.measures import ObservedRows
+from beamdae.equations.smooth_intervals import time_on_branch
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError, list_first
+from beamdae.parts.laws import Law
+from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
+from beamdae.results.columns import Header, largest_of_kind, remove_unit
+from beamdae.results.diagnostics.meshes.long_elements import coordinates_of
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Relative error of the frequency of axial and bending waves from which on a change is fast.
+_MIN_WAVE_ERROR = 3e-3
+# Error of an extreme relative to half the range of the column from which on a run has a warning.
+# In 98 runs of rods, cantilevers, frames and shaken beams under pulses, ramps, steps and tables,
+# with 1 to 16 elements, 35 of 38 errors above 5 % have a warning, and all 37 warnings are of errors
+# above 4 %. The estimate is 0.6 to 2 times the error, and up to 4 times with one element.
+_MAX_ERROR = 0.05
+_UNITS = ("m", "rad", "-", "Pa", "N", "N m")
+# Columns whose half range is smaller, relative to the largest one of their kind, are left out.
+_MIN_SHARE = 1e-2
+_HALVINGS = 2  # of the compared elements
+_MAX_COORDINATES = 700
+_MAX_SAMPLED_TIMES = 2000
+_MAX_SLOW_SAMPLES = 200  # of functions that accept no arrays
+_FAST_SHARE = 0.05  # of the largest rate, in the time of the fast change
+_FINE_TIMES, _COARSE_TIMES = 100, 400  # of the fast change, and of the response
+_PERIODS = 1.2  # duration of the response, in periods of a clamped beam
+_CANTILEVER = 3.516  # angular frequency over sqrt(EI / (rhoA L^4))
+_DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
+_RANK_TOLERANCE = 1e-9
+_MAX_NAMES = 3  # of further columns
+_LARGE_ERROR = 0.95  # larger estimates are meaningless
+_RECOMMENDED_ERROR = 0.02
+# Fronts of waves that follow jumps converge slowly.
+_MIN_ORDER, _MAX_REFINEMENT = 0.5, 16.0
+_SHORT_TIME = 1e-9  # relative to the duration; distance between two times
+_MIN_STEP = 1e-12  # relative to the end time; differences over shorter steps are rounding
+# Frames that turn by more [rad] have no constant matrices.
+_MAX_TURN = 0.5
+_TURN_SAMPLES = 50
+_TINY = 1e-300  # prevents a division by zero
+
+
+class _Change(NamedTuple):
+    """Fast change of a law.
+
+    Attributes
+    ----------
+    part
+        Name of the part.
+    start, end
+        Times between which the law changes fast [s].
+    rise_time
+        Range of the law over its largest rate [s]; 0 if it jumps.
+    """
+
+    part: str
+    start: float
+    end: float
+    rise_time: float
+
+
+class _Response(NamedTuple):
+    """Extremes of columns in a linear response: smallest and largest changes, (k,) each."""
+
+    low: Array
+    high: Array
+
+
+def fast_load_warnings(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+) -> Iterator[str]:
+    """Yield a warning if a law changes so fast that the elements of beams do not resolve the waves.
+
+    Mechanisms with events that switch parts, with first-order states, or with many coordinates are
+    not examined.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    extremes
+        Extremes of the observed columns, by header.
+    """
+    has_configurations = any(x.configuration is not None for x in trajectory.intervals)
+    mechanism = equations.mechanism
+    if mechanism is None or has_configurations or len(equations.states) or equations.controllers:
+        return
+    beams = beams_of(mechanism)
+    if not beams:
+        return
+    change = _find_fastest_change(equations, trajectory, beams)
+    if change is None:
+        return
+    times = _time_grid(equations, trajectory, change, beams)
+    if any(_turns(equations, trajectory, beam, times) for beam in beams):
+        return
+    half_ranges = _select_columns(equations, extremes)
+    refined = _refine(equations, _HALVINGS) if half_ranges else []
+    if len(refined) <= _HALVINGS:
+        return
+    is_start = change.start <= trajectory.start == 0.0
+    try:
+        # The finest and the coarsest model suffice for most runs.
+        columns = list(half_ranges)
+        q, sizes = _positions_at(trajectory, change.start), np.array(list(half_ranges.values()))
+        responses: dict[int, _Response] = {}
+
+        def measure(level: int) -> Array:
+            for k in (level, _HALVINGS):
+                if k not in responses:
+                    start, prolongation, model = refined[k]
+                    state = start + prolongation @ q
+                    responses[k] = _respond(model, state, times, columns, is_start)
+            coarse, fine = responses[level], responses[_HALVINGS]
+            differences = np.maximum(abs(coarse.low - fine.low), abs(coarse.high - fine.high))
+            return np.asarray(differences / sizes)
+
+        errors = measure(0)
+        if np.max(errors) > _MAX_ERROR:
+            of_columns = dict(zip(columns, errors.tolist(), strict=True))
+            yield _describe(change, beams, of_columns, measure(1))
+    except (la.LinAlgError, BeamdaeError, ValueError):
+        return
+
+
+def _find_fastest_change(
+    equations: EquationsOfMotion, trajectory: Trajectory, beams: list[Beam]
+) -> _Change | None:
+    """Return the change of a law with the shortest rise time; None if elements resolve all."""
+    assert equations.mechanism is not None
+    is_balanced = equations.start is not None and equations.start.description == EQUILIBRIUM
+    is_first = trajectory.start == 0.0 and not is_balanced
+    changes = []
+    for part in equations.mechanism.parts.values():
+        for law in part.laws:
+            change = _measure_change(part.name, law, part.is_load and is_first, trajectory)
+            if change is not None:
+                changes.append(change)
+    fastest = min(changes, key=lambda x: x.rise_time, default=None)
+    if fastest is None:
+        return None
+    if fastest.rise_time > 0.0:
+        rate = 2.0 / fastest.rise_time
+        errors = [
+            max(axial_wave_error(x, rate), float(bending_wave_errors(x, np.array([rate]))[0]))
+            for x in beams
+        ]
+        if max(errors) < _MIN_WAVE_ERROR:
+            return None
+    return fastest
+
+
+def _measure_change(part: str, law: Law, is_sudden: bool, trajectory: Trajectory) -> _Change | None:
+    """Return the fastest change of a law in a run, or None if it is constant.
+
+    If `is_sudden` is True, the law is zero before the run.
+    """
+    times: list[Array] = []
+    values: list[Array] = []
+    jumps: list[tuple[float, float]] = []
+    stride = sum(len(x.t) for x in trajectory.intervals) // _MAX_SAMPLED_TIMES + 1
+    for interval in trajectory.intervals:
+        t = np.append(interval.t[:-1:stride], interval.t[-1])
+        try:
+            y = _evaluate(law, interval.branch, t)
+        except BeamdaeError:  # depends on sensors or inputs
+            return None
+        before = values[-1][-1] if values else (0.0 if is_sudden else y[0])
+        jumps.append((float(t[0]), abs(float(y[0]) - before)))
+        times.append(t)
+        values.append(y)
+    t, y = np.concatenate(times), np.concatenate(values)
+    if not np.all(np.isfinite(y)):  # depends on sensors or inputs
+        return None
+    span = float(max(np.max(y), 0.0) - min(np.min(y), 0.0)) if is_sudden else float(np.ptp(y))
+    if span == 0.0 or float(np.ptp(y)) == 0.0:
+        return None
+    jump_time, jump = max(jumps, key=lambda x: x[1])
+    if jump > _MAX_ERROR * span:
+        return _Change(part, jump_time, jump_time, 0.0)
+    steps = np.diff(t)
+    is_step = steps > _MIN_STEP * trajectory.end
+    rates = np.abs(np.diff(y)[is_step]) / steps[is_step]
+    largest = float(np.max(rates, initial=0.0))
+    if largest == 0.0:
+        return None
+    fast = np.flatnonzero(rates > _FAST_SHARE * largest)
+    starts, ends = t[:-1][is_step], t[1:][is_step]
+    return _Change(part, float(starts[fast[0]]), float(ends[fast[-1]]), span / largest)
+
+
+def _evaluate(law: Law, branch: float, times: Array) -> Array:
+    """Return the values at ascending times of the piece of a law that is valid at `branch`."""
+    piece = law.pieces[bisect_right(law.breakpoints, branch)]
+    try:
+        # Most functions of numbers accept arrays.
+        values = np.asarray(piece(times), float)
+    except Exception:
+        values = np.zeros(0, object)
+    if values.shape in ((), times.shape):
+        return np.broadcast_to(values, times.shape)
+    single = Law((piece,))
+    few = np.linspace(times[0], times[-1], min(len(times), _MAX_SLOW_SAMPLES))
+    return np.interp(times, few, [single.at(x) for x in few.tolist()])
+
+
+def _select_columns(
+    equations: EquationsOfMotion, extremes: Mapping[str, StepExtremes]
+) -> dict[str, float]:
+    """Return half the ranges of columns of positions, strains and stresses, by header."""
+    headers = [
+        header
+        for o in equations.observables
+        if not (o.has_accelerations or o.rows.stop > o.rows.start)
+        for header in o.headers
+        if header in extremes and Header.of(header).unit in _UNITS
+    ]
+    sizes = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
+    if not headers:
+        return {}
+    is_small = sizes <= _MIN_SHARE * largest_of_kind(headers, sizes, equations.length)
+    items = zip(headers, sizes.tolist(), is_small, strict=True)
+    return {header: size for header, size, small in items if not small}
+
+
+def _refine(
+    equations: EquationsOfMotion, halvings: int
+) -> list[tuple[Array, sp.csc_array, EquationsOfMotion]]:
+    """Return maps s + P q of the coordinates to models with halved elements, and their equations.
+
+    The list ends before a model with too many coordinates or with parts that cannot be copied.
+    """
+    mechanism = equations.mechanism
+    assert mechanism is not None
+    n = equations.n
+    models = [(np.zeros(n), sp.csc_array(sp.eye_array(n)), equations)]
+    try:
+        bases = choose_base_meshes(mechanism, 1)
+        for _ in range(halvings):
+            pairs = {}
+            start, prolongation, coarse = models[-1]
+            assert coarse.mechanism is not None
+            for beam in beams_of(coarse.mechanism):
+                base = bases[beam.name]
+                if not (base.fixed_by or base.has_custom_kinematics):
+                    pairs[beam.name] = (beam, beam.with_mesh(halve_elements(beam.mesh)))
+            if not pairs or 2 * coarse.n > _MAX_COORDINATES:
+                break
+            others = {name: pair[1] for name, pair in pairs.items()}
+            fine = equations_of_motion(
+                replace_beams(coarse.mechanism, others, "simulate"), AS_DRAWN
+            )
+            matrix, offset = prolong_coordinates(coarse.q_names, fine.q_names, pairs)
+            models.append((offset + matrix @ start, sp.csc_array(matrix @ prolongation), fine))
+    except BeamdaeError:
+        pass
+    return models
+
+
+def _positions_at(trajectory: Trajectory, time: float) -> Array:
+    _, state = trajectory.at(np.array([max(time, trajectory.start)]))
+    return np.asarray(state.q[0])
+
+
+def _time_grid(
+    equations: EquationsOfMotion, trajectory: Trajectory, change: _Change, beams: list[Beam]
+) -> Array:
+    """Return ascending times of the response: of the fast change, and of one bending vibration."""
+    longest = 0.0
+    for beam in beams:
+        bending, mass = section_values(beam, "EI", "rhoA")
+        rate = _CANTILEVER * math.sqrt(float(np.min(bending / mass))) / beam.length**2
+        longest = max(longest, 2.0 * math.pi / rate)
+    begin = max(change.start, trajectory.start)
+    duration = max(_PERIODS * longest, 3.0 * (change.end - begin))
+    end = min(begin + duration, trajectory.end)
+    inside = [x for x in equations.breakpoints if begin < x < end]
+    grids = [np.linspace(begin, end, _COARSE_TIMES), np.array(inside)]
+    if change.end > begin:
+        grids.append(np.linspace(begin, min(change.end, end), _FINE_TIMES))
+    times = np.unique(np.concatenate(grids))
+    return times[np.append(True, np.diff(times) > _SHORT_TIME * (end - begin))]
+
+
+def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, times: Array) -> bool:
+    """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
+    rows = coordinates_of(equations, beam)
+    angles = [k for k in rows if equations.coordinates[k].unit == "rad"]
+    of_frame = [k for k in angles if k < rows.start + beam.rigid_coordinate_count]
+    few = times[:: len(times) // _TURN_SAMPLES + 1]
+    return bool(
+        np.min(np.ptp(trajectory.positions_at(few, of_frame or angles), axis=0)) > _MAX_TURN
+    )
+
+
+def _respond(
+    equations: EquationsOfMotion, q: Array, times: Array, columns: list[str], is_start: bool
+) -> _Response:
+    """Return the extremes of the changes of columns in the linear response.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    q
+        Positions before the change, (n,).
+    times
+        Ascending times (k,) [s].
+    columns
+        Headers of the columns.
+    is_start
+        Whether the response begins at rest at the start of the run, where forces that are not in
+        equilibrium accelerate the mechanism, too.
+    """
+    e, solver = equations, ConsistencySolver(equations)
+    rest = solver.rest_state(q)
+    first = time_on_branch(e.breakpoints, float(times[0]))
+    stiffness, damping, mass = (x.toarray() for x in solver.linearize_forces(first, rest))
+    scales = e.position_scales
+    basis, driven = scales[:, None] * np.eye(e.n), np.zeros((e.n, e.m))
+    if e.m:
+        scaled = solver.constraint_matrix(first, q).toarray() * scales
+        left, singular, right = la.svd(scaled, full_matrices=True)
+        rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
+        basis = scales[:, None] * right[rank:].T
+        driven = scales[:, None] * (right[:rank].T / singular[:rank]) @ left[:, :rank].T
+    if not basis.shape[1]:
+        raise ValueError("no free motion")
+    reduced = basis.T @ mass @ basis
+    of_stiffness = basis.T @ stiffness @ basis
+    squares, vectors = la.eigh(0.5 * (of_stiffness + of_stiffness.T), 0.5 * (reduced + reduced.T))
+    modes = basis @ vectors
+    rates = np.sum(modes * (damping @ modes), axis=0)
+    # Values at both ends of each interval of the grid.
+    before = (
+        first if is_start else np.array([times[0], times[0] - _SHORT_TIME * (times[-1] - times[0])])
+    )
+    base_force = np.zeros(e.n) if is_start else solver.force(before, q, rest.v)
+    base_gap = solver.constraint_levels(before, q, rest.v)[0]
+    forces, gaps = np.empty((2, len(times) - 1, e.n)), np.empty((2, len(times) - 1, 3, e.m))
+    jumps = set(e.breakpoints)
+    for k in range(len(times) - 1):
+        branch = 0.5 * (times[k] + times[k + 1])
+        for side in (0, 1):
+            if side == 0 and k > 0 and times[k] not in jumps:
+                forces[0, k], gaps[0, k] = forces[1, k - 1], gaps[1, k - 1]
+                continue
+            # Both are results of one evaluation.
+            time = np.array([times[k + side], branch])
+            forces[side, k] = base_force - solver.force(time, q, rest.v)
+            gaps[side, k] = solver.constraint_levels(time, q, rest.v)
+    gaps[:, :, 0] -= base_gap
+    motion = -gaps @ driven.T
+    loads = forces @ modes
+    for level, matrix in enumerate((stiffness, damping, mass)):
+        loads -= motion[:, :, level] @ (matrix.T @ modes)
+    amplitudes = _integrate_modes(np.maximum(squares, 0.0), rates, np.diff(times), loads)
+    slopes = _observe_shapes(e, first, q, np.hstack([modes, driven]), columns)
+    changes = amplitudes @ slopes[: modes.shape[1]]
+    changes[1:] -= gaps[1, :, 0] @ slopes[modes.shape[1] :]
+    return _Response(changes.min(axis=0), changes.max(axis=0))
+
+
+def _observe_shapes(
+    equations: EquationsOfMotion, time: Array, q: Array, shapes: Array, columns: list[str]
+) -> Array:
+    """Return the derivatives of columns along changes of the positions, (shapes, columns)."""
+    e = equations
+    largest = np.max(np.abs(shapes) / e.position_scales[:, None], axis=0)
+    sizes = _DIFFERENCE / np.maximum(largest, _TINY)
+    steps = (sizes * shapes).T
+    states = q + np.concatenate([steps, -steps])
+    still = np.zeros_like(states)
+    times = np.tile(time, (len(states), 1))
+    rows = ObservedRows(e)(times, states, still, still, np.zeros((len(states), e.m)))
+    values = rows[:, [e.observed_headers.index(x) for x in columns]]
+    return np.asarray((values[: len(steps)] - values[len(steps) :]) / (2.0 * sizes[:, None]))
+
+
+def _integrate_modes(squares: Array, rates: Array, steps: Array, loads: Array) -> Array:
+    """Return solutions (k + 1, modes) of x'' + c x' + w^2 x = p at rest at the start.
+
+    Parameters
+    ----------
+    squares, rates
+        w^2 and c, (modes,).
+    steps
+        Lengths of the steps (k,) [s].
+    loads
+        p at both ends of each step, (2, k, modes), linear between.
+    """
+    cache: dict[float, Array] = {}
+    state = np.zeros((len(squares), 2))
+    solution = np.zeros((len(steps) + 1, len(squares)))
+    for k, step in enumerate(steps.tolist()):
+        key = float(f"{step:.9g}")
+        if key not in cache:
+            # Time and velocities relative to the step.
+            matrix = np.zeros((len(squares), 4, 4))
+            matrix[:, 0, 1] = matrix[:, 1, 2] = matrix[:, 2, 3] = 1.0
+            matrix[:, 1, 0], matrix[:, 1, 1] = -squares * step**2, -rates * step
+            cache[key] = la.expm(matrix)
+        transition = cache[key]
+        start, change = loads[0, k] * step**2, (loads[1, k] - loads[0, k]) * step**2
+        full = np.stack([state[:, 0], state[:, 1] * step, start, change], axis=1)
+        full = np.einsum("mij,mj->mi", transition, full)
+        state = np.stack([full[:, 0], full[:, 1] / step], axis=1)
+        solution[k + 1] = state[:, 0]
+    return solution
+
+
+def _describe(
+    change: _Change, beams: list[Beam], errors: Mapping[str, float], refined: Array
+) -> str:
+    """Return the warning; `refined` are the errors with halved elements."""
+    names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
+    first, *others = map(remove_unit, names)
+    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
+    largest = errors[names[0]]
+    size = f"about {100.0 * largest:.1g}" if largest < _LARGE_ERROR else "100 or more"
+    # By extrapolation with the observed order of convergence.
+    order = max(math.log2(largest / max(float(np.max(refined)), _TINY)), _MIN_ORDER)
+    refinement = min((largest / _RECOMMENDED_ERROR) ** (1.0 / order), _MAX_REFINEMENT)
+    count = math.ceil(refinement * max(x.mesh.elements for x in beams))
+    when = f"rises within {change.rise_time:.2g} s"
+    if change.rise_time == 0.0:
+        when = f"jumps at t = {change.start:.3g} s"
+    return (
+        f"{change.part}: this law {when}, faster than waves pass the elements of "
+        f"{list_first([x.name for x in beams], _MAX_NAMES)}, and the largest or smallest value of "
+        f"{first}{also} is wrong by {size} % of half the range; use about {count} elements, or a "
+        "slower law."
+    )

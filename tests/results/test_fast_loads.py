@@ -1,0 +1,95 @@
+"""Warnings about laws that change faster than waves pass the elements of beams."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
+SECTION = bd.Section.rectangle(STEEL, width=0.02, height=0.02)
+
+
+def pulse(duration, size=1000.0):
+    """Return a force that rises and falls like sin^2."""
+    return bd.piecewise((duration, lambda t: size * np.sin(np.pi * t / duration) ** 2), 0.0)
+
+
+def rod(elements, duration, late=0.0):
+    """Return a clamped rod of 2 m with an axial force at its end."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (2.0, 0.0))
+    beam = mech.add(bd.Beam("rod", line, SECTION, elements=elements))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    law = pulse(duration)
+    if late:
+        shifted = law.pieces[0]
+        law = bd.piecewise((late, 0.0), (late + duration, lambda t: shifted(t - late)), 0.0)
+    mech.add(bd.Force("push", beam.end, (law, 0.0)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def cantilever(law, elements):
+    """Return a cantilever of 1 m with a transverse force or a moving base."""
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, SECTION, elements=elements))
+    if law == "base":
+        base = mech.add(bd.RigidBody("base", 1.0, 0.1))
+        mech.add(bd.Weld("clamp", base.at(0.0, 0.0), beam.start))
+        mech.add(bd.Prismatic("guide", mech.ground.at(0.0, 0.0), base.at(0.0, 0.0), (0.0, 1.0)))
+        travel = pulse(3e-4, 0.001)
+        ends = (mech.ground.at(0.0, 0.0), base.at(0.0, 0.0))
+        mech.add(bd.TranslationalDriver("shaker", *ends, travel, (0.0, 1.0)))
+    else:
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("push", beam.end, (0.0, law)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+def find_warnings(mech, t_end, subject=": this law "):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(mech, t_end=t_end)
+    return [x for x in solution.warnings if subject in x]
+
+
+@pytest.mark.parametrize("late", [0.0, 1e-4])
+def test_regression_pulse_on_a_coarse_rod_has_a_warning(late):
+    """The displacement was wrong by 120 % of half its range, in silence."""
+    (text,) = find_warnings(rod(1, 40e-6, late), 1e-3)
+    assert text.startswith("push: this law rises within")
+    assert "tip.x" in text
+
+
+@pytest.mark.parametrize(
+    ("law", "name"), [(pulse(3e-4, 100.0), "push"), ("base", "shaker")], ids=["force", "base"]
+)
+def test_regression_fast_transverse_pulses_have_a_warning(law, name):
+    texts = find_warnings(cantilever(law, 1), 0.01, "elements")
+    assert any(name in text or "too long" in text for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("build", "t_end"),
+    [
+        (lambda: rod(3, 2e-3), 6e-3),
+        (lambda: rod(16, 40e-6 * 8), 1e-3),
+        (lambda: cantilever(pulse(0.05, 100.0), 2), 0.12),
+        (lambda: cantilever(bd.piecewise((0.01, 0.0), 100.0), 4), 0.12),
+        (lambda: cantilever(lambda t: 100.0 * np.sin(30.0 * t), 2), 0.3),
+    ],
+    ids=["slow pulse", "fine rod", "slow force", "step of a fine beam", "sine"],
+)
+def test_resolved_laws_have_no_warning(build, t_end):
+    assert find_warnings(build(), t_end) == []
+
+
+def test_constant_load_in_equilibrium_has_no_warning():
+    """The law of a load that balances the mechanism is no step at the start."""
+    mech = cantilever(bd.piecewise((0.05, 100.0), lambda t: 100.0 + 10.0 * (t - 0.05)), 1)
+    mech.start = "equilibrium"
+    assert find_warnings(mech, 0.1) == []
