@@ -1,5 +1,7 @@
 """Linear buckling loads against closed forms, paths and each other."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -245,10 +247,8 @@ def test_regression_critical_points_of_long_elements_have_a_note():
     assert not fine.notes
 
 
-@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
-@pytest.mark.parametrize("stiffness", [40.0, 1000.0])
-def test_regression_factors_of_follower_loads_are_checked_along_the_path(stiffness, formulation):
-    """Every such load had a warning; with the spring, the column diverges before it flutters."""
+def side_spring_column(stiffness, formulation="exact"):
+    """Return a column under a follower load, with a spring of `stiffness` EI / l^3 at its end."""
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)
     line = bd.Line((0.0, 0.0), (0.0, 1.0))
@@ -257,7 +257,43 @@ def test_regression_factors_of_follower_loads_are_checked_along_the_path(stiffne
     side = mech.ground.at(-1.0, 1.0)
     mech.add(bd.Spring("side", side, column.end, stiffness * section.EI))
     mech.add(bd.Force("push", column.end, (0.0, -section.EI), axes="body"))
+    return mech
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+@pytest.mark.parametrize("stiffness", [40.0, 1000.0])
+def test_regression_factors_of_follower_loads_are_checked_along_the_path(stiffness, formulation):
+    """Every such load had a warning; with the spring, the column diverges before it flutters."""
+    mech = side_spring_column(stiffness, formulation)
     buckling = bd.buckling(mech, n=1)
     assert buckling.warnings == ()
     path = bd.equilibrium(mech, to=30.0)
     assert abs(buckling.factors[0] - path.critical[0].factor) < 3e-3 * buckling.factors[0]
+
+
+@pytest.mark.parametrize("stiffness", [34.9, 35.0])
+def test_regression_close_factors_of_follower_loads_are_no_large_displacements(stiffness):
+    """Where the column is stable again soon, displacements were called not negligible."""
+    buckling = bd.buckling(side_spring_column(stiffness), n=2)
+    assert 1.0 < buckling.factors[1] / buckling.factors[0] < 1.1
+    assert not any("displacements" in text for text in buckling.warnings)
+
+
+def test_flutter_before_the_first_factor_of_follower_loads_has_a_warning():
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)
+    points = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    left, top, right = (
+        mech.add(bd.Beam(name, bd.Line(*ends), section, 2, formulation="exact"))
+        for name, ends in zip(("left", "top", "right"), pairwise(points), strict=True)
+    )
+    joints = [(mech.ground.at(0.0, 0.0), left.start), (left.end, top.start)]
+    joints += [(top.end, right.start), (right.end, mech.ground.at(1.0, 0.0))]
+    for k, ends in enumerate(joints):
+        mech.add(bd.Weld(f"weld {k}", *ends))
+    mech.add(bd.Force("push", left.end, (0.0, -section.EI), axes="body"))
+    flutter = bd.equilibrium(mech, to=30.0).critical[0]
+    assert flutter.kind == "flutter point"
+    warning = bd.buckling(mech, n=1).warnings[0]
+    text = f"the first critical point of the path is a flutter point at {flutter.factor:.4g}"
+    assert f"buckling: the loads have no potential: {text}" in warning

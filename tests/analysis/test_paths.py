@@ -87,6 +87,17 @@ def test_regression_a_single_step_over_a_limit_point_is_reported(factor):
         assert f"limit point at {LIMIT:.6g} and jumps" in path.warnings[0]
 
 
+@pytest.mark.parametrize("factor", [125.0, 1000.0])
+@pytest.mark.parametrize("rise", [0.05, 0.01, 0.001])
+def test_regression_the_first_step_by_arc_length_is_short_if_the_path_is_curved(rise, factor):
+    """Steps of twice the rise ended beyond both limit points, with no critical point or note."""
+    limit = truss_load(np.sqrt(np.hypot(1.0, rise) ** (2.0 / 3.0) - 1.0), rise)
+    path = bd.equilibrium(truss(rise=rise), to=factor * limit, control="arc length")
+    assert path.status.success
+    assert [point.kind for point in path.critical] == ["limit point"] * 2
+    assert_allclose([point.factor for point in path.critical], [limit, -limit], rtol=1e-6)
+
+
 def test_regression_an_interrupt_while_steps_are_checked_keeps_the_path(monkeypatch):
     """The path was lost: only its continuation was protected."""
     follow, calls = path_tracing._follow_stage, []

@@ -36,6 +36,10 @@ Array = np.ndarray
 # crossing path leaves at a larger angle), and for the step to grow.
 _MIN_COSINE = 0.7
 _MIN_COSINE_TO_GROW = 0.95
+# A trial step of this fraction measures the curvature of the path at its beginning. It limits the
+# first step, because one of twice the rise of a shallow truss leads over both limit points to a
+# point with the same tangent.
+_TRIAL_STEP_RATIO = 1e-2
 # Steps below this fraction of the largest step may turn by any angle, because the path has a
 # corner, such as the one where a contact closes. Where the load reverses, no point lies at the
 # prescribed distance along the last direction, and the displacements alone control the step.
@@ -266,6 +270,8 @@ def _take_step(
         control = norm.arc_length_control(begin.x, begin.mu, direction)
         reach = _max_arc_step(settings, direction, path.step)
         size = min(path.step, reach)
+        if path.step == np.inf:
+            size = _limit_turn(corrector, control, begin, direction.scale(size), norm) * size
     else:
         direction = direction or corrector.path_tangent(begin, target_control)
         remaining = target - target_control.value(begin.x, begin.mu)
@@ -357,6 +363,25 @@ def _max_arc_step(settings: ContinuationSettings, direction: PathDirection, last
     if isinstance(settings.target_control, LoadControl) or last == np.inf:
         return min(by_motion, settings.max_load_step / max(abs(direction.mu), tiny))
     return by_motion
+
+
+def _limit_turn(
+    corrector: Corrector,
+    control: Control,
+    begin: EquilibriumPoint,
+    step: PathDirection,
+    norm: StepNorm,
+) -> float:
+    """Return the fraction of `step`, at most 1, in which the tangent does not turn too far."""
+    trial = step.scale(_TRIAL_STEP_RATIO)
+    value = control.value(begin.x + trial.x, begin.mu + trial.mu)
+    try:
+        end, result = _correct_prediction(corrector, control, value, begin, trial)
+        after = result.direction or corrector.path_tangent(end, control)
+    except CorrectorError:
+        return 1.0
+    angle = np.arccos(np.clip(norm.cosine(step, after), -1.0, 1.0))
+    return min(1.0, _TRIAL_STEP_RATIO * np.arccos(_MIN_COSINE_TO_GROW) / max(angle, np.finfo(float).tiny))
 
 
 def _correct_prediction(

@@ -13,7 +13,6 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 from beamdae.analysis.eigenproblems.eigensolution import locate_largest
 from beamdae.analysis.statics.buckling_mesh_errors import buckling_mesh_warnings
 from beamdae.analysis.statics.corrector import Corrector, CorrectorError, EquilibriumPoint
-from beamdae.analysis.statics.critical_points import FLUTTER
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.path_controls import LoadControl, PathDirection, StepNorm
 from beamdae.analysis.statics.path_tracing import (
@@ -227,7 +226,7 @@ def buckling(
             has_potential or path.motion * float(factors[0]) <= _MAX_CHECKED_MOTION
         )
         if is_checked:
-            warnings = _check_prebuckling(corrector, begin, float(factors[0]))
+            warnings = _check_prebuckling(corrector, begin, float(factors[0]), has_potential)
     except (CorrectorError, SingularMatrixError, ArpackError, la.LinAlgError) as error:
         raise BeamdaeError(
             f"{_NAME}: the unloaded equilibrium has no unique linear response ({error}); check "
@@ -285,7 +284,9 @@ def _linearize_along_path(corrector: Corrector, begin: EquilibriumPoint) -> _Lin
     return _LinearizedPath(system.matrix(tangent), system.matrix(rate), response, motion)
 
 
-def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: float) -> list[str]:
+def _check_prebuckling(
+    corrector: Corrector, begin: EquilibriumPoint, first: float, has_potential: bool
+) -> list[str]:
     """Return warnings if the equilibrium path differs from its linearization.
 
     There is one if the first critical point of the path is not at the factor `first`, or if the
@@ -295,18 +296,14 @@ def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: flo
     equilibrium on the way, because its difference from the first factor changes sign with the rise
     of an arch.
     """
-    path = follow_to_critical_point(corrector, begin, _SEARCH_RATIO * first)
+    # Without a potential, a direction may be stable again soon after the first factor.
+    targets = ((1.0 + _MAX_ERROR) * first, _SEARCH_RATIO * first)
+    path = follow_to_critical_point(corrector, begin, targets)
     warnings: list[str] = []
     if path.critical:
         critical = path.critical[0]
         point = path.points[critical.row]
         warnings += buckling_warnings(point.system.equations, point.x[: point.system.equations.n])
-        if critical.kind == FLUTTER:
-            text = (
-                f"{_NAME}: the structure flutters at the load factor {point.mu:.5g}, which linear "
-                f"buckling does not show (its first factor is {first:.5g}); use equilibrium."
-            )
-            return [text, *warnings] if point.mu < (1.0 + _MAX_ERROR) * first else warnings
         if abs(point.mu - first) <= _MAX_ERROR * point.mu:
             return warnings
         reason = f"the first critical point of the path is a {critical.kind} at {point.mu:.5g}"
@@ -314,9 +311,12 @@ def _check_prebuckling(corrector: Corrector, begin: EquilibriumPoint, first: flo
         reason = f"the path has no critical point up to the load factor {path.end.mu:.5g}"
     else:
         reason = f"the path could not be followed beyond the load factor {path.end.mu:.5g}"
+    cause = "displacements before buckling are not negligible"
+    if not has_potential:
+        cause = "the loads have no potential"
     return [
-        f"{_NAME}: displacements before buckling are not negligible: {reason}, but the first "
-        f"linear factor is {first:.5g}; use equilibrium with control='arc length' instead.",
+        f"{_NAME}: {cause}: {reason}, but the first linear factor is {first:.5g}; use equilibrium "
+        "with control='arc length' instead.",
         *warnings,
     ]
 

@@ -454,14 +454,16 @@ def _suspicious_steps(
     return [] if is_same and not _suspicious_steps(corrector, divided) else steps
 
 
-def follow_to_critical_point(corrector: Corrector, begin: EquilibriumPoint, to: float) -> StagePath:
+def follow_to_critical_point(
+    corrector: Corrector, begin: EquilibriumPoint, targets: tuple[float, ...]
+) -> StagePath:
     """Return the path by arc length from `begin` to its first critical point.
 
-    It ends at the load factor `to` if there is no critical point before, and earlier with a status
-    that is no success if it cannot be followed.
+    It has a point at each of the load factors `targets` before, ends at the last one if there is no
+    critical point, and earlier with a status that is no success if it cannot be followed.
     """
     path, control = StagePath([begin]), LoadControl()
-    settings = PathSettings("", (to,), ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
+    settings = PathSettings("", targets, ARC_LENGTH, None, (), _MAX_CHECK_POINTS)
     steps = replace(_choose_steps(corrector, begin, settings, control), stop_at_critical_point=True)
     follow_path(corrector, path, steps, settings.targets)
     return path
