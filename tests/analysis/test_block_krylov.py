@@ -232,6 +232,16 @@ def test_regression_modes_in_a_cluster_of_decays_need_few_solutions(height, coun
     assert singular[-1] > 1e-3
 
 
+@pytest.mark.slow(reason="dense eigenvalues of 576 coordinates")
+def test_regression_searches_in_nearly_the_whole_space_are_not_begun(monkeypatch):
+    """The first space had as many vectors as the problem, at three times the dense work."""
+    mech = damped_strip(64)
+    solutions = count_solutions(monkeypatch)
+    assert len(bd.modes(mech, n=100).eigenvalues) == 100
+    # 2409 without the search, most of them for the undamped modes, and 3765 with it.
+    assert len(solutions) < 3000
+
+
 def test_search_ends_if_dense_eigenvalues_take_less_time():
     exact = np.linspace(1.0, 2.0, 200)
     krylov = krylov_space(np.diag(exact), 20)

@@ -614,9 +614,9 @@ def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_pa
     ratio, formulation, damping
 ):
     """From 1:1e4 on, small beams had "no inertia", and loads of large ones were not balanced."""
-    mech = bd.Mechanism()
+    mech, steel = bd.Mechanism(), bd.Material.of("steel")
     for k, length in enumerate((1.0, ratio)):
-        section = bd.Section.rectangle(STEEL, 0.02 * length, 0.01 * length, damping=damping)
+        section = bd.Section.rectangle(steel, 0.02 * length, 0.01 * length, damping=damping)
         line = bd.Line((2.0 * k, 0.0), (2.0 * k + length, 0.0))
         beam = mech.add(bd.Beam(f"beam {k}", line, section, 4, formulation=formulation))
         mech.add(bd.Weld(f"clamp {k}", mech.ground.at(2.0 * k, 0.0), beam.start))

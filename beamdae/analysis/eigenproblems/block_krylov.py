@@ -34,6 +34,10 @@ _MAX_EXTRA_SIZE = 150
 _DEPENDENCE_RATIO = 1e-13
 _ROUNDING_RATIO = 1e-14
 
+# A search takes as long as all dense eigenvalues if the cubes of its sizes add up to this multiple
+# of the cube of the dimension, because each block also takes solutions (measured).
+_DENSE_WORK_RATIO = 0.6
+
 
 class BlockKrylov:
     """Block Krylov space of an operator, with a basis that is orthonormal in a metric.
@@ -158,6 +162,14 @@ class BlockKrylov:
         self.residuals = np.sqrt(np.maximum(squares, 0.0)) / sizes
 
 
+def takes_longer_than_dense(work: int, dimension: int) -> bool:
+    """Return True if projections take longer than all eigenvalues of a dense matrix.
+
+    `work` is the sum of the cubes of their sizes.
+    """
+    return work > _DENSE_WORK_RATIO * dimension**3
+
+
 def converge(
     krylov: BlockKrylov,
     required_accuracy: Callable[[Array], Array],
@@ -188,9 +200,8 @@ def converge(
     excesses: list[float] = []
     confirmed = 0
     max_size = _MAX_BLOCKS * krylov.size + _MAX_EXTRA_SIZE
-    # Eigenvalues take a time in proportion to the cube of the size.
-    work, dense_work = 0, krylov.dimension**3
-    while krylov.size <= max_size and work <= dense_work:
+    work = 0
+    while krylov.size <= max_size and not takes_longer_than_dense(work, krylov.dimension):
         work += krylov.size**3
         permitted = np.maximum(required_accuracy(krylov.values), _TOLERANCE)
         excesses.append(float(np.max(krylov.residuals / permitted)))

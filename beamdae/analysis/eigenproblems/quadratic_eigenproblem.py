@@ -14,7 +14,11 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
+from beamdae.analysis.eigenproblems.block_krylov import (
+    BlockKrylov,
+    converge,
+    takes_longer_than_dense,
+)
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     MAX_DENSE_COORDINATES,
@@ -235,6 +239,9 @@ class QuadraticProblem:
         scales = np.concatenate([self.e.position_scales, s * self.e.position_scales])
         modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
         start = np.hstack([modes, (scales * motions).T])
+        work = (_MIN_BLOCKS * start.shape[1]) ** 3
+        if n <= MAX_FALLBACK_COORDINATES and takes_longer_than_dense(work, 2 * n):
+            return None
         start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
         krylov = BlockKrylov(
             self._apply_inverse,

@@ -227,7 +227,8 @@ def convergence_error(count: int) -> BeamdaeError:
     """Return the error for eigenvalues that Krylov methods do not separate."""
     return BeamdaeError(
         f"modes: the {count} lowest modes were not found, because many eigenvalues are close to "
-        "each other; request fewer modes."
+        "each other; request fewer modes, or use fewer elements: up to "
+        f"{MAX_FALLBACK_COORDINATES} coordinates, all modes are computed."
     )
 
 

@@ -381,7 +381,9 @@ def _limit_turn(
     except CorrectorError:
         return 1.0
     angle = np.arccos(np.clip(norm.cosine(step, after), -1.0, 1.0))
-    return min(1.0, _TRIAL_STEP_RATIO * np.arccos(_MIN_COSINE_TO_GROW) / max(angle, np.finfo(float).tiny))
+    return min(
+        1.0, _TRIAL_STEP_RATIO * np.arccos(_MIN_COSINE_TO_GROW) / max(angle, np.finfo(float).tiny)
+    )
 
 
 def _correct_prediction(
