@@ -162,6 +162,11 @@ def scatter(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -
     out[:] = np.bincount(rows, weights * vector[of], len(out))
 
 
+def scatter_magnitudes(out: Array, rows: Array, weights: Array, vector: Array, of: Array) -> None:
+    """Set `out` to zero, then add |weights * vector[of]| to out[rows]."""
+    out[:] = np.bincount(rows, np.abs(weights * vector[of]), len(out))
+
+
 def call_kernel(
     kernels: Any, k: int, shared: Array, local: Array, start: int, out: Array, lanes: int
 ) -> None:

@@ -187,6 +187,14 @@ def _scatter(out, rows, weights, vector, of):
         out[rows[k]] += weights[k] * vector[of[k]]
 
 
+@_compile_as(loop_functions.scatter_magnitudes)
+def _scatter_magnitudes(out, rows, weights, vector, of):
+    for i in range(out.size):
+        out[i] = 0.0
+    for k in range(rows.size):
+        out[rows[k]] += abs(weights[k] * vector[of[k]])
+
+
 @intrinsic
 def _call_kernel(typing, address, shared, local, out, padded):
     """Call the machine code of a kernel; `lane_kernels.LaneKernel` defines its prototype."""

@@ -30,6 +30,7 @@ from beamdae.native.loop_functions import (
     pick_tiles,
     rotate,
     scatter,
+    scatter_magnitudes,
     set_tiles,
     split_complex,
 )
@@ -143,6 +144,11 @@ def scatter_some(o):
     return 0
 
 
+def scatter_some_magnitudes(o):
+    scatter_magnitudes(o.out, o.of, o.weights, o.x, o.at)
+    return 0
+
+
 def operands(size, count, specials, seed):
     """Random operands, some of them special; `at` has distinct indices, `of` repeats some."""
     random = np.random.default_rng(seed)
@@ -182,6 +188,7 @@ def operands(size, count, specials, seed):
         add_some,
         add_weighted_some,
         scatter_some,
+        scatter_some_magnitudes,
     ],
 )
 @given(

@@ -21,6 +21,7 @@
 #define FIRST_RATE 0.99
 #define MAX_SECOND_GROWTH 2.0
 #define STAGNATION_RATE 0.5
+#define POSITION_ROUNDING 0x1p-51
 /* Step size control; see beamdae.integrators.radau.step_loop. */
 #define ERROR_EXPONENT 0.25
 #define SAFETY 0.9
@@ -297,17 +298,37 @@ static void correct_stages(Instance *s, double h, double *w) {
     }
 }
 
-/* Largest weighted correction of positions and velocities. */
-static double measure_change(const Instance *s, const double *weights) {
+/* Largest weighted correction of the first `count` positions and velocities. */
+static double measure_change(const Instance *s, const double *weights, Index count) {
     const Method *m = s->method;
     double largest = 0.0;
-    for (Index k = 0; k < 2 * s->model->n; k++) {
+    for (Index k = 0; k < count; k++) {
         const double pair = hypot(m->complex_change[2 * k], m->complex_change[2 * k + 1]);
         const double size = fmax(fabs(m->real_change[k]), pair) * weights[k];
         if (!(size <= largest)) largest = size;
         if (isnan(size)) return size;
     }
     return largest;
+}
+
+/* Return 1 if rounding errors of the residual explain corrections of a weighted size; see
+   _is_rounding in stages.py. */
+static int is_rounding(Instance *s, double h, double change) {
+    const Model *model = s->model;
+    const Pattern *at = &model->step_pattern;
+    Method *m = s->method;
+    const double *q = m->stages + size_of(model);
+    if (measure_change(s, m->weights, model->n) > model->stagnation_limit) return 0;
+    memset(m->right, 0, at->size * sizeof(double));
+    for (Index j = 0; j < model->n; j++)
+        for (Index e = at->matrix_starts[j]; e < at->matrix_starts[j + 1]; e++)
+            m->right[at->matrix_rows[e]] += POSITION_ROUNDING * fabs(m->jacobian[e] * q[j]);
+    solve(&m->real, m->right);
+    expand_solution(model, 1, model->tableau.real_eigenvalue / h, 0.0, m->right, m->error);
+    double largest = 0.0;
+    for (Index k = 0; k < 2 * model->n; k++)
+        largest = fmax(largest, fabs(m->error[k]) * m->weights[k]);
+    return change <= largest;
 }
 
 /* Solve for the stages of a step `h`; `renew` requests new factors. */
@@ -327,7 +348,7 @@ static int solve_stages(Instance *s, double h, int renew, double base) {
         const int code = renew_matrices(s, s->now.t, h);
         if (code != DONE) return code;
     }
-    double previous = INFINITY, rate = FIRST_RATE;
+    double previous = INFINITY, rate = FIRST_RATE, last_rate = 0.0;
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         m->now->iterations = k + 1;
         if (k > 0) set_stages(s, h);
@@ -335,13 +356,17 @@ static int solve_stages(Instance *s, double h, int renew, double base) {
             evaluate_residual(s, s->now.t + model->tableau.nodes[i] * h, m->stages + i * size,
                               m->rates + i * size, m->residuals + i * size);
         correct_stages(s, h, m->w);
-        const double change = measure_change(s, m->weights);
+        const double change = measure_change(s, m->weights, 2 * model->n);
         if (!isfinite(change)) return NOT_FINITE;
         if (k > 0) {
             rate = previous > 0.0 ? change / previous : 0.0;
-            if (rate > STAGNATION_RATE && change <= model->stagnation_limit) {
-                m->now->rate = rate;
-                return DONE;
+            if (rate > STAGNATION_RATE) {
+                const int rounding = is_rounding(s, h, change);
+                if (rounding || change <= model->stagnation_limit) {
+                    /* Rounding errors do not indicate how fast the iteration converged. */
+                    m->now->rate = rounding ? last_rate : rate;
+                    return DONE;
+                }
             }
             if (rate > (k == 1 ? MAX_SECOND_GROWTH : 1.0)) break;
         }
@@ -349,6 +374,7 @@ static int solve_stages(Instance *s, double h, int renew, double base) {
             m->now->rate = k > 0 ? rate : 0.0;
             return DONE;
         }
+        if (k > 0) last_rate = rate;
         previous = change;
     }
     return NOT_CONVERGED;
@@ -516,7 +542,7 @@ static int differentiate_step(Instance *s, double h) {
             for (size_t j = 0; j < n; j++) residual[j] += dyp[j] - dy[n + j];
         }
         correct_stages(s, h, w);
-        const double change = measure_change(s, model->iteration_weights);
+        const double change = measure_change(s, model->iteration_weights, 2 * model->n);
         total = fmax(total, change);
         if (!isfinite(change)) return NOT_FINITE;
         if (k > 0 && change <= DERIVATIVE_TOLERANCE * total) {

@@ -35,8 +35,9 @@ class Radau(AdaptiveIntegrator):
     1996, section IV.8.
 
     Departures from RADAU5: the error estimate includes constraints (`stages.estimate_error`), a
-    failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), and
-    error weights come from the scales of the mechanism.
+    failure of Newton's iteration limits the steps that follow (`workspace.StepSizeState`), an
+    iteration that stagnates at rounding errors has converged, and error weights come from the
+    scales of the mechanism.
 
     Parameters
     ----------
