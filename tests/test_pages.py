@@ -117,8 +117,9 @@ def test_design_of_the_gripper_matches_its_text(tmp_path, monkeypatch):
     assert mass.multiplier == 0.0
     # The smooth bound is at the limit of 20 MPa, 2.3 % above the largest stress.
     assert names["largest"] == pytest.approx(19.55, rel=2e-3)
-    thickness = design.parameters["thickness"]
-    assert (np.diff(thickness) < 1e-9).all()
+    # The last two are at their lower bound, up to the accuracy with which the constraints are met.
+    thickness = np.array(design.parameters["thickness"])
+    assert (np.diff(thickness) < 1e-5 * thickness.min()).all()
     assert names["closing"] > 5.0 * 3.06e-3
 
 
