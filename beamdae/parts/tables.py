@@ -55,8 +55,9 @@ _MIN_SLOPE_JUMP = 1e-12
 # ends, are rounding errors.
 _SLOPE_ROUNDING = 1e-14
 # Splines that leave the values of two successive rows by more between them, relative to the range
-# of all values, are hardly intended. A sine with four rows per period leaves them by 0.21.
-_MAX_OVERSHOOT = 0.3
+# of all values, are hardly intended. A sine with four rows per period, too few for a spline, leaves
+# them by 0.2, one with five by at most 0.1.
+_MAX_OVERSHOOT = 0.15
 # Smaller overshoots, relative to the largest value, are rounding errors of constant values.
 _MIN_OVERSHOOT = 1e-12
 
@@ -563,8 +564,8 @@ def table(
     Warns
     -----
     BeamdaeWarning
-        If a spline leaves the values of two rows between them by more than 0.3 of the range of `y`;
-        for two arguments, this is checked along the rows and columns of the grid.
+        If a spline leaves the values of two rows between them by more than 0.15 of the range of
+        `y`; for two arguments, this is checked along the rows and columns of the grid.
 
     Examples
     --------

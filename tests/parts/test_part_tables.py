@@ -663,6 +663,12 @@ def test_regression_splines_far_outside_two_rows_have_a_warning():
         bd.table(travel, force)
 
 
+def test_regression_a_force_that_ends_steeply_overshoots_with_a_warning():
+    # 96.8 kN between rows of 80 and 0 kN.
+    with pytest.warns(bd.BeamdaeWarning, match="the spline reaches 96.8"):
+        bd.table([0, 1, 3, 6, 9, 11, 12], [0.0, 15.0, 40.0, 60.0, 75.0, 80.0, 0.0])
+
+
 def test_tables_near_their_values_have_no_warning():
     places = np.geomspace(1e-3, 1.0, 20)
     with warnings.catch_warnings():
