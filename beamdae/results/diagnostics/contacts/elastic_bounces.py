@@ -9,6 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
 _MIN_BOUNCES = 10  # a few of them may be impacts of a mechanism that moves on
@@ -28,16 +29,7 @@ def elastic_bounce_warnings(equations: EquationsOfMotion, trajectory: Trajectory
     trajectory
         The steps of the run.
     """
-    parts = {} if equations.mechanism is None else equations.mechanism.parts
-    if not any(part.gaps for part in parts.values()):
-        return
-    from beamdae.parts.forces.contact import Contact
-
-    elastic = {
-        name
-        for name, part in parts.items()
-        if isinstance(part, Contact) and part.restitution is None
-    }
+    elastic = {name for name, x in contacts_of(equations).items() if x.restitution is None}
     counts = {
         gap.part: _count_openings(gap, trajectory)
         for gap in (compile_surface_gaps(equations) if elastic else ())

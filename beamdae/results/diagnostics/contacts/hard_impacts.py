@@ -15,6 +15,7 @@ from beamdae.equations.assembly.building import NumberStore, build_observable
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import list_first
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
 
@@ -86,15 +87,8 @@ def find_hard_impacts(
     trajectory
         The steps of the run.
     """
-    parts = {} if equations.mechanism is None else equations.mechanism.parts
-    if not any(part.gaps for part in parts.values()):
-        return ()
-    from beamdae.parts.forces.contact import Contact
-
     impacts = []
-    for part in parts.values():
-        if not isinstance(part, Contact):
-            continue
+    for part in contacts_of(equations).values():
         # Reversals of friction are fast, too, but their forces are known.
         smooth = replace(part, friction=0.0, static=None, stribeck=None)
         of_part = [

@@ -9,6 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import list_first
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -35,18 +36,15 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     trajectory
         The steps of the run.
     """
-    parts = {} if equations.mechanism is None else equations.mechanism.parts
-    if not any(part.gaps for part in parts.values()):
-        return
-    from beamdae.parts.forces.contact import Contact, restitution_at
-
     contacts = {
-        name: part
-        for name, part in parts.items()
-        if isinstance(part, Contact) and part.impact_speed and part.hysteresis > 0.0
+        name: x
+        for name, x in contacts_of(equations).items()
+        if x.impact_speed and x.hysteresis > 0.0
     }
     if not contacts:
         return
+    from beamdae.parts.forces.contact import restitution_at
+
     impacts: dict[tuple[float, float], dict[str, float]] = {}
     for gap in compile_surface_gaps(equations):
         contact = contacts.get(gap.part)

@@ -35,7 +35,7 @@ from beamdae.errors import BeamdaeError, list_first
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import Header, largest_of_kind, remove_unit
-from beamdae.results.diagnostics.meshes.long_elements import coordinates_of
+from beamdae.results.diagnostics.meshes.long_elements import turning_coordinates
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.trajectory import Trajectory
 
@@ -322,13 +322,9 @@ def _time_grid(
 
 def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, times: Array) -> bool:
     """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
-    rows = coordinates_of(equations, beam)
-    angles = [k for k in rows if equations.coordinates[k].unit == "rad"]
-    of_frame = [k for k in angles if k < rows.start + beam.rigid_coordinate_count]
     few = times[:: len(times) // _TURN_SAMPLES + 1]
-    return bool(
-        np.min(np.ptp(trajectory.positions_at(few, of_frame or angles), axis=0)) > _MAX_TURN
-    )
+    angles = trajectory.positions_at(few, turning_coordinates(equations, beam))
+    return bool(np.min(np.ptp(angles, axis=0)) > _MAX_TURN)
 
 
 def _respond(

@@ -45,6 +45,7 @@ from beamdae.results.diagnostics.meshes.long_elements import (
     sample_count,
     select_columns,
     spectral_window,
+    turning_coordinates,
 )
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.section_forces.balance import elastic_section_forces
@@ -133,10 +134,8 @@ def examine_vibrations(
 
 def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam) -> bool:
     """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
-    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
-    of_frame = [k for k in angles if part.rigid.start <= k < part.rigid.stop]
-    nodes = [x.rows.q[:, of_frame or angles] for x in trajectory.intervals]
+    angles = turning_coordinates(equations, beam)
+    nodes = [x.rows.q[:, angles] for x in trajectory.intervals]
     high, low = np.max([x.max(axis=0) for x in nodes], axis=0), [x.min(axis=0) for x in nodes]
     return bool(np.min(high - np.min(low, axis=0)) > _MAX_TURN)
 

@@ -327,6 +327,13 @@ def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
     return range(part.rows.start, part.rows.stop)
 
 
+def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
+    """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
+    return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
+
+
 def _rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
     """Return the indices of the rotations of a beam's sections among the coordinates."""
     (part,) = (x for x in equations.parts if x.name == beam.name)
