@@ -18,7 +18,7 @@ from beamdae.cli.output import (
     withdraw_warnings,
 )
 from beamdae.cli.progress import show_run_progress
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_count, warn_user
 from beamdae.interrupts import Interrupted, acknowledge
 
 if TYPE_CHECKING:
@@ -129,8 +129,8 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
     Raises
     ------
     BeamdaeError
-        If neither a picture nor a page shows them, the model does not have a column, the data do
-        not fit, or a resumed run is to plot a coordinate.
+        If neither a picture nor a page shows them, the model does not have a column, the data
+        cannot be read, or a resumed run is to plot a coordinate.
     """
     if run.plot.is_default:
         return
@@ -142,7 +142,7 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
             "--no-page."
         )
     from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-    from beamdae.report.pictures.time_plots import select_plot
+    from beamdae.report.pictures.time_plots import UnplottedDataError, select_plot
     from beamdae.results.run_data import coordinate_headers
     from beamdae.simulation import as_equations
 
@@ -151,7 +151,12 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
     headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
     in_table = [TIME, *observed, *LEDGER_COLUMNS]
     columns, x, data = run.plot
-    selection = select_plot(list(headers), in_table, columns, x, data)
+    try:
+        selection = select_plot(list(headers), in_table, columns, x, data)
+    except UnplottedDataError as problem:
+        warn_user(str(problem))
+        run.plot = run.plot._replace(data=None)
+        return select_charts(run, is_drawn, has_page, is_resumed)
     run.charts = select_plot(list(headers), in_table, columns, None, data) if x else selection
     missing = [c for c in (selection.abscissa, *selection.columns) if c not in in_table]
     if is_resumed and missing:
@@ -393,7 +398,6 @@ def draw_run(run: Run, solution: Solution) -> None:
 
 def print_results(run: Run, solution: Solution) -> None:
     """Print the tables and warnings of a run, and add its results to the JSON document."""
-    from beamdae.errors import format_count
     from beamdae.model_parameters import format_with_unit, split_unit
     from beamdae.report.terminal import text_tables
     from beamdae.results.columns import remove_unit
@@ -440,8 +444,15 @@ def _compare_with_data(run: Run, solution: Solution) -> dict[str, dict[str, floa
         if name not in solution.columns or not experiments:
             continue
         t, measured = map(np.concatenate, zip(*experiments.values(), strict=True))
-        is_inside = (solution.trajectory.start <= t) & (t <= solution.trajectory.end)
-        is_inside &= np.isfinite(measured)
+        begin, end = solution.trajectory.start, solution.trajectory.end
+        is_inside = (begin <= t) & (t <= end)
+        if not is_inside.all():
+            warn_user(
+                f"run: {np.sum(~is_inside)} of {format_count(len(t), 'value')} of {name} in "
+                f"{run.plot.data}, up to t = {t.max():.5g} s, lie outside the run from "
+                f"{begin:.5g} to {end:.5g} s and are not compared; choose --t-end, or shift the "
+                "times."
+            )
         t, measured = t[is_inside], measured[is_inside]
         if not len(t):
             continue

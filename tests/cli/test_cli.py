@@ -394,6 +394,41 @@ def test_regression_runs_with_data_print_their_differences(command):
     assert (x["largest"], x["t"], x["count"]) == (pytest.approx(0.004, rel=1e-3), 0.5, 2)
 
 
+@pytest.mark.parametrize(
+    ("rows", "options", "message"),
+    [
+        (
+            "t [s],ball.y\n0.1,1953\n",
+            [],
+            "fall.csv without a unit are taken as in the model, 'ball.y' in m; write units in the "
+            "header, such as 'ball.y [m]'",
+        ),
+        (
+            "t [s],ball.y [mm],bal.x [mm],room [K]\n0.1,1953,0,295\n",
+            [],
+            "fall.csv contains 'bal.x [mm]' (did you mean 'ball.x'?), 'room [K]', which the run",
+        ),
+        (
+            "t [s],ball.y [mm]\n0.1,1953\n1.5,0\n",
+            [],
+            "1 of 2 values of ball.y [m] in fall.csv, up to t = 1.5 s, lie outside the run from 0 "
+            "to 1 s and are not compared",
+        ),
+        ("t [s],ball.y [mm]\n1.5,0\n", [], "1 of 1 value of ball.y [m]"),
+        ("t [s],room [K]\n0.1,295\n", [], "data must contain values of a column of the run"),
+        ("t [s],ball.y [mm]\n0.1,0\n", ["--plot", "ball.x"], "one of the plotted columns (ball.x"),
+    ],
+)
+def test_regression_runs_state_which_data_they_do_not_compare(command, rows, options, message):
+    """Unknown columns and late rows were dropped in silence; others ended the command at once."""
+    Path("fall.csv").write_text(rows, "utf-8")
+    result = command("run", FALL, "--data", "fall.csv", "--no-page", "--no-estimate", *options)
+    assert result.exit_code == 0
+    (warning,) = (x for x in result.stderr.splitlines() if x.startswith("warning: "))
+    assert message in warning
+    assert ".png" in result.stdout
+
+
 CRANK = """import beamdae as bd
 
 

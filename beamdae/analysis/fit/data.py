@@ -204,6 +204,27 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
     return series
 
 
+def warn_of_missing_units(
+    part: str, data: Any, series: Iterable[Series], headers: Iterable[str]
+) -> None:
+    """Warn of columns of a CSV file without a unit that belong to one of the `headers`.
+
+    Tables that are not read from files are written in code, where values are in SI units.
+    """
+    path = None if isinstance(data, Mapping) else path_as_text(data)
+    columns = {x.column for x in series if len(x.values)}
+    units = {name: unit for name, unit in map(split_unit, headers) if name in columns}
+    missing = {name: unit for name, unit in units.items() if unit not in ("", "-")}
+    if path is None or not missing:
+        return
+    name, unit = next(iter(missing.items()))
+    taken = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
+    warn_user(
+        f"{part}: values of {path} without a unit are taken as in the model, {taken}; write units "
+        f"in the header, such as '{name} [{unit}]'."
+    )
+
+
 def _read_series(
     part: str, data: Any, known: Set[str] | None = None
 ) -> tuple[list[Series], bool, str]:

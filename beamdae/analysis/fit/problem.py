@@ -10,7 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.fit.data import FitData, Series, convert_units, read_data
+from beamdae.analysis.fit.data import (
+    FitData,
+    Series,
+    convert_units,
+    read_data,
+    warn_of_missing_units,
+)
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
@@ -133,6 +139,8 @@ class FitProblem:
         self.build_warnings: set[str] = set()
         self.data, self.headers = self._match_columns()
         self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
+        if not self.sensors.scales:
+            warn_of_missing_units("fit", data, self.data.series, self.headers)
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
             + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]

@@ -14,9 +14,13 @@ import numpy as np
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import (
     BeamdaeError,
+    list_first,
+    path_as_text,
     require_sequence,
     short_repr,
+    suggest,
     unbox_scalar,
+    warn_user,
 )
 from beamdae.report.pictures.figures import (
     COLORS,
@@ -66,6 +70,11 @@ _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
 _MARGIN_OF_DATA = 0.25  # of their duration, before and after them
 _DATA_MARKERS = "osD^v"  # of experiments
+_MAX_LISTED_COLUMNS = 5  # of a file that do not belong to the run
+
+
+class UnplottedDataError(BeamdaeError):
+    """Error of measured data that contain none of the plotted columns."""
 
 
 def plot(
@@ -97,8 +106,9 @@ def plot(
     data
         Measured values, plotted as markers: a table or the path of a CSV file, as in `fit`. Columns
         such as "t [ms]" and "tip.y [mm]" are converted to the units of the run. Columns that the
-        runs do not contain are ignored. The time axis covers the data, extended by a quarter of
-        their duration before and after them, or at most the whole run.
+        runs do not contain are ignored, those of files with a warning. The time axis covers the
+        data, extended by a quarter of their duration before and after them, or at most the whole
+        run.
 
     Returns
     -------
@@ -286,7 +296,7 @@ def select_plot(
     points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
-        raise BeamdaeError(
+        raise UnplottedDataError(
             f"plot: data must contain {plotted}"
             f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
             f"{', '.join(dict.fromkeys(s.column for s in measured))}."
@@ -301,9 +311,9 @@ def select_plot(
 
 def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
     """Return the measured series whose columns a run contains, in the units of the run."""
-    from beamdae.analysis.fit.data import convert_units, read_series
+    from beamdae.analysis.fit.data import convert_units, read_series, warn_of_missing_units
 
-    measured = []
+    measured, unknown = [], []
     names: dict[tuple[str, str], str] = {}
     given = read_series("plot", data, headers)
     for series in given:
@@ -317,13 +327,31 @@ def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
                     "column of the run; remove one."
                 )
             measured.append(replace(converted, column=selected[0]))
+        elif not selected:
+            unknown.append(series.column)
+    path = path_as_text(data)
+    if path is not None and measured:
+        warn_of_missing_units("plot", path, given, headers)
+        _warn_of_unknown_columns(path, list(dict.fromkeys(unknown)), headers)
     if not measured:
-        raise BeamdaeError(
+        raise UnplottedDataError(
             "plot: data must contain values of a column of the run, got the columns "
             f"{', '.join(dict.fromkeys(s.column for s in given))}; name them as in the table of "
             "the run, such as 'tip.y [mm]'."
         )
     return measured
+
+
+def _warn_of_unknown_columns(path: str, unknown: Sequence[str], headers: Sequence[str]) -> None:
+    if not unknown:
+        return
+    names = [remove_unit(header) for header in headers]
+    described = [f"{x!r}{suggest(remove_unit(x), names)}" for x in unknown]
+    columns = list_first(described, _MAX_LISTED_COLUMNS)
+    warn_user(
+        f"plot: {path} contains {columns}, which the run does not have and the plot omits; name "
+        "columns as in the table of the run, or remove them."
+    )
 
 
 def _pair_with(
