@@ -29,12 +29,13 @@ P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=CacheOwner)
 
-# Largest total number of coordinates of the structures cached for later models. With everything
-# derived from them, they take about 5 kB per coordinate.
-_MAX_CACHED_COORDINATES = 8000
+# Largest total number of entries in the operators of the structures cached for later models. With
+# everything derived from them, they take about 6 kB per entry after an equilibrium and 10 kB after
+# a run. An equilibrium caches two structures of full size: those with and without its loads.
+_MAX_CACHED_ENTRIES = 13_000
 # Larger structures are not cached: their sums need memory in proportion to their size, while the
 # time to build them becomes negligible compared with the run.
-_MAX_COORDINATES = 2500
+_MAX_COORDINATES = 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,14 @@ def intern_structure(structure: Structure) -> Structure:
     return _intern_equal(structure)
 
 
-@bounded_cache(_MAX_CACHED_COORDINATES, lambda structure: structure.n)
+def _count_entries(structure: Structure) -> int:
+    """Return the number of entries in the operators: terms of loads alone have few."""
+    terms = (*structure.forces, *structure.joints)
+    operators = (x for term in terms for x in vars(term).values() if isinstance(x, sp.csr_array))
+    return 1 + sum(x.nnz for x in operators)
+
+
+@bounded_cache(_MAX_CACHED_ENTRIES, _count_entries)
 def _intern_equal(structure: Structure) -> Structure:
     return structure
 

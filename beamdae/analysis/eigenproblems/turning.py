@@ -58,7 +58,7 @@ def find_turning(
         Function that returns the linearized equations at this state.
     """
     at_rest, solver = np.zeros(e.n), ConsistencySolver(e)
-    is_driven = bool(np.any(solver.constraint_levels(time, q, at_rest)[1]))
+    is_driven = bool(np.any(solver.constraint_levels(time, q)[1]))
     if not is_driven and not np.any(e.v0):
         return None
     try:

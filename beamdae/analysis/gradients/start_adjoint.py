@@ -20,6 +20,7 @@ from beamdae.equations.starts.state_evaluator import (
     SECOND_DIFFERENCE,
     Recent,
     StateSums,
+    plan_constraint_levels,
     plan_state_sums,
 )
 from beamdae.equations.structure import Structure, cache_on_owner
@@ -41,9 +42,9 @@ _MAX_EQUILIBRIUM_ERROR = 1e-6
 
 @cache_on_owner
 def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, ...]:
-    """Return the transposed derivatives of four sums of `StateSums`.
+    """Return the transposed derivatives of four sums of `StateEvaluator`.
 
-    They are `motion`, `saddle`, `levels` and `smooth_motion`.
+    They are `motion`, `saddle`, the levels of constraints and `smooth_motion`.
     """
     sums = plan_state_sums(structure)
     size = 3 * structure.n + structure.m
@@ -51,7 +52,7 @@ def _plan_transposed_sums(structure: Structure) -> tuple[SumPlan, ...]:
     return (
         motion,
         transposed_plan(sums.saddle, size, MIN_STIFF_PENETRATION),
-        transposed_plan(sums.levels, size),
+        transposed_plan(plan_constraint_levels(structure), size),
         motion if is_smooth else transposed_plan(sums.smooth_motion, size),
     )
 
@@ -127,7 +128,7 @@ class StartAdjoint:
         saddle = self.moved_plan(
             lambda e: plan_state_sums(e.structure).saddle, size, MIN_STIFF_PENETRATION
         )
-        levels = self.moved_plan(lambda e: plan_state_sums(e.structure).levels, size)
+        levels = self.moved_plan(lambda e: plan_constraint_levels(e.structure), size)
         smooth = self.moved_plan(lambda e: plan_state_sums(e.structure).smooth_motion, size)
         plans = (
             (self._motion, motion),

@@ -20,6 +20,7 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.state_evaluator import (
     SECOND_DIFFERENCE,
     StateSums,
+    plan_constraint_levels,
     plan_state_sums,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
@@ -68,11 +69,6 @@ def _plan_motion(structure: Structure) -> SumPlan:
     n = structure.n
     layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
     return assemble_motion(structure, layout, with_reactions=True).vector()
-
-
-@cache_on_owner
-def _plan_levels(structure: Structure) -> SumPlan:
-    return plan_state_sums(structure).levels
 
 
 @cache_on_owner
@@ -225,7 +221,7 @@ class StartDerivatives:
 
     @cached_property
     def _levels(self) -> StackedSum:
-        return self._stack(_plan_levels, self._state_size)
+        return self._stack(plan_constraint_levels, self._state_size)
 
     @cached_property
     def _gradients(self) -> StackedSum:

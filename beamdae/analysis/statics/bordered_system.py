@@ -306,7 +306,7 @@ def _split_structures(
         is_common.append(tuple(flags))
     only_unloaded, only_loaded = (tuple(not x for x in flags) for flags in is_common)
     return (
-        _select_terms(loaded.structure, is_common[1]),
+        _select_terms(unloaded.structure, is_common[0]),
         _select_terms(unloaded.structure, only_unloaded),
         _select_terms(loaded.structure, only_loaded),
     )
@@ -314,6 +314,9 @@ def _split_structures(
 
 @cache_on_owner
 def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Structure:
+    if all(is_selected):
+        # Structures too large to be shared keep the plans of `StaticEquations`.
+        return structure
     count = len(structure.forces)
     forces = tuple(compress(structure.forces, is_selected[:count]))
     joints = tuple(compress(structure.joints, is_selected[count:]))
@@ -363,7 +366,7 @@ class BorderedSystem:
     ) -> None:
         self._time, self._n, self._scales = time, loaded.n, scales
         common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
-        self._numbers = (loaded.p, unloaded.p, loaded.p)
+        self._numbers = (unloaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
         plan = _plan_bordered(common, only_unloaded, only_loaded, held)
         self._idle_loops = plan.idle_loops

@@ -78,13 +78,12 @@ class ForceBlock:
 class StateSums:
     """Plans of the sums in `StateEvaluator`, with inputs (q, v, a, lam), and matrix patterns.
 
-    The sum `levels` is `motion` without forces, whose evaluation takes longer than that of joints;
-    `smooth_motion` is `motion` without forces that have kinks over the motion, such as contacts.
+    The sum `smooth_motion` is `motion` without forces that have kinks over the motion, such as
+    contacts.
     """
 
     motion: SumPlan
     smooth_motion: SumPlan
-    levels: SumPlan
     gradients: SumPlan
     gradient_pattern: sp.csc_array
     saddle: SumPlan
@@ -114,17 +113,23 @@ def plan_state_sums(structure: Structure) -> StateSums:
     smooth = [term for term in structure.forces if not term.kernel.has_kinks_over_motion]
     is_smooth = len(smooth) == len(structure.forces)
     smooth_motion = motion if is_smooth else assemble_motion(structure, layout, smooth).vector()
-    levels = assemble_motion(structure, layout, forces=()).vector()
     return StateSums(
         motion,
         smooth_motion,
-        levels,
         gradients,
         gradient_pattern,
         saddle,
         pattern,
         _locate_force_block(pattern, n),
     )
+
+
+@share_plans
+def plan_constraint_levels(structure: Structure) -> SumPlan:
+    """Return the plan of `StateSums.motion` without forces, which take longer than joints do."""
+    n = structure.n
+    layout = InputLayout(q=0, v=n, a=2 * n, lam=3 * n)
+    return assemble_motion(structure, layout, forces=()).vector()
 
 
 def _locate_force_block(pattern: sp.csc_array, n: int) -> ForceBlock:
@@ -185,7 +190,8 @@ class StateEvaluator:
 
     @cached_property
     def _levels(self) -> SumEvaluator:
-        return SumEvaluator.borrow(self.sums.levels, self.equations.p, self)
+        plan = plan_constraint_levels(self.equations.structure)
+        return SumEvaluator.borrow(plan, self.equations.p, self)
 
     @cached_property
     def _recent_motion(self) -> Recent:
