@@ -8,6 +8,7 @@ from typing import Any
 
 import lazy_loader
 
+from beamdae.argument_names import explain_unknown_arguments
 from beamdae.catalog import attributes_by_module
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
@@ -26,6 +27,8 @@ def __getattr__(name: str) -> Any:
             return _load(name)
         with paused_collection(), unused_imports_deferred():
             value = _import(name)
+        if isinstance(value, type):
+            explain_unknown_arguments(value)
         _imported.add(name)
         return value
     # Python uses these two arguments to suggest the nearest public name.

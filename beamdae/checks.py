@@ -59,6 +59,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.read_only import read_only_data
 from beamdae.report.terminal.check_report import describe_check
 from beamdae.results.columns import mark_resting_columns, mark_vanishing_columns
+from beamdae.results.diagnostics.contacts.deep_contacts import deep_start_warnings
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, simulate
@@ -386,6 +387,7 @@ def _collect_warnings(
     sentences += idle_part_warnings(equations, 0.0, end)
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)
+        sentences += deep_start_warnings(equations, time, state)
         sentences += supplied_energy_warnings(
             equations, lambda: sample_velocities(equations, time, state)
         )

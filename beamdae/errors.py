@@ -57,6 +57,10 @@ class MissingModelError(BeamdaeError, AttributeError):
     """
 
 
+class UnknownArgumentError(BeamdaeError, TypeError):
+    """Error of a keyword that is not an argument of a class; also a TypeError, as in Python."""
+
+
 class FileContentError(BeamdaeError):
     """Error of a file of results that cannot be read, is damaged, too large or of another kind.
 

@@ -364,7 +364,7 @@ def start_inside_warnings(
             ):
                 continue
             remedy = x.gap.remedy
-            if find_rest() is not None and not _starts_in_equilibrium(active):
+            if find_rest() is not None and not starts_in_equilibrium(active):
                 remedy += (
                     ", or build the model with bd.Mechanism(start='equilibrium') if it is a preload"
                 )
@@ -472,13 +472,14 @@ def _is_balanced(
     return abs(float(x.force @ state.a)) <= _MAX_IMBALANCE * abs(float(x.force @ alone))
 
 
-def _starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
+def starts_in_equilibrium(equations: EquationsOfMotion) -> bool:
+    """Return True if runs start in the equilibrium of the model."""
     return equations.start is not None and equations.start.description == EQUILIBRIUM
 
 
 def _find_rest(equations: EquationsOfMotion, time: Array, state: State) -> State | None:
     """Return the equilibrium that is reached from a state, or None if there is none."""
-    if _starts_in_equilibrium(equations):
+    if starts_in_equilibrium(equations):
         q, lam = state.q, state.lam
     else:
         # Models without contacts start faster without these imports.

@@ -20,6 +20,7 @@ from beamdae.equations.part_warnings import (
     supplied_energy_warnings,
 )
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.diagnostics.contacts.deep_contacts import deep_contact_warnings
 from beamdae.results.diagnostics.contacts.elastic_bounces import elastic_bounce_warnings
 from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnings
 from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
@@ -223,6 +224,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(slow_sliding_warnings),
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),
+    _of_motion(deep_contact_warnings),
     _mesh_errors,
     _long_elements,
     _of_motion(moving_load_warnings),

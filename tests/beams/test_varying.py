@@ -281,7 +281,7 @@ def test_models_with_different_tapers_share_their_structure():
             lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(0.01, 0.0)),
             "taper, section at s = 1 m: Section.circle: diameter must be positive, got 0",
         ),
-        (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "unexpected keyword .*width"),
+        (lambda: bd.taper(bd.Section.circle, ALLOY, width=1.0), "there is no argument 'width'"),
         (
             lambda: bd.Beam("b", LINE, STRIP, free_curve=bd.Line((0, 0), (1.1, 0))),
             "curve, 1 m, must differ by at most 1 % from the length of free_curve, 1.1 m",
