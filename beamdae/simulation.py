@@ -42,7 +42,7 @@ from beamdae.memory import is_out_of_memory, require_memory
 from beamdae.model_functions import HasOrigin, Model
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, Mechanism, require_start
 from beamdae.results.outcome import Status
-from beamdae.results.solution import Solution
+from beamdae.results.solution import Solution, unpack_solution
 from beamdae.results.storage.files import require_file_path
 
 # Imported by the functions that need them: their import takes 5 % of the time of a short command.
@@ -323,7 +323,7 @@ def load(path: str | Path, model: Any = None) -> Solution | SavedRun:
         )
     with translate_field_errors(file, saved_run.KIND):
         packed = saved_run.packed_run_from_arrays(equations, arrays, content)
-        return Solution.from_packed(equations, packed)
+        return unpack_solution(equations, packed)
 
 
 def as_mechanism(name: str, model: Any) -> Mechanism:

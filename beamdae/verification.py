@@ -21,6 +21,7 @@ from beamdae.results.columns import (
     mark_unresolved_columns,
     measure_amplitudes,
 )
+from beamdae.results.run_data import find_drift
 from beamdae.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -486,7 +487,7 @@ def _compare(
             np.abs(difference),
             length,
             rtol,
-            lambda: tuple(np.max([run.find_drift() for run in runs], axis=0)),
+            lambda: tuple(np.max([find_drift(run) for run in runs], axis=0)),
         )
     error = np.where(np.isfinite(half_range), error, np.nan)
     if not np.isnan(fraction):

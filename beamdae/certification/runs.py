@@ -56,6 +56,7 @@ from beamdae.results.columns import (
     require_observed,
 )
 from beamdae.results.outcome import Status
+from beamdae.results.run_data import find_drift
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations, compute_output_times, unpack_model
 
@@ -440,7 +441,7 @@ def _scale(differences: Array, coarse: _Run, fine: _Run) -> Array:
     Columns that move by no more than the drift of the constraints are at rest.
     """
     headers, length = list(fine.solution.columns), fine.solution.equations.length
-    drifts = (drift_limits(headers, length, *run.solution.find_drift()) for run in (coarse, fine))
+    drifts = (drift_limits(headers, length, *find_drift(run.solution)) for run in (coarse, fine))
     largest = 0.5 * np.max(np.abs(differences), axis=0), 0.5 * np.ptp(fine.rows, axis=0)
     is_drift = [x <= limit for x, limit in zip(largest, drifts, strict=True)]
     is_at_rest = fine.is_at_rest | np.all(is_drift, axis=0)

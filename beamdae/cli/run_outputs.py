@@ -478,10 +478,11 @@ def _run_warnings(run: Run, solution: Solution) -> list[str]:
     if run.errors is None:
         return list(solution.warnings)
     from beamdae.results.diagnostics.suspected_errors import refuted_warnings
+    from beamdae.results.run_checks import find_suspected_errors
     from beamdae.verification import RELATIVE_ERROR
 
     errors = run.errors[RELATIVE_ERROR if RELATIVE_ERROR in run.errors else "time"]
-    refuted = refuted_warnings(solution.suspected_errors, solution.columns, errors)
+    refuted = refuted_warnings(find_suspected_errors(solution), solution.columns, errors)
     withdraw_warnings(refuted)
     return [x for x in solution.warnings if x not in refuted]
 

@@ -40,16 +40,19 @@ from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
+from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     missed_peak_warnings,
     unknown_peak_warnings,
 )
+from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
-from beamdae.results.run_data import RunData
+from beamdae.results.run_data import RunData, find_drift
 from beamdae.results.section_forces.balance import group_rows
 from beamdae.results.trajectory import Trajectory
 
@@ -82,16 +85,32 @@ def _strains(run: RunData) -> Iterable[str]:
     return strain_warnings(run.equations, run.validity, lambda: sample_positions(run.trajectory))
 
 
+def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
+    """Yield the warnings of a run that an estimate of the errors of columns may exclude."""
+    # Errors of motions that the constraints determine do not accumulate.
+    has_errors = run._has_fixed_steps and run.equations.m < run.equations.n
+    if has_errors and not run._is_at_rest:
+        yield from long_step_warnings(
+            run.step_extremes,
+            sum(len(x.t) - 1 for x in run.trajectory.intervals),
+            run.trajectory.end - run.trajectory.start,
+            run.equations.length,
+            run.integrator.get("period_error", 0.0),
+            lambda: run._energy_ledger.has_free_vibrations,
+        )
+    yield from small_motion_warnings(run.equations, run.trajectory, run.integrator)
+
+
 def _suspected_errors(run: RunData) -> Iterable[str]:
-    return (x.sentence for x in run.suspected_errors)
+    return (x.sentence for x in find_suspected_errors(run))
 
 
 def _hard_impacts(run: RunData) -> Iterable[str]:
-    return hard_impact_warnings(run.hard_impacts)
+    return hard_impact_warnings(run._hard_impacts)
 
 
 def _missed_peaks(run: RunData) -> Iterable[str]:
-    return missed_peak_warnings(run.missed_peaks, len(run.t), is_resolved=not run.hard_impacts)
+    return missed_peak_warnings(run.missed_peaks, len(run.t), is_resolved=not run._hard_impacts)
 
 
 def _coarse_rows(run: RunData) -> Iterable[str]:
@@ -105,7 +124,7 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
         run._observe_at,
         run.equations.length,
         run.integrator.get("rtol") or 0.0,
-        run.find_drift,
+        lambda: find_drift(run),
     )
 
 

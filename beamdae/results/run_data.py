@@ -5,7 +5,7 @@ This module does not import pandas, because importing pandas takes as long as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,21 +26,18 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
     BeamRange,
     measure_beam_ranges_of_run,
 )
-from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
     find_missed_peaks,
     measure_step_extremes,
 )
-from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
 )
 from beamdae.results.diagnostics.start_changes import StartSummary, compare_start
-from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import Statistics, Status
 from beamdae.results.storage.files import versions as installed_versions
@@ -165,32 +162,20 @@ class RunData:
             extremes,
             self.equations.length,
             rtol,
-            self.find_drift,
+            lambda: find_drift(self),
             magnitudes,
         )
 
     @cached_property
-    def hard_impacts(self) -> tuple[HardImpact, ...]:
+    def _hard_impacts(self) -> tuple[HardImpact, ...]:
         """Contacts whose force rises faster than the elements of a touched beam resolve."""
         return find_hard_impacts(self.equations, self.trajectory)
-
-    def find_drift(self) -> tuple[float, float]:
-        """Return the largest drift [m, m/s] at the steps and the output times."""
-        at_rows = (float(np.max(x, initial=0.0)) for x in self.drift_columns.values())
-        at_steps = self.quality.max_position_drift, self.quality.max_velocity_drift
-        position, velocity = map(max, at_rows, at_steps)
-        return position, velocity
 
     def all_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `table` by header."""
         ledger = zip(measures.LEDGER_COLUMNS, self._ledger_rows.T, strict=True)
         derivatives = self.derivatives and self.derivatives.at_times(self.t).columns()
         return {measures.TIME: self.t, **self.columns, **(derivatives or {}), **dict(ledger)}
-
-    def coordinate_table(self) -> tuple[list[str], Array]:
-        """Return headers and rows (k, 1 + 2n + m): time, coordinates, velocities, multipliers."""
-        headers = coordinate_headers(self.equations)
-        return headers, np.hstack([self.t[:, None], self.q, self.v, self.lam])
 
     @cached_property
     def drift_columns(self) -> dict[str, Array]:
@@ -245,35 +230,10 @@ class RunData:
     def _is_at_rest(self) -> bool:
         return is_at_rest(self.equations, self.trajectory, self._energy_ledger.force.scale)
 
-    @cached_property
-    def suspected_errors(self) -> tuple[SuspectedError, ...]:
-        """Warnings of the run that an estimate of the errors of columns may exclude."""
-        return (
-            *self._long_step_warnings(),
-            *small_motion_warnings(self.equations, self.trajectory, self.integrator),
-        )
-
     def _observe_at(self, times: Array) -> Array:
         """Return rows of the observed columns at ascending times [s]."""
         rows, state = self.trajectory.at(times)
         return self._observe(rows, *state)
-
-    def _long_step_warnings(self) -> Iterator[SuspectedError]:
-        """Yield a warning if fixed steps are too long for the changes of columns."""
-        # Errors of motions that the constraints determine do not accumulate.
-        has_errors = self._has_fixed_steps and self.equations.m < self.equations.n
-        if has_errors and not self._is_at_rest:
-            n_steps = sum(len(x.t) - 1 for x in self.trajectory.intervals)
-            duration = self.trajectory.end - self.trajectory.start
-            length = self.equations.length
-            yield from long_step_warnings(
-                self.step_extremes,
-                n_steps,
-                duration,
-                length,
-                self.integrator.get("period_error", 0.0),
-                lambda: self._energy_ledger.has_free_vibrations,
-            )
 
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""
@@ -311,8 +271,16 @@ class RunData:
         return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 
+def find_drift(run: RunData) -> tuple[float, float]:
+    """Return the largest drift [m, m/s] of a run at the steps and the output times."""
+    at_rows = (float(np.max(x, initial=0.0)) for x in run.drift_columns.values())
+    at_steps = run.quality.max_position_drift, run.quality.max_velocity_drift
+    position, velocity = map(max, at_rows, at_steps)
+    return position, velocity
+
+
 def coordinate_headers(equations: EquationsOfMotion) -> list[str]:
-    """Return the headers of `RunData.coordinate_table`."""
+    """Return the headers of `Solution.coordinate_columns`: time, then (q, v, lam)."""
     columns = [
         *equations.coordinates,
         *(coordinate.rate for coordinate in equations.coordinates),

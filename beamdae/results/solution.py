@@ -25,7 +25,7 @@ from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance, state_hash
 from beamdae.results.run_checks import ROW_CHECKS, RUN_CHECKS, Check
-from beamdae.results.run_data import RunData
+from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
 from beamdae.results.trajectory import Instant, Trajectory
@@ -167,8 +167,8 @@ class Solution(RunData, TimeSeries):
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `coordinates` by header."""
-        headers, rows = self.coordinate_table()
-        return dict(zip(headers, rows.T, strict=True))
+        rows = np.hstack([self.t[:, None], self.q, self.v, self.lam])
+        return dict(zip(coordinate_headers(self.equations), rows.T, strict=True))
 
     def observe(self, name: str, what: Attachment | Quantity) -> Solution:
         """Return the solution with an additional observable, without integrating again.
@@ -483,30 +483,6 @@ class Solution(RunData, TimeSeries):
             event_records=(*executed, *later.event_records),
         )
 
-    @classmethod
-    def from_packed(
-        cls, equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
-    ) -> Solution:
-        """Reconstruct a solution from the output of `pack_run`.
-
-        Parameters
-        ----------
-        equations
-            The equations of the run; their start may differ.
-        packed
-            The packed run, which contains the start.
-        made_by
-            The integrator of the run.
-
-        Raises
-        ------
-        Exception
-            `FieldError` of results.storage.schema if the packed run does not fit the equations.
-        """
-        from beamdae.results.storage.packed_run import unpack_fields
-
-        return cls(**unpack_fields(equations, packed), made_by=made_by)
-
     def __reduce__(self) -> Any:
         mechanism = self.equations.mechanism
         if mechanism is None:
@@ -519,7 +495,31 @@ class Solution(RunData, TimeSeries):
         return _unpickle, (pickle_with_signals((mechanism, self.made_by)), pack_run(self))
 
 
+def unpack_solution(
+    equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
+) -> Solution:
+    """Reconstruct a solution from the output of `pack_run`.
+
+    Parameters
+    ----------
+    equations
+        The equations of the run; their start may differ.
+    packed
+        The packed run, which contains the start.
+    made_by
+        The integrator of the run.
+
+    Raises
+    ------
+    Exception
+        `FieldError` of results.storage.schema if the packed run does not fit the equations.
+    """
+    from beamdae.results.storage.packed_run import unpack_fields
+
+    return Solution(**unpack_fields(equations, packed), made_by=made_by)
+
+
 def _unpickle(source: bytes, packed: PackedRun) -> Solution:
     # CasADi expressions cannot be pickled, so the equations are assembled again.
     mechanism, made_by = pickle.loads(source)
-    return Solution.from_packed(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)
+    return unpack_solution(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)

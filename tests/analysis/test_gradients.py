@@ -73,7 +73,7 @@ def arm(thickness=(0.004,) * 12, torque=1.0, elements=4):
 
 def position_objective(run):
     """Return a sum of all kinds of objectives of the first column of a run."""
-    header = next(iter(run.columns), None) or run.coordinate_table()[0][1]
+    header = next(iter(run.columns), None) or list(run.coordinate_columns())[1]
     column, end = header.rpartition(" [")[0], run.trajectory.end
     times = np.linspace(0.0, 0.99 * end, 5)
     samples = bd.SquaredErrors(column, times, 0.1 + times, 0.5)
@@ -84,7 +84,7 @@ def position_objective(run):
 
 def multiplier_objective(run):
     """Return a sum of objectives of the first and the last multiplier."""
-    headers = [x for x in run.coordinate_table()[0] if x.startswith("lam.")]
+    headers = [x for x in run.coordinate_columns() if x.startswith("lam.")]
     return bd.TimeIntegral(headers[0]) + 0.2 * bd.EndValue(headers[-1])
 
 

@@ -480,7 +480,7 @@ def read_column(run: Solution, name: str) -> tuple[str, Array]:
     header = select_column(name, headers[1:], list(run.columns))
     if header in run.columns:
         return header, run.columns[header]
-    return header, run.coordinate_table()[1][:, headers.index(header)]
+    return header, run.coordinate_columns()[header]
 
 
 def select_column(name: str, coordinates: list[str], observed: list[str]) -> str:

@@ -235,11 +235,11 @@ def save_run(run: Solution, path: str | Path) -> Path:
     """
     file = require_file_path("save", path)
     packed, table = pack_run(run), run.all_columns()
-    coordinate_headers, coordinates = run.coordinate_table()
+    coordinates = run.coordinate_columns()
     arrays: dict[str, Any] = {
         **packed.arrays,
         _TABLE: np.stack(list(table.values())),
-        _COORDINATES: coordinates.T,
+        _COORDINATES: np.stack(list(coordinates.values())),
     }
     content = {
         "format": _FORMAT,
@@ -248,7 +248,7 @@ def save_run(run: Solution, path: str | Path) -> Path:
         "identity": hash_model(run.equations),
         "plain": packed.plain,
         _TABLE: list(table),
-        _COORDINATES: coordinate_headers,
+        _COORDINATES: list(coordinates),
         "beside": run.metadata(),
     }
     raw = json.dumps({**content, _CHECKSUM: checksum(content, arrays)}).encode()
