@@ -645,6 +645,11 @@ def list_first(names: Sequence[str], most: int) -> str:
     return f"{listed} and {len(names) - most} more" if len(names) > most else listed
 
 
+def name_with_others(first: str, others: Sequence[str], most: int = 3) -> str:
+    """Return "first (also a, b, c and 2 more)", with at most this many of the others by name."""
+    return f"{first} (also {list_first(others, most)})" if others else first
+
+
 def join_names(names: Iterable[str]) -> str:
     """Join names as "a, b and c"."""
     *first, last = names

@@ -15,7 +15,7 @@ from beamdae.beams.dispersion import (
 )
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.section_forces.balance import elastic_section_forces
 
 Array = np.ndarray
@@ -31,7 +31,6 @@ _MAX_ESTIMATE = 0.3
 # Error for which a number of elements is recommended.
 _RECOMMENDED_ERROR = 2e-3
 _MIN_NAMED_SHARE = 0.2  # of the error, of further beams
-_MAX_NAMES = 3
 
 
 def buckling_mesh_warnings(
@@ -176,7 +175,10 @@ def _describe(beams: Sequence[Beam], errors: Array) -> tuple[str, str, str]:
     order = np.argsort(-np.round(errors / error, 3), kind="stable")
     worst = beams[order[0]]
     others = [beams[j].name for j in order[1:] if errors[j] > _MIN_NAMED_SHARE * error]
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     ratio = min(error, _MAX_ESTIMATE) / _RECOMMENDED_ERROR
     count = int(np.ceil(worst.mesh.elements * ratio ** (1.0 / convergence_order(worst))))
-    return f"{worst.name}{also}: the elements are too long for", size, f"use elements={count}"
+    return (
+        f"{name_with_others(worst.name, others)}: the elements are too long for",
+        size,
+        f"use elements={count}",
+    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, list_first
+from beamdae.errors import BeamdaeError, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
@@ -31,7 +31,6 @@ _MAX_DISPLACEMENT = 0.01
 _MAX_OVERSHOOT = 2.0
 _AMPLITUDE_SAMPLES = 200
 _MAX_ROWS_AT_ONCE = 2048
-_MAX_NAMES = 3  # of further columns
 
 
 def start_transient_warnings(
@@ -96,12 +95,12 @@ def start_transient_warnings(
     if not caused:
         return
     _, k, value, time = max(caused)
-    names = dict.fromkeys(remove_unit(headers[x[1]]) for x in caused if x[1] != k)
-    others = f" (also {list_first(list(names), _MAX_NAMES)})" if names else ""
+    others = list(dict.fromkeys(remove_unit(headers[x[1]]) for x in caused if x[1] != k))
     side, after = ("largest", later[1, k]) if value > 0.0 else ("smallest", later[0, k])
     unit = Header.of(headers[k]).unit
     yield (
-        f"{remove_unit(headers[k])}{others}: its {side} value, {value:.4g} {unit} at "
+        f"{name_with_others(remove_unit(headers[k]), others)}: "
+        f"its {side} value, {value:.4g} {unit} at "
         f"t = {time:.3g} s, belongs to a vibration that begins because the drawing is not in "
         f"equilibrium ({side} value later: {after:.4g} {unit}); use start='equilibrium'."
     )

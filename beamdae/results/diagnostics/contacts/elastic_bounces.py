@@ -8,12 +8,11 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
 _MIN_BOUNCES = 10  # a few of them may be impacts of a mechanism that moves on
-_MAX_NAMES = 3  # of further contacts
 # Of the deepest penetration: smaller gaps are oscillations about a static penetration that starts
 # at the surface.
 _MIN_OPENING = 1e-2
@@ -39,10 +38,10 @@ def elastic_bounce_warnings(equations: EquationsOfMotion, trajectory: Trajectory
     if not names:
         return
     first, *others = names
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     yield (
-        f"{first}{also}: the contact opens {counts[first]} times and dissipates no energy; pass "
-        "restitution= and impact_speed=, or restitution=1 if elastic impacts are intended."
+        f"{name_with_others(first, others)}: the contact opens {counts[first]} times and "
+        "dissipates no energy; pass restitution= and impact_speed=, or restitution=1 if elastic "
+        "impacts are intended."
     )
 
 

@@ -14,7 +14,7 @@ from beamdae.beams.sections import Section
 from beamdae.equations.assembly.building import NumberStore, build_observable
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
@@ -38,7 +38,6 @@ _ERROR_PER_RATIO = 0.1
 # of the element length: rise times of shorter elements are shorter.
 _RATIO_OF_NODAL_MASS = 6.0
 _DIGITS = 1  # of stated errors
-_MAX_NAMES = 3  # of further contacts in a warning
 _MIN_STEP = 1e-12  # relative to the end time; differences over shorter steps are rounding
 
 
@@ -109,13 +108,12 @@ def hard_impact_warnings(impacts: tuple[HardImpact, ...]) -> Iterator[str]:
     worst = max(impacts, key=lambda x: x.ratio)
     others = [x.part for x in impacts if x is not worst]
     error = 100.0 * _ERROR_PER_RATIO * worst.ratio
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     yield (
-        f"{worst.part}{also}: this force rises within {worst.rise_time:.2g} s, faster than waves "
-        f"pass the elements of {worst.beam}, so its peak and the stresses contain vibrations of "
-        f"single elements and may be wrong by roughly {float(f'{error:.{_DIGITS}g}'):g} %; use "
-        f"about {worst.required_elements} elements, or a lower stiffness that represents the local "
-        "compliance of the bodies (Hertz)."
+        f"{name_with_others(worst.part, others)}: this force rises within "
+        f"{worst.rise_time:.2g} s, faster than waves pass the elements of {worst.beam}, so its "
+        "peak and the stresses contain vibrations of single elements and may be wrong by roughly "
+        f"{float(f'{error:.{_DIGITS}g}'):g} %; use about {worst.required_elements} elements, or a "
+        "lower stiffness that represents the local compliance of the bodies (Hertz)."
     )
 
 

@@ -8,13 +8,12 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
-_MAX_NAMES = 3  # of further contacts in a warning
 _MAX_SPEED_RATIO = 2.0  # or its reciprocal
 _MIN_RESTITUTION_CHANGE = 0.05
 _SLOPE_SHARE = 1e-3  # rates of gaps are differences over this fraction of a step
@@ -64,10 +63,10 @@ def impact_speed_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         speeds[gap.part] = max(speed, speeds.get(gap.part, 0.0))
     for (restitution, expected), speeds in impacts.items():
         names = sorted(speeds, key=lambda name: -abs(np.log(speeds[name] / expected)))
-        also = f" (also {list_first(names[1:], _MAX_NAMES)})" if names[1:] else ""
         speed = speeds[names[0]]
         yield (
-            f"{names[0]}{also}: the fastest impact is at {speed:.3g} m/s, where the restitution is "
+            f"{name_with_others(names[0], names[1:])}: "
+            f"the fastest impact is at {speed:.3g} m/s, where the restitution is "
             f"{restitution_at(speed, restitution, expected):.2g}, because "
             f"restitution={restitution:g} holds at impact_speed={expected:g}; pass the expected "
             "speed of the impact."

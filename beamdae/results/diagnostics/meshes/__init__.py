@@ -1,5 +1,5 @@
 """Warnings about elements of beams, and about strains beyond the range of their theory.
 
 May import: as `results.diagnostics`.
-To extend: add a module for a new check and include its warnings in `results.run_data`.
+To extend: add a module for a new check and add it to `results.run_checks`.
 """

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
-from beamdae.errors import kind_of_message, list_first
+from beamdae.errors import kind_of_message, name_with_others
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
 
@@ -215,8 +215,7 @@ def _merge_beams(warned: Iterable[tuple[str, float, str]]) -> Iterator[str]:
     for beams in kinds.values():
         _, worst, text = max(beams)
         others = [name for _, name, _ in beams if name != worst]
-        also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
-        yield f"{worst}{also}: {text}"
+        yield f"{name_with_others(worst, others, _MAX_NAMES)}: {text}"
 
 
 def frequency_warnings(equations: EquationsOfMotion, q: Array) -> Iterator[str]:

@@ -31,12 +31,16 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, list_first
+from beamdae.errors import BeamdaeError, list_first, name_with_others
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
-from beamdae.results.columns import Header, largest_of_kind, remove_unit
-from beamdae.results.diagnostics.meshes.long_elements import turning_coordinates
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.columns import Header, remove_unit
+from beamdae.results.diagnostics.meshes.sampled_vibrations import (
+    LARGE_ERROR,
+    turning_coordinates,
+    turns,
+)
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -61,15 +65,12 @@ _PERIODS = 1.2  # duration of the response, in periods of a clamped beam
 _CANTILEVER = 3.516  # angular frequency over sqrt(EI / (rhoA L^4))
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
 _RANK_TOLERANCE = 1e-9
-_MAX_NAMES = 3  # of further columns
-_LARGE_ERROR = 0.95  # larger estimates are meaningless
+_MAX_NAMES = 3  # of beams
 _RECOMMENDED_ERROR = 0.02
 # Fronts of waves that follow jumps converge slowly.
 _MIN_ORDER, _MAX_REFINEMENT = 0.5, 16.0
 _SHORT_TIME = 1e-9  # relative to the duration; distance between two times
 _MIN_STEP = 1e-12  # relative to the end time; differences over shorter steps are rounding
-# Frames that turn by more [rad] have no constant matrices.
-_MAX_TURN = 0.5
 _TURN_SAMPLES = 50
 _TINY = 1e-300  # prevents a division by zero
 
@@ -130,7 +131,9 @@ def fast_load_warnings(
     if change is None:
         return
     times = _time_grid(equations, trajectory, change, beams)
-    if any(_turns(equations, trajectory, beam, times) for beam in beams):
+    few = times[:: len(times) // _TURN_SAMPLES + 1]
+    angles = [turning_coordinates(equations, beam) for beam in beams]
+    if any(turns(trajectory.positions_at(few, columns)) for columns in angles):
         return
     half_ranges = _select_columns(equations, extremes)
     refined = _refine(equations, _HALVINGS) if half_ranges else []
@@ -253,12 +256,7 @@ def _select_columns(
         for header in o.headers
         if header in extremes and Header.of(header).unit in _UNITS
     ]
-    sizes = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
-    if not headers:
-        return {}
-    is_small = sizes <= _MIN_SHARE * largest_of_kind(headers, sizes, equations.length)
-    items = zip(headers, sizes.tolist(), is_small, strict=True)
-    return {header: size for header, size, small in items if not small}
+    return select_large_columns(headers, extremes, equations.length, _MIN_SHARE)
 
 
 def _refine(
@@ -318,13 +316,6 @@ def _time_grid(
         grids.append(np.linspace(begin, min(change.end, end), _FINE_TIMES))
     times = np.unique(np.concatenate(grids))
     return times[np.append(True, np.diff(times) > _SHORT_TIME * (end - begin))]
-
-
-def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, times: Array) -> bool:
-    """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
-    few = times[:: len(times) // _TURN_SAMPLES + 1]
-    angles = trajectory.positions_at(few, turning_coordinates(equations, beam))
-    return bool(np.min(np.ptp(angles, axis=0)) > _MAX_TURN)
 
 
 def _respond(
@@ -449,9 +440,8 @@ def _describe(
     """Return the warning; `refined` are the errors with halved elements."""
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     largest = errors[names[0]]
-    size = f"about {100.0 * largest:.1g}" if largest < _LARGE_ERROR else "100 or more"
+    size = f"about {100.0 * largest:.1g}" if largest < LARGE_ERROR else "100 or more"
     # By extrapolation with the observed order of convergence.
     order = max(math.log2(largest / max(float(np.max(refined)), _TINY)), _MIN_ORDER)
     refinement = min((largest / _RECOMMENDED_ERROR) ** (1.0 / order), _MAX_REFINEMENT)
@@ -462,6 +452,6 @@ def _describe(
     return (
         f"{change.part}: this law {when}, faster than waves pass the elements of "
         f"{list_first([x.name for x in beams], _MAX_NAMES)}, and the largest or smallest value of "
-        f"{first}{also} is wrong by {size} % of half the range; use about {count} elements, or a "
-        "slower law."
+        f"{name_with_others(first, others)} is wrong by {size} % of half the range; use about "
+        f"{count} elements, or a slower law."
     )

@@ -32,20 +32,20 @@ from beamdae.beams.dispersion import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import build_constraint_jacobian
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.columns import Header, remove_unit
-from beamdae.results.diagnostics.meshes.long_elements import (
+from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
-    MAX_NAMES,
     MAX_SAMPLED_NUMBERS,
     MIN_PERIODS,
     coordinates_of,
     fastest_rate,
     mean_tension,
     sample_count,
-    select_columns,
+    select_beam_columns,
     spectral_window,
     turning_coordinates,
+    turns,
 )
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 from beamdae.results.section_forces.balance import elastic_section_forces
@@ -70,8 +70,6 @@ _BOUND_FACTOR = 2.0
 # further ones than these.
 _MIN_ENERGY = 1e-6
 _MAX_PEAKS = 10
-# Frames that turn by more [rad] have no constant matrices.
-_MAX_TURN = 0.5
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
 
 
@@ -109,10 +107,12 @@ def examine_vibrations(
     ]
     count = sample_count(trajectory)
     for beam in beams:
-        half_ranges = select_columns(equations, beam, extremes)
+        half_ranges = select_beam_columns(equations, beam, extremes)
         rows = coordinates_of(equations, beam)
-        is_large = count * len(rows) > MAX_SAMPLED_NUMBERS
-        if not half_ranges or is_large or _turns(equations, trajectory, beam):
+        if not half_ranges or count * len(rows) > MAX_SAMPLED_NUMBERS:
+            continue
+        angles = turning_coordinates(equations, beam)
+        if turns(np.concatenate([x.rows.q[:, angles] for x in trajectory.intervals])):
             continue
         vibration = _Vibration.of_run(equations, trajectory, beam, count)
         # Most runs need neither the linearization nor the factorizations below.
@@ -130,14 +130,6 @@ def examine_vibrations(
         except RuntimeError:  # dependent constraints
             continue
         yield beam.name, warning
-
-
-def _turns(equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam) -> bool:
-    """Return True if the frame, or all sections, of a beam turn by more than a small angle."""
-    angles = turning_coordinates(equations, beam)
-    nodes = [x.rows.q[:, angles] for x in trajectory.intervals]
-    high, low = np.max([x.max(axis=0) for x in nodes], axis=0), [x.min(axis=0) for x in nodes]
-    return bool(np.min(high - np.min(low, axis=0)) > _MAX_TURN)
 
 
 class _Peaks(NamedTuple):
@@ -387,7 +379,6 @@ def _describe(
     """Return the warning about a beam; `refined` returns the errors with shorter elements."""
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
-    also = f" (also {list_first(others, MAX_NAMES)})" if others else ""
     largest, refinement = errors[names[0]], 1.0
     size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
     for _ in range(_MAX_REFINEMENTS):
@@ -396,6 +387,6 @@ def _describe(
             break
     return (
         f"{beam.name}: the elements are too long for its vibration, whose amplitude or phase is "
-        f"wrong by {size} % of half the range of {first}{also}; use "
+        f"wrong by {size} % of half the range of {name_with_others(first, others)}; use "
         f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
     )

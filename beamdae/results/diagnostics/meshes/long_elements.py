@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from functools import cache, lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, beams_of
-from beamdae.beams.dispersion import (
-    bending_wave_errors,
-    bending_wave_numbers,
-    convergence_order,
-    element_middles,
+from beamdae.beams.dispersion import bending_wave_errors, bending_wave_numbers, convergence_order
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import name_with_others
+from beamdae.results.columns import Header, remove_unit
+from beamdae.results.diagnostics.meshes.sampled_vibrations import (
+    LARGE_ERROR,
+    MAX_SAMPLED_NUMBERS,
+    MIN_PERIODS,
+    fastest_rate,
+    mean_tension,
+    sample_count,
+    select_beam_columns,
+    spectral_window,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import list_first
-from beamdae.results.columns import Header, largest_of_kind, remove_unit
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
-from beamdae.results.section_forces.balance import elastic_axial_forces
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -32,27 +35,11 @@ Array = np.ndarray
 # are up to 7 %, or belong to columns that vanish by symmetry or to vibrations that loads maintain.
 _MAX_PHASE_ERROR = 0.03
 _RECOMMENDED_PHASE_ERROR = 0.01
-LARGE_ERROR = 0.95  # larger estimates are meaningless
-_UNITS = ("m", "rad")
-# Columns whose half range is smaller, relative to the largest one of their kind, are left out.
-_MIN_SHARE = 1e-3
-# Equally spaced times at which a run is sampled, per step and in total. Spectra need several
-# periods.
-_SAMPLES_PER_STEP = 2
-_MIN_SAMPLES, _MAX_SAMPLES = 512, 8192
-MAX_SAMPLED_NUMBERS = 8_000_000  # coordinates, 64 MB
-_MIN_STEPS = 50
-# Vibrations with fewer periods in half the run are not distinguished from slow motions: the main
-# lobe of the window extends to 3 periods.
-MIN_PERIODS = 4
-_STEPS_PER_PERIOD = 8.0  # fewer steps do not resolve a vibration
-_TENSION_SAMPLES = 5
 # Displacement of a point of a bending wave with the wave number k, times k / rotation: 1 between
 # nodes, and 1.4 at free ends.
 _MAX_SHAPE_FACTOR = 1.5
 _REFINEMENT = 1.1  # of the number of elements, in the search for a sufficient one
 _MAX_REFINEMENTS = 40
-MAX_NAMES = 3  # of further columns
 
 
 class _Spectrum(NamedTuple):
@@ -109,13 +96,6 @@ class _Spectrum(NamedTuple):
         return np.sqrt(2.0 * np.max(np.sum(factors[:, :, None] * self.squares, axis=1), axis=0))
 
 
-@lru_cache(maxsize=4)
-def spectral_window(count: int) -> tuple[Array, Array]:
-    """Return equally spaced numbers from -1 to 1 and the window cos^4 at these, (count, 1) each."""
-    x = np.linspace(-1.0, 1.0, count)[:, None]
-    return x, np.cos(0.5 * np.pi * x) ** 4
-
-
 def long_element_warnings(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
@@ -163,7 +143,7 @@ def long_element_warnings(
     times = np.linspace(trajectory.start, trajectory.end, count)
     spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
     for beam in beams:
-        half_ranges = select_columns(equations, beam, extremes)
+        half_ranges = select_beam_columns(equations, beam, extremes)
         columns = _rotation_coordinates(equations, beam)
         if not half_ranges or len(columns) < 2:
             continue
@@ -182,26 +162,6 @@ def long_element_warnings(
         errors = vibration.errors(half_ranges, spectrum)
         if max(errors.values()) > _MAX_PHASE_ERROR:
             yield _describe(vibration, half_ranges, spectrum, errors)
-
-
-def fastest_rate(trajectory: Trajectory) -> float | None:
-    """Return the largest angular frequency [rad/s] that steps resolve; None for few steps."""
-    # Runs that store few of their steps do not contain fast vibrations.
-    is_stored = all(x.record is None for x in trajectory.intervals)
-    n_steps = _count_steps(trajectory)
-    if n_steps < _MIN_STEPS or not is_stored:
-        return None
-    return 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * (trajectory.end - trajectory.start))
-
-
-def sample_count(trajectory: Trajectory) -> int:
-    """Return the even number of equally spaced times at which a run is sampled."""
-    count = _SAMPLES_PER_STEP * _count_steps(trajectory)
-    return int(np.clip(count, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
-
-
-def _count_steps(trajectory: Trajectory) -> int:
-    return sum(len(x.t) - 1 for x in trajectory.intervals)
 
 
 class _Vibration(NamedTuple):
@@ -270,7 +230,6 @@ def _describe(
     """Return the warning about a beam."""
     names = sorted((x for x in errors if errors[x] > _MAX_PHASE_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
-    also = f" (also {list_first(others, MAX_NAMES)})" if others else ""
     largest = errors[names[0]]
     size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
     beam, refinement = vibration.beam, 1.0
@@ -281,57 +240,9 @@ def _describe(
             break
     return (
         f"{beam.name}: the elements are too long for its vibration, and the phase error that "
-        f"accumulates is {size} % of half the range of {first}{also}; use "
+        f"accumulates is {size} % of half the range of {name_with_others(first, others)}; use "
         f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
     )
-
-
-def select_columns(
-    equations: EquationsOfMotion, beam: Beam, extremes: Mapping[str, StepExtremes]
-) -> dict[str, float]:
-    """Return half the range of the positions and angles of a beam's points, by header."""
-    headers = list(extremes)
-    sizes = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
-    is_small = sizes <= _MIN_SHARE * largest_of_kind(headers, sizes, equations.length)
-    half_ranges = dict(zip(headers, sizes.tolist(), strict=True))
-    small = {x for x, small in zip(headers, is_small, strict=True) if small}
-    rows = coordinates_of(equations, beam)
-
-    def depends_on_beam(operator: sp.csr_array) -> bool:
-        indices = operator.indices
-        return bool(((indices >= rows.start) & (indices < rows.stop)).any())
-
-    return {
-        header: half_ranges[header]
-        for observable in equations.observables
-        if depends_on_beam(observable.operator)
-        for header in observable.headers
-        if header in half_ranges and header not in small and Header.of(header).unit in _UNITS
-    }
-
-
-def mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajectory) -> Array:
-    """Return the mean tension in the elements of a beam during a run, (elements,) [N]."""
-    times = np.linspace(trajectory.start, trajectory.end, _TENSION_SAMPLES)
-    _, states = trajectory.at(times)
-    forces = [
-        elastic_axial_forces(beam, equations, State(*(x[k] for x in states)), element_middles(beam))
-        for k in range(len(times))
-    ]
-    return np.maximum(np.mean(forces, axis=0), 0.0)
-
-
-def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
-    """Return the indices of the coordinates of a beam."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
-    return range(part.rows.start, part.rows.stop)
-
-
-def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
-    """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
-    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
-    return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
 
 
 def _rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:

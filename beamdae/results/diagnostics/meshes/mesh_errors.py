@@ -12,7 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.columns import remove_unit, split_unit
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
@@ -40,7 +40,6 @@ _MIN_STRESS_SHARE = 1e-3
 # So do strains below this one in beams without loads, whose rounding errors are up to 1e-13.
 _ROUNDING_STRAIN = 1e-11
 _SAME_VALUE = 1e-6  # relative difference of values that are not distinguished
-_MAX_NAMES = 3  # of further columns
 
 
 class LoadedState(NamedTuple):
@@ -291,10 +290,10 @@ def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
     errors = sorted(errors, key=lambda x: -x.relative)
     worst, unit = errors[0], split_unit(errors[0].header)[1]
     others = [f"{remove_unit(x.header)} {_percent(x)}" for x in errors[1:]]
-    further = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     return (
         f"{beam.name}: the mesh error of {remove_unit(worst.header)} is about "
-        f"{_percent(worst)}{further}: its largest value, from the strains, is {worst.value:.4g} "
+        f"{name_with_others(_percent(worst), others)}: "
+        f"its largest value, from the strains, is {worst.value:.4g} "
         f"{unit}, and equilibrium with the loads requires {worst.balanced:.4g} {unit}; use shorter "
         f"elements near s = {worst.s:.4g} m, or solution.section_forces({beam.name!r})."
     )

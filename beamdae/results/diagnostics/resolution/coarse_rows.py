@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     Header,
@@ -36,7 +36,6 @@ _ROWS_PER_PERIOD = 20
 _MAX_ROWS_OF_COARSE_PERIOD = 6.0  # see above; limits estimates for fast parts of slow motions
 _MIN_SHARE_OF_CHANGES = 0.5  # of these gaps; values that change in fewer ones are held
 _STEP_OF_RATE = 1e-3  # relative to a gap
-_MAX_NAMES = 3  # of further columns
 
 
 def coarse_row_warnings(
@@ -104,9 +103,9 @@ def coarse_row_warnings(
     coarse = coarse[np.argsort(periods, kind="stable")]
     first, *others = (remove_unit(headers[k]) for k in coarse)
     period = min(float(np.min(periods)), longest)
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
     yield (
-        f"{first}{also}: the output rows are too far apart for its vibration, with a period of "
+        f"{name_with_others(first, others)}: "
+        "the output rows are too far apart for its vibration, with a period of "
         f"at most about {period:.1g} s; use output_step={period / _ROWS_PER_PERIOD:.0e}."
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.columns import (
     Header,
     largest_of_kind,
@@ -37,7 +37,6 @@ _UNITS_OF_MOTIONS = ("m", "rad", "m/s", "rad/s")  # reactions also contain short
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
 _MIN_SHARE = 1e-3
 _MIN_STEPS = 50  # half a wave in 10 steps is rough, but its errors do not accumulate
-_MAX_NAMES = 3  # of further columns in a warning
 
 
 def long_step_warnings(
@@ -105,8 +104,7 @@ def long_step_warnings(
     else:
         return
     first, *others = map(remove_unit, columns)
-    also = f" (also {list_first(others, _MAX_NAMES)})" if others else ""
-    yield SuspectedError(f"{first}{also}: {sentence}", tuple(columns))
+    yield SuspectedError(f"{name_with_others(first, others)}: {sentence}", tuple(columns))
 
 
 def _order(is_selected: np.ndarray, sizes: np.ndarray) -> list[int]:

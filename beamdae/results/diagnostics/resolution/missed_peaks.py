@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -64,6 +64,22 @@ class StepExtremes:
     rms: float
     roughness: float = 0.0
     delay: float = 0.0
+
+
+def select_large_columns(
+    headers: Sequence[str],
+    extremes: Mapping[str, StepExtremes],
+    length: float,
+    min_share: float,
+) -> dict[str, float]:
+    """Return half the ranges of columns above a share of the largest one of their kind, by header.
+
+    See `largest_of_kind` for kinds and the `length` [m] of the mechanism.
+    """
+    half_ranges = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
+    is_small = half_ranges <= min_share * largest_of_kind(headers, half_ranges, length)
+    items = zip(headers, half_ranges.tolist(), is_small, strict=True)
+    return {header: half_range for header, half_range, small in items if not small}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.equations.starts.rank import build_constraint_jacobian
-from beamdae.errors import list_first
+from beamdae.errors import name_with_others
 from beamdae.results.columns import mark_constant_columns, remove_unit
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.trajectory import Trajectory
@@ -45,7 +45,6 @@ _DIFFERENCE_STEP = 1e-6  # of gradients, relative to the scale of a coordinate
 # Errors of changes that the constraints allow, relative to all changes.
 _ROUNDING = 1e-6
 _MAX_SIZE = 2000  # coordinates; the projection of a gradient needs a dense matrix
-_MAX_NAMES = 3  # of further columns
 
 
 def small_motion_warnings(
@@ -100,11 +99,11 @@ def small_motion_warnings(
     if not coarse:
         return
     worst = max(coarse, key=lambda x: x.ratio)
-    names = [x.name for x in coarse if x is not worst]
-    others = f" (also {list_first(names, _MAX_NAMES)})" if names else ""
+    others = [x.name for x in coarse if x is not worst]
     exponent = math.floor(math.log10(_RECOMMENDED_RELATIVE_TOLERANCE / worst.ratio))
     yield SuspectedError(
-        f"{worst.name}{others}: half its range, {worst.half_range:.2g} {worst.unit}, is only "
+        f"{name_with_others(worst.name, others)}: "
+        f"half its range, {worst.half_range:.2g} {worst.unit}, is only "
         f"{1.0 / worst.ratio:.1g} of the amplitude of its parts, to which rtol={rtol:g} refers, so "
         f"that its error can be several percent; use rtol={max(10.0**exponent, _MIN_RTOL):.0e}.",
         tuple(x.header for x in coarse),

@@ -1,0 +1,113 @@
+"""Sampling of the vibrations of beams in a run, and the columns that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.beams.beam import Beam
+from beamdae.beams.dispersion import element_middles
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.results.columns import Header
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
+from beamdae.results.section_forces.balance import elastic_axial_forces
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+LARGE_ERROR = 0.95  # larger estimates are meaningless
+_UNITS = ("m", "rad")
+# Columns whose half range is smaller, relative to the largest one of their kind, are left out.
+_MIN_SHARE = 1e-3
+# Equally spaced times at which a run is sampled, per step and in total. Spectra need several
+# periods.
+_SAMPLES_PER_STEP = 2
+_MIN_SAMPLES, _MAX_SAMPLES = 512, 8192
+MAX_SAMPLED_NUMBERS = 8_000_000  # coordinates, 64 MB
+_MIN_STEPS = 50
+# Vibrations with fewer periods in half the run are not distinguished from slow motions: the main
+# lobe of the window extends to 3 periods.
+MIN_PERIODS = 4
+_STEPS_PER_PERIOD = 8.0  # fewer steps do not resolve a vibration
+_TENSION_SAMPLES = 5
+# Frames that turn by more [rad] have no constant matrices.
+_MAX_TURN = 0.5
+
+
+def fastest_rate(trajectory: Trajectory) -> float | None:
+    """Return the largest angular frequency [rad/s] that steps resolve; None for few steps."""
+    # Runs that store few of their steps do not contain fast vibrations.
+    is_stored = all(x.record is None for x in trajectory.intervals)
+    n_steps = _count_steps(trajectory)
+    if n_steps < _MIN_STEPS or not is_stored:
+        return None
+    return 2.0 * np.pi * n_steps / (_STEPS_PER_PERIOD * (trajectory.end - trajectory.start))
+
+
+def sample_count(trajectory: Trajectory) -> int:
+    """Return the even number of equally spaced times at which a run is sampled."""
+    count = _SAMPLES_PER_STEP * _count_steps(trajectory)
+    return int(np.clip(count, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
+
+
+def _count_steps(trajectory: Trajectory) -> int:
+    return sum(len(x.t) - 1 for x in trajectory.intervals)
+
+
+@lru_cache(maxsize=4)
+def spectral_window(count: int) -> tuple[Array, Array]:
+    """Return equally spaced numbers from -1 to 1 and the window cos^4 at these, (count, 1) each."""
+    x = np.linspace(-1.0, 1.0, count)[:, None]
+    return x, np.cos(0.5 * np.pi * x) ** 4
+
+
+def select_beam_columns(
+    equations: EquationsOfMotion, beam: Beam, extremes: Mapping[str, StepExtremes]
+) -> dict[str, float]:
+    """Return half the range of the positions and angles of a beam's points, by header."""
+    half_ranges = select_large_columns(list(extremes), extremes, equations.length, _MIN_SHARE)
+    rows = coordinates_of(equations, beam)
+
+    def depends_on_beam(operator: sp.csr_array) -> bool:
+        indices = operator.indices
+        return bool(((indices >= rows.start) & (indices < rows.stop)).any())
+
+    return {
+        header: half_ranges[header]
+        for observable in equations.observables
+        if depends_on_beam(observable.operator)
+        for header in observable.headers
+        if header in half_ranges and Header.of(header).unit in _UNITS
+    }
+
+
+def mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajectory) -> Array:
+    """Return the mean tension in the elements of a beam during a run, (elements,) [N]."""
+    times = np.linspace(trajectory.start, trajectory.end, _TENSION_SAMPLES)
+    _, states = trajectory.at(times)
+    forces = [
+        elastic_axial_forces(beam, equations, State(*(x[k] for x in states)), element_middles(beam))
+        for k in range(len(times))
+    ]
+    return np.maximum(np.mean(forces, axis=0), 0.0)
+
+
+def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
+    """Return the indices of the coordinates of a beam."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    return range(part.rows.start, part.rows.stop)
+
+
+def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
+    """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
+    (part,) = (x for x in equations.parts if x.name == beam.name)
+    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
+    return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
+
+
+def turns(angles: Array) -> bool:
+    """Return True if all angles (k, n) turn by more than linear models of a beam permit."""
+    return bool(np.min(np.ptp(angles, axis=0)) > _MAX_TURN)
