@@ -165,7 +165,9 @@ def error_estimate(solution: Solution) -> pd.DataFrame:
     return _tabulate(solution, _estimate(solution, None))
 
 
-def estimate_errors(solution: Solution, progress: Progress | None = None) -> ErrorColumns:
+def estimate_errors(
+    solution: Solution, progress: Progress | None = None, max_steps: int | None = None
+) -> ErrorColumns:
     """Return the columns of `error_estimate`, except the signed error, as arrays by header.
 
     Parameters
@@ -174,21 +176,26 @@ def estimate_errors(solution: Solution, progress: Progress | None = None) -> Err
         The run.
     progress
         Progress function of the second run; see `simulate`.
+    max_steps
+        Largest number of steps of a second run. Defaults to 20 times those of the run, at least
+        10 000.
 
     Raises
     ------
     BeamdaeError, Interrupted
         See `error_estimate`.
     """
-    columns = _estimate(solution, progress)
+    columns = _estimate(solution, progress, max_steps)
     return {name: columns[name] for name in (HALF_RANGE, RELATIVE_ERROR)}
 
 
-def _estimate(solution: Solution, progress: Progress | None) -> ErrorColumns:
+def _estimate(
+    solution: Solution, progress: Progress | None, max_steps: int | None = None
+) -> ErrorColumns:
     integrator = _require_own_integrator("error_estimate", solution)
     name, value = integrator.accuracy
     if len(solution.t) > 1:
-        for second in _second_runs(solution, integrator):
+        for second in _second_runs(solution, integrator, max_steps):
             other = _run_again(solution, second.integrator, progress)
             if other is None:
                 continue
@@ -200,10 +207,13 @@ def _estimate(solution: Solution, progress: Progress | None) -> ErrorColumns:
     return _compare(solution, None, np.inf if len(solution.t) > 1 else np.nan)
 
 
-def _second_runs(solution: Solution, integrator: Integrator) -> Iterator[_SecondRun]:
+def _second_runs(
+    solution: Solution, integrator: Integrator, max_steps: int | None
+) -> Iterator[_SecondRun]:
     """Yield second runs for the error estimate, the preferred one first."""
     name, value = integrator.accuracy
-    max_steps = max(_MAX_STEPS_RATIO * solution.trajectory.steps, _MIN_MAX_STEPS)
+    if max_steps is None:
+        max_steps = max(_MAX_STEPS_RATIO * solution.trajectory.steps, _MIN_MAX_STEPS)
     if name == "step":
         order = integrator.order
         coarse = min(_FACTOR_OF_A_LOOSER_RUN / (2.0**order - 1.0), _MAX_DIFFERENCE_FACTOR)
@@ -285,13 +295,10 @@ def accuracy_warning(
     if not solution.status.success or name != "rtol":
         return ""
     bound = _guaranteed_ratio(solution)
-    half_range = np.asarray(errors[HALF_RANGE])
-    largest_half_range = largest_of_kind(solution.columns, half_range, solution.equations.length)
-    is_negligible = half_range < _NEGLIGIBLE_SHARE * largest_half_range
     rows = zip(
         np.asarray(errors[RELATIVE_ERROR]).tolist(),
         solution.columns,
-        is_negligible.tolist(),
+        mark_negligible_columns(solution, errors).tolist(),
         strict=True,
     )
     excessive = [
@@ -315,6 +322,19 @@ def accuracy_warning(
         f"{bound:g} times rtol; reduce rtol by a factor of ten, or use "
         "another method."
     )
+
+
+def mark_negligible_columns(solution: Solution, errors: Mapping[str, Any]) -> Array:
+    """Return True where half the range is below a thousandth of the largest one of its kind.
+
+    Parameters
+    ----------
+    solution, errors
+        As for `accuracy_warning`.
+    """
+    half_range = np.asarray(errors[HALF_RANGE])
+    largest = largest_of_kind(solution.columns, half_range, solution.equations.length)
+    return half_range < _NEGLIGIBLE_SHARE * largest
 
 
 def _guaranteed_ratio(solution: Solution) -> float:

@@ -114,6 +114,7 @@ _GYRATION_SAMPLES = 3  # sections at which a varying section is checked
 # Distance of a section from the end of its element, relative to its length, for jumps of sections.
 _END_GAP = 1e-9
 # Largest exponent of `Beam.largest_stress`.
+_MIN_STRESS_INTERVALS = 16  # between the sections of a largest stress, along the beam
 _MAX_EXPONENT = 1000.0
 
 # Lower bound of the memory of a run per element and node interval, for all integrators [bytes].
@@ -690,10 +691,10 @@ class Beam(Part):
         ----------
         s
             Arc lengths of the sections [m]. Defaults to both ends and the middle of each element
-            of the mesh that the first assembly divides at attachments, see `elements`; there, the
-            moments of beams without distributed loads are largest. At an element end, each of its
-            two elements has a section, because stresses may jump there. Certificates evaluate the
-            same sections on all meshes.
+            of the mesh that the first assembly divides at attachments, see `elements`; elements of
+            fewer than eight are divided further, into 16 intervals along the beam. At an element
+            end, each of its two elements has a section, because stresses may jump there.
+            Certificates evaluate the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
             but the derivative then changes abruptly if another section becomes the largest.
@@ -756,8 +757,10 @@ class Beam(Part):
         """Return the arc lengths [m] of `largest_stress` on both sides of element ends."""
         mesh = self._stress_mesh or self.mesh
         if arc_lengths is None:
-            bounds = mesh.element_bounds
-            arc_lengths = tuple(np.sort([*bounds, *(0.5 * (bounds[:-1] + bounds[1:]))]).tolist())
+            intervals = max(2, math.ceil(_MIN_STRESS_INTERVALS / mesh.elements))
+            fractions = np.arange(intervals * mesh.elements + 1) / intervals
+            elements = np.arange(mesh.elements + 1)
+            arc_lengths = tuple(np.interp(fractions, elements, mesh.element_bounds).tolist())
         return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
 
     def section_forces(self, s: float) -> Quantity:

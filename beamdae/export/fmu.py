@@ -318,7 +318,14 @@ def export_fmu(
     selected_inputs = _select_inputs(equations, inputs)
     if integrator == "radau" and selected_inputs:
         _warn_of_undamped_beams(equations)
-    warn_of_trial_run(PART, equations, stop, alpha if integrator == "alpha" else Radau(rtol))
+    selected_outputs = _select_outputs(equations, outputs)
+    warn_of_trial_run(
+        PART,
+        equations,
+        stop,
+        alpha if integrator == "alpha" else Radau(rtol),
+        {x.observable.headers[x.column] for x in selected_outputs},
+    )
 
     def build(values: dict[str, float]) -> tuple[EquationsOfMotion, State]:
         others = as_equations(PART, model(**{**origin["parameters"], **values}), start)
@@ -340,7 +347,7 @@ def export_fmu(
         step=step,
         method=alpha if integrator == "alpha" else plan_radau(equations, times, rtol),
         duration=stop,
-        outputs=_select_outputs(equations, outputs),
+        outputs=selected_outputs,
         numbers=map_numbers(
             PART,
             build,

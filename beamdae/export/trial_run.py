@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm
 from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
+from beamdae.results.columns import remove_unit
+from beamdae.results.solution import Solution
 from beamdae.simulation import compute_output_times
+from beamdae.verification import RELATIVE_ERROR, estimate_errors, mark_negligible_columns
 
 _MAX_NAMES = 3  # of parts in a warning
 _MAX_TRIAL_STEPS = 20_000
+_MAX_STEPS_OF_ESTIMATE = 3 * _MAX_TRIAL_STEPS  # a tenth of rtol takes 1.6 to 2.5 times the steps
+# Largest estimated error of an output relative to half its range. Estimates by twice the step are
+# up to five times the error, those by a tenth of rtol about twice.
+_MAX_ERROR_OF_FIXED_STEPS = 0.05
+_MAX_ERROR_OF_ADAPTIVE_STEPS = 0.02
 
 
 def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) -> None:
@@ -30,11 +40,16 @@ def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) 
 
 
 def warn_of_trial_run(
-    call: str, equations: EquationsOfMotion, t_end: float, method: GeneralizedAlpha | Radau
+    call: str,
+    equations: EquationsOfMotion,
+    t_end: float,
+    method: GeneralizedAlpha | Radau,
+    outputs: Collection[str],
 ) -> None:
     """Issue the warnings of a run to `t_end` [s] with the method of an FMU.
 
-    The run has the default values of inputs and parameters. Runs of more than `_MAX_TRIAL_STEPS`
+    The run has the default values of inputs and parameters. A second run estimates the errors of
+    the columns `outputs` (headers). Runs of more than `_MAX_TRIAL_STEPS`
     steps are omitted (generalized-alpha) or end there (Radau).
     """
     if isinstance(method, Radau):
@@ -52,6 +67,8 @@ def warn_of_trial_run(
             f"{_MAX_TRIAL_STEPS} adaptive steps end at t = {run.trajectory.end:.3g} s of "
             f'{t_end:g} s; the FMU takes as many: damp fast vibrations, or use integrator="alpha".'
         )
+    elif errors := _describe_errors(run, outputs):
+        messages.append(errors)
     for sentence in messages:
         warn_user(f"{call}: in a trial run, {sentence}")
     # An FMU does not search its steps for these peaks.
@@ -60,3 +77,27 @@ def warn_of_trial_run(
             f"{call}: adaptive steps of an FMU may pass over short peaks of forces ({peaks}); "
             'use integrator="alpha" with steps much shorter than the peaks.'
         )
+
+
+def _describe_errors(run: Solution, outputs: Collection[str]) -> str:
+    """Return a warning about outputs whose estimated errors are too large, or ""."""
+    has_fixed_steps = isinstance(run.made_by, GeneralizedAlpha)
+    limit = _MAX_ERROR_OF_FIXED_STEPS if has_fixed_steps else _MAX_ERROR_OF_ADAPTIVE_STEPS
+    errors = estimate_errors(run, max_steps=_MAX_STEPS_OF_ESTIMATE)
+    is_relevant = ~mark_negligible_columns(run, errors)
+    large = {
+        header: error
+        for header, error, flag in zip(
+            run.columns, errors[RELATIVE_ERROR], is_relevant, strict=True
+        )
+        if flag and header in outputs and limit < error < np.inf
+    }
+    if not large:
+        return ""
+    worst = sorted(large, key=lambda header: -large[header])
+    listed = [f"{remove_unit(x)} {100.0 * large[x]:.2g} %" for x in worst]
+    setting = "step" if has_fixed_steps else "rtol"
+    return (
+        f"the estimated errors of {list_first(listed, _MAX_NAMES)} of half the range are large; "
+        f"reduce {setting}, or damp fast vibrations (damping= of the sections)."
+    )

@@ -682,6 +682,32 @@ def test_regression_fmus_with_very_many_adaptive_steps_have_a_warning(tmp_path):
         export(tmp_path, mech, integrator="radau", t_end=5.0)
 
 
+@pytest.mark.slow(reason="trial runs")
+def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
+    """Sudden load on an undamped cantilever: reactions were wrong by 10 % of their range."""
+
+    def cantilever(damping):
+        mech = bd.Mechanism()
+        steel = bd.Material.of("steel")
+        strip = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
+        arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (1.0, 0.0)), strip))
+        clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+        mech.add(bd.Force("load", arm.end, (0.0, -10.0)))
+        mech.observe("tip", arm.end)
+        mech.observe("clamp", clamp.reaction)
+        return mech
+
+    settings = {"integrator": "radau", "t_end": 0.05, "platforms": ()}
+    (warning,) = export(tmp_path, cantilever(0.0), **settings).warnings
+    assert re.search(r"estimated errors of .*clamp.Fy \d+ %.* of half the range", warning)
+    # Outputs whose errors are small have no warning, and neither have damped vibrations.
+    assert export(tmp_path, cantilever(0.0), outputs=["tip.y"], **settings).warnings == ()
+    assert export(tmp_path, cantilever(1e-5), **settings).warnings == ()
+    fixed = {**settings, "integrator": "alpha", "outputs": ["tip.y"], "t_end": 0.2}
+    (warning,) = export(tmp_path, cantilever(1e-5), step=4e-3, **fixed).warnings[-1:]
+    assert re.search(r"estimated errors of tip.y \d+ %.*; reduce step", warning)
+
+
 def test_radau_rejects_parameters_that_change_surfaces(tmp_path):
     with pytest.raises(bd.BeamdaeError, match="the surface of pin changes"):
         export(tmp_path, ball_and_pin, integrator="radau", parameters=["radius"])
