@@ -177,6 +177,23 @@ def kind_of_message(message: str) -> str:
     return part + colon + _NUMBER.sub("0", rest)
 
 
+def merge_ranges(messages: Sequence[str]) -> str:
+    """Return the first message with the range of each number over all messages of its kind.
+
+    Messages with other texts are ignored. Numbers before the first colon, which belong to the name
+    of a part, are kept.
+    """
+    part, colon, first = messages[0].partition(": ")
+    pieces = _NUMBER.split(first)
+    texts = [x.partition(": ")[2] for x in messages]
+    columns = [_NUMBER.findall(x) for x in texts if _NUMBER.split(x) == pieces]
+    merged = part + colon + pieces[0]
+    for numbers, piece in zip(zip(*columns, strict=True), pieces[1:], strict=True):
+        low, high = min(numbers, key=float), max(numbers, key=float)
+        merged += (low if float(low) == float(high) else f"{low} to {high}") + piece
+    return merged
+
+
 def warn_user(message: str) -> None:
     """Issue a `BeamdaeWarning` that cites the line outside this package that led to it.
 

@@ -311,18 +311,23 @@ def test_regression_warnings_that_several_cases_share_are_described_once():
     """Texts of several warnings differed in their combination: one paragraph per case."""
     bent = "arm: the beam bends {} rad. Use strain='exact' (see arm.x); or more elements."
     missed = "tip.x_dot: the output rows miss {} m/s at t = 1 s, also in tip.y (2 m){}."
+    other = "arm.x: the output rows miss its {} value, {} N at t = 1 s."
     texts = [
-        "",
+        f"Further: no. {other.format('largest', 3)}",
         f"{bent.format(0.1)} {missed.format(2, '')}",
         missed.format(3.5, ", tip.z (1 m)"),
-        f"{bent.format(0.2)} {missed.format(1e-5, '')} Further: no.",
+        f"{bent.format(0.2)} {missed.format(1e-5, '')} Further: no. "
+        f"{other.replace('arm', 'tip').format('smallest', 1)}",
     ]
     study = SimpleNamespace(name="heights", cases=range(4), tag="case {}".format)
     table = pd.DataFrame({"warnings": texts, "group": "a"})
     results = SimpleNamespace(study=study, table=table, references={})
     sentences = StudyResults.describe_warnings(results)
     assert sentences == [
-        f"heights: warnings in 2 of 4 cases, for example case 1: {bent.format(0.1)}",
-        f"heights: warnings in 3 of 4 cases, for example case 1: {missed.format(2, '')}",
-        "heights: warnings in 1 of 4 cases, for example case 3: Further: no.",
+        "heights: warnings in 2 of 4 cases, for example case 0: Further: no.",
+        f"heights: warnings in 2 of 4 cases, for example case 0: {other.format('largest', 3)}",
+        "heights: warnings in 2 of 4 cases, with the ranges of numbers: "
+        f"{bent.format('0.1 to 0.2')}",
+        "heights: warnings in 3 of 4 cases, with the ranges of numbers: "
+        f"{missed.format('1e-05 to 3.5', '')}",
     ]

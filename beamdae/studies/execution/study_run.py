@@ -17,6 +17,7 @@ from beamdae.errors import (
     KernelWarning,
     ProgressError,
     kind_of_message,
+    merge_ranges,
     warn_user,
 )
 from beamdae.interrupts import DeferredInterrupts, acknowledge, attach_partial
@@ -44,6 +45,9 @@ from beamdae.studies.unique_names import create_file_names
 
 # The warnings of a case are one text; each begins with the name of a part or column and a colon.
 _BETWEEN_WARNINGS = re.compile(r"(?<=\.) (?=(?:(?!\. )[^:;,]){1,60}: )")
+# Column and side of an extreme between output rows; further columns follow in the same warning.
+_MISSED_EXTREME = re.compile(r"^.*: the output rows miss its (?:smallest|largest) value")
+_FURTHER_COLUMNS = re.compile(r"(?=, also |; )")
 _MAX_WARNING_KINDS = 5  # kinds of warnings that are described
 _MAX_NOTES = 20  # notes on damaged files; further notes are only counted
 
@@ -196,7 +200,8 @@ class StudyResults:
     def describe_warnings(self) -> list[str]:
         """Return a sentence on each of the first five kinds of warnings of cases.
 
-        Warnings of one kind differ only in numbers.
+        Warnings of one kind differ only in numbers, of which the ranges are given, or in columns
+        whose extremes the output rows miss.
         """
         table = self.table
         # By kind, the first warning of each case.
@@ -205,19 +210,18 @@ class StudyResults:
             return []
         for k, text in enumerate(table["warnings"]):
             for warning in _BETWEEN_WARNINGS.split(text) if isinstance(text, str) and text else ():
-                # Further columns of a warning may differ, too.
-                kind = kind_of_message(f": {warning}").partition(", also ")[0]
-                kinds.setdefault(kind, {}).setdefault(k, warning)
+                kinds.setdefault(_kind_of_warning(warning), {}).setdefault(k, warning)
         sentences = []
         for cases in list(kinds.values())[:_MAX_WARNING_KINDS]:
             row, text = next(iter(cases.items()))
             group = table["group"].iloc[row]
             tag = self.study.tag(self.study.cases[row])
             label = f"{group}, {tag}" if group in self.references else tag
-            sentences.append(
-                f"{self.study.name}: warnings in {len(cases)} of {len(table)} cases, for example "
-                f"{label}: {text}"
-            )
+            merged, example = _merge_warnings(list(cases.values())), f"for example {label}"
+            if merged != text:
+                text, example = merged, "with the ranges of numbers"
+            count = f"{len(cases)} of {len(table)} cases"
+            sentences.append(f"{self.study.name}: warnings in {count}, {example}: {text}")
         if len(kinds) > _MAX_WARNING_KINDS:
             n_more = len(kinds) - _MAX_WARNING_KINDS
             sentences.append(f"{self.study.name}: {n_more} more kinds of warnings; see cases.csv.")
@@ -241,6 +245,21 @@ class StudyResults:
             write_bytes(path, content)
             paths.append(path)
         return paths
+
+
+def _kind_of_warning(warning: str) -> str:
+    """Return a key of warnings that differ only in numbers or in the columns of missed extremes."""
+    text = _MISSED_EXTREME.sub("extreme", warning)
+    # Further columns of a warning may differ, too.
+    return kind_of_message(f": {text}").partition(", also ")[0]
+
+
+def _merge_warnings(warnings_of_kind: Sequence[str]) -> str:
+    """Return the first warning with the ranges of numbers, up to its list of further columns."""
+    if any(", also " in x for x in warnings_of_kind):
+        heads = [_FURTHER_COLUMNS.split(x, maxsplit=1)[0] for x in warnings_of_kind]
+        return merge_ranges(heads) + warnings_of_kind[0][len(heads[0]) :]
+    return merge_ranges(warnings_of_kind)
 
 
 def run_study(
