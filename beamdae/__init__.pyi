@@ -162,6 +162,7 @@ from .results.frequency_response import ResponsePoint as ResponsePoint
 from .results.periodic_motion import PeriodicMotion as PeriodicMotion
 from .results.section_forces.section_forces import SectionForces as SectionForces
 from .results.solution import Solution as Solution
+from .results.step_response import StepResponse as StepResponse
 from .results.storage.saved_run import SavedRun as SavedRun
 from .simulation import load as load
 from .simulation import simulate as simulate

@@ -241,6 +241,7 @@ GROUPS = (
             Public("Solution", "beamdae.results.solution"),
             Public("SavedRun", "beamdae.results.storage.saved_run"),
             Public("load", "beamdae.simulation"),
+            Public("StepResponse", "beamdae.results.step_response"),
             Public("SectionForces", "beamdae.results.section_forces.section_forces"),
             Public("BeamRange", "beamdae.results.diagnostics.meshes.beam_ranges"),
         ),

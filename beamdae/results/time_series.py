@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae.equations import measures
-from beamdae.errors import BeamdaeError, short_repr
+from beamdae.errors import BeamdaeError, require_finite, require_positive, short_repr
 from beamdae.results.columns import can_select, merge_columns, observed_columns, select_columns
 from beamdae.results.displays import Plot, load_views
+from beamdae.results.step_response import StepResponse, measure_step_response
 from beamdae.results.storage.files import atomic_write, require_file_path
 
 # Imported by the methods that return tables: importing pandas takes as long as a short run.
@@ -94,6 +95,76 @@ class TimeSeries:
         columns = self._over_time(self._select(name))
         is_single = columns.shape[1] == 1 and not isinstance(name, (list, tuple))
         return columns.iloc[:, 0] if is_single else columns
+
+    def step_response(
+        self, name: str, target: float | None = None, t: float | None = None, band: float = 0.02
+    ) -> StepResponse:
+        """Return rise time, settling time, overshoot and steady-state error of a column.
+
+        The definitions are those of `control.step_info` (python-control): the rise time is that
+        from 10 to 90 % of the step, which is the target minus the value at `t`, and the column has
+        settled when it remains within `band` of the step about the target. Rows are interpolated
+        linearly, and the peak is the largest row; output steps should be a small part of the rise
+        time.
+
+        Parameters
+        ----------
+        name
+            Name of one column, see `solution[name]`.
+        target
+            Value that the column should reach. Defaults to its last value.
+        t
+            Time of the step [s], from which the times of the result are counted; earlier rows are
+            ignored. Defaults to the first row.
+        band
+            Half the width of the band in which the column is settled, as a fraction of the step.
+
+        Returns
+        -------
+        StepResponse
+            Named tuple of `rise_time` and `settling_time` [s] (nan if the column does not reach 90
+            % of the step, or has not settled at the end), `overshoot` (fraction of the step),
+            `peak`, `peak_time` [s] and `steady_state_error` (target minus last value).
+
+        Raises
+        ------
+        BeamdaeError
+            If `name` does not select one column, the column starts at the target or is not finite,
+            `t` is not within the run, or `band` is not positive.
+
+        Examples
+        --------
+        Overshoot exp(-pi D / sqrt(1 - D^2)) = 0.163 of a step response with damping ratio D = 0.5:
+
+        >>> import beamdae as bd
+        >>> mech = bd.Mechanism()
+        >>> x, rate = mech.state("x"), mech.state("rate")
+        >>> x.follows(rate)
+        >>> rate.follows(1.0 - x - rate)
+        >>> run = bd.simulate(mech, t_end=20.0, output_step=0.01)
+        >>> step = run.step_response("x", target=1.0)
+        >>> print(f"{step.overshoot:.3f}, settled after {step.settling_time:.2f} s")
+        0.163, settled after 8.08 s
+        """
+        headers = self._select(name)
+        if len(headers) != 1:
+            raise BeamdaeError(
+                f"step_response: {name!r} selects {len(headers)} columns; name one of them."
+            )
+        values = np.asarray(self._all_columns_by_header()[headers[0]], float)
+        times = self.times
+        begin = times[0] if t is None else require_finite("step_response", "t", t)
+        if not times[0] <= begin < times[-1]:
+            raise BeamdaeError(
+                f"step_response: t must be within the run, {times[0]:g} to {times[-1]:g} s, got "
+                f"{begin:g} s."
+            )
+        final = values[-1] if target is None else require_finite("step_response", "target", target)
+        width = require_positive("step_response", "band", band)
+        after = times > begin
+        first = np.interp(begin, times, values)
+        times, values = np.append(begin, times[after]), np.append(first, values[after])
+        return measure_step_response(headers[0], times, values, final, width)
 
     def __contains__(self, name: object) -> bool:
         """Return True if `solution[name]` selects columns."""

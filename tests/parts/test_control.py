@@ -243,7 +243,7 @@ def hold_mass(every, limit, step, gain=20e3):
 @pytest.mark.parametrize(
     ("every", "limit", "step", "problem"),
     [
-        (4e-3, 20.0, 1e-3, "switches between its limits, -20 and 20, within"),
+        (4e-3, 20.0, 1e-3, "alternates between -20 and 20 within"),
         (4e-3, 1e6, 1e-6, "grows exponentially, by a factor of"),
         (1e-3, 20.0, 1e-3, ""),
         (1e-3, 3.0, 1e-3, ""),
@@ -263,6 +263,102 @@ def test_switches_between_two_values_have_no_warning():
     mech = build_servo(lambda sample: 1.0 if sample.reads[0] < 0.5 else -1.0)
     run = bd.simulate(mech, bd.Radau(1e-5), t_end=20.0)
     assert not [x for x in run.warnings if "its loop seems to be unstable" in x]
+
+
+STAGE = {"mass": 0.8, "stiffness": 15e3, "kp": 20e3, "ki": 8e5}
+
+
+def build_sampled_stage(every, kd, limit=np.inf, noise=0.0, disturbance=0.0, law=None):
+    """Return a mass on a spring whose position a sampled PID controller with a limit sets."""
+    kp, ki = STAGE["kp"], STAGE["ki"]
+
+    def pid(sample):
+        (position,) = sample.reads + noise * sample.random.normal()
+        integral, last = sample.state
+        error = 5e-4 - position
+        wanted = kp * error + ki * integral - kd * (position - last) / every
+        force = np.clip(wanted, -limit, limit)
+        sample.state[:] = integral + every * (error + (force - wanted) / kp), position
+        return force
+
+    mech = bd.Mechanism()
+    mass = mech.add(bd.RigidBody("mass", STAGE["mass"], 1.0))
+    ground, point = mech.ground.at(0.0, 0.0), mass.at(0.0, 0.0)
+    mech.add(bd.Prismatic("guide", ground, point, direction=(1.0, 0.0)))
+    spring = lambda p, t: (-STAGE["stiffness"] * p.position[0], 0.0)  # noqa: E731
+    mech.add(bd.ForceLaw("spring", point, spring))
+    mech.add(bd.Force("push", point, (bd.sine(disturbance, 0.24 / every), 0.0)))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("actuator", point, (force, 0.0)))
+    position = mech.sensor("position", point, "x")
+    options = {"state": [0.0, 0.0]}
+    mech.add(bd.Controller("servo", every, [position], [force], law or pid, **options))
+    return mech
+
+
+def stage_radius(every, kd):
+    """Return the spectral radius of the loop without its limit: x, v, integral, last position."""
+    m, k, kp, ki = STAGE.values()
+    step = la.expm(every * np.array([[0.0, 1.0, 0.0], [-k / m, 0.0, 1.0 / m], [0.0, 0.0, 0.0]]))
+    loop = np.zeros((4, 4))
+    loop[:2, :2] = step[:2, :2]
+    loop[:2] += np.outer(step[:2, 2], [-kp - kd / every, 0.0, ki, kd / every])
+    loop[2, [0, 2]] = -every, 1.0
+    loop[3, 0] = 1.0
+    return np.abs(np.linalg.eigvals(loop)).max()
+
+
+def loop_warnings(mech, every, samples=120):
+    run = bd.simulate(mech, bd.GeneralizedAlpha(every / 4), t_end=samples * every)
+    assert run.status.success
+    return [x for x in run.warnings if "its loop seems to be unstable" in x]
+
+
+@pytest.mark.parametrize("limit", [30.0, 12.0, np.inf])
+@pytest.mark.parametrize(
+    ("every", "kd"),
+    [
+        (5e-5, 300.0),
+        (5e-5, 36e3),
+        (5e-4, 150.0),
+        (5e-4, 3000.0),
+        (5e-4, 3600.0),
+        (5e-4, 4000.0),
+        (2e-3, 150.0),
+        (2e-3, 800.0),
+        (2e-3, 4000.0),
+    ],
+)
+def test_regression_alternating_commands_have_a_warning(every, kd, limit):
+    """A force that repeated 30, 30, -27.7, -27.3 N reaches one of its two limits: "ok"."""
+    radius = stage_radius(every, kd)
+    assert radius < 0.9996 or radius > 1.01
+    found = loop_warnings(build_sampled_stage(every, kd, limit), every)
+    assert len(found) == (radius > 1.0)
+
+
+def test_loops_that_follow_noise_forces_or_a_switch_have_no_warning():
+    def three_levels(sample):
+        error = 5e-4 - sample.reads[0]
+        return 20.0 * np.sign(error) if abs(error) > 2e-4 else 0.0
+
+    every = 5e-4
+    assert not loop_warnings(build_sampled_stage(every, 300.0, noise=1e-6), every)
+    assert not loop_warnings(build_sampled_stage(every, 300.0, disturbance=500.0), every)
+    assert not loop_warnings(build_sampled_stage(5e-3, 0.0, law=three_levels), 5e-3)
+    # Noise that reaches both limits is named.
+    (sentence,) = loop_warnings(build_sampled_stage(every, 300.0, limit=12.0, noise=1e-4), every)
+    assert "alternates between -12 and 12 within a few samples" in sentence
+    assert "or to amplify noise" in sentence
+
+
+def test_regression_commands_are_no_vibrations_of_the_drawing():
+    """The derivative of the first samples was "because the drawing is not in equilibrium"."""
+    mech = build_sampled_stage(5e-4, 2000.0)
+    run = bd.simulate(mech, bd.GeneralizedAlpha(1e-4), t_end=0.15)
+    assert run["force"].iloc[:20].min() < -4.0
+    assert run["force"].iloc[30:].min() > -1.0
+    assert run.warnings == ()
 
 
 def test_regression_unstable_loops_of_states_have_a_warning():

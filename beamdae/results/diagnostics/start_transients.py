@@ -58,6 +58,8 @@ def start_transient_warnings(
     is_moving = any(np.any(equations.v0[x.rows]) for x in equations.parts if not x.is_state)
     if equations.mechanism is None or equations.start is not None or equations.redundant:
         return
+    if equations.controllers:  # whose first commands excite vibrations, too
+        return
     if is_moving or start != 0.0:
         return
     headers = list(equations.observed_headers)

@@ -1,0 +1,66 @@
+"""Rise time, settling time, overshoot and steady-state error, against python-control."""
+
+import control
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+ROWS = 20_001
+
+
+@pytest.fixture(scope="module", params=[0.2, 0.5, 1.2], ids=lambda x: f"damping ratio {x}")
+def oscillator(request):
+    """Return a step response of an oscillator from 0.5 to 2.5, 1 s after the start."""
+    mech = bd.Mechanism()
+    x, rate = mech.state("x", start=0.5), mech.state("rate")
+    x.follows(rate)
+    target = mech.input("target", bd.piecewise((1.0, 0.5), 2.5))
+    rate.follows(target - x - 2.0 * request.param * rate)
+    run = bd.simulate(mech, bd.Radau(1e-8), t_end=41.0, output_step=2e-3)
+    return request.param, run
+
+
+def test_characteristics_are_those_of_python_control(oscillator):
+    damping, run = oscillator
+    times = np.linspace(0.0, 40.0, ROWS)
+    system = control.TransferFunction([2.0], [1.0, 2.0 * damping, 1.0])
+    _, response = control.step_response(system, times)
+    expected = control.step_info(response, times, final_output=2.0)
+    step = run.step_response("x", target=2.5, t=1.0)
+    one_row = 1.01 * 2e-3
+    assert step.rise_time == pytest.approx(expected["RiseTime"], abs=one_row)
+    assert step.settling_time == pytest.approx(expected["SettlingTime"], abs=one_row)
+    assert 100.0 * step.overshoot == pytest.approx(expected["Overshoot"], abs=1e-3)
+    if expected["Overshoot"] > 0.0:
+        assert step.peak == pytest.approx(0.5 + expected["Peak"], rel=1e-6)
+        assert step.peak_time == pytest.approx(expected["PeakTime"], abs=one_row)
+    assert abs(step.steady_state_error) < 2e-3
+
+
+def test_steps_downwards_and_other_bands():
+    mech = bd.Mechanism()
+    mech.state("level", lambda level, t: -level - 3.0)
+    run = bd.simulate(mech, bd.Radau(1e-8), t_end=4.0, output_step=1e-3)
+    step = run.step_response("level", target=-3.0, band=0.05)
+    assert step.rise_time == pytest.approx(np.log(9.0), abs=1e-4)
+    assert step.settling_time == pytest.approx(np.log(20.0), abs=1e-4)
+    assert step.overshoot == 0.0
+    assert step.steady_state_error == pytest.approx(-3.0 * np.exp(-4.0), rel=1e-5)
+    short = run.step_response("level", target=-4.0)
+    assert np.isnan([short.rise_time, short.settling_time]).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"name": "x", "target": 0.5}, "x .* starts at 0.5, the target; pass target= and t= of"),
+        ({"name": ["x", "rate"]}, r"\['x', 'rate'\] selects 2 columns; name one of them"),
+        ({"name": "x", "t": 41.0}, "t must be within the run, 0 to 41 s, got 41 s"),
+        ({"name": "x", "band": 0.0}, "band must be positive, got 0"),
+        ({"name": "y"}, "y"),
+    ],
+)
+def test_invalid_arguments_are_rejected(oscillator, options, reason):
+    with pytest.raises(bd.BeamdaeError, match=reason):
+        oscillator[1].step_response(**options)
