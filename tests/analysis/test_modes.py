@@ -1,5 +1,6 @@
 """Natural modes against closed-form solutions, and their invariances."""
 
+import re
 import warnings
 
 import casadi as ca
@@ -626,3 +627,42 @@ def test_regression_modes_about_equilibria_do_not_depend_on_the_size_of_other_pa
     # Of one beam of 1 m; the frequencies of similar beams are inverse to their lengths.
     expected = {"exact": [8.361524, 52.324725], "floating frame": [8.362345, 52.315540]}
     assert_allclose(modes.frequencies * max(1.0, ratio), expected[formulation], rtol=2e-6)
+
+
+@pytest.mark.parametrize(("elements", "share"), [(1, 0.9), (1, 0.99), (2, 0.99)])
+def test_regression_long_elements_of_compressed_beams_have_a_warning(elements, share):
+    """Frequencies of heated beams were 7 and 53 % wrong, while the warning named another mode."""
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    critical = np.pi**2 * strip.EI / (1.0 + np.pi**2 * strip.EI / strip.GA)
+    strain = share * critical / strip.EA
+    mech = bd.Mechanism()
+    line, free = (bd.Line((0.0, 0.0), (x, 0.0)) for x in (1.0, 1.0 + strain))
+    beam = mech.add(bd.Beam("beam", line, strip, elements=elements, free_curve=free))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Revolute("right", mech.ground.at(1.0, 0.0), beam.end))
+    modes = bd.modes(mech, about="equilibrium", n=1)
+    # omega^2 = omega_0^2 (1 - N / N_cr).
+    exact = 0.5 * np.pi * np.sqrt(strip.EI / strip.rhoA * (1.0 - share))
+    error = modes.frequencies[0] / exact - 1.0
+    assert error > 0.01
+    (warning,) = modes.warnings
+    size = re.search(r"too long for mode 1, .* error of (?:about|more than) (\S+) %", warning)
+    assert float(size.group(1)) == pytest.approx(100.0 * min(error, 0.3), rel=0.4)
+    fine = bd.Mechanism()
+    beam = fine.add(bd.Beam("beam", line, strip, elements=4, free_curve=free))
+    fine.add(bd.Revolute("left", fine.ground.at(0.0, 0.0), beam.start))
+    fine.add(bd.Revolute("right", fine.ground.at(1.0, 0.0), beam.end))
+    assert bd.modes(fine, about="equilibrium", n=1).warnings == ()
+
+
+@pytest.mark.parametrize("radius", [0.5, 2.0, 20.0])
+def test_regression_clamped_arcs_of_one_element_have_a_warning(radius):
+    """A first frequency of 376 Hz instead of 29 Hz was accepted as that of an axial wave."""
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    mech = bd.Mechanism()
+    arc = bd.Arc(radius=radius, length=1.0)
+    beam = mech.add(bd.Beam("beam", arc, strip, elements=1))
+    mech.add(bd.Weld("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Weld("right", mech.ground.at(*beam.end.point), beam.end))
+    with pytest.warns(bd.BeamdaeWarning, match="too long for mode 1, .* more than 30 %"):
+        bd.modes(mech, n=1)

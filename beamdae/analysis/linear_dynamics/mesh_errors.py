@@ -10,20 +10,25 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.dispersion import (
     axial_wave_error,
     bending_wave_errors,
+    bending_wave_numbers,
     convergence_order,
     element_middles,
     section_values,
 )
+from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.parts.mechanism import Mechanism
-from beamdae.results.section_forces.balance import elastic_axial_forces
+from beamdae.results.section_forces.balance import elastic_axial_forces, elastic_section_forces
 
 Array = np.ndarray
 
+_ENERGY_POINTS = 3  # of the quadrature of the strain energy in an element
 # Largest change of a coordinate, in natural sizes, for differences of axial forces.
 _DIFFERENCE = 1e-5
 # Estimated errors above this one are reported; then, errors of 2 % are, and those of 0.3 % are not.
 _MIN_REPORTED_ERROR = 0.007
+# Estimates by waves under compression from which on the energy of the shape is evaluated.
+_MIN_ESTIMATE = 0.1 * _MIN_REPORTED_ERROR
 # Larger estimates are meaningless.
 _MAX_ESTIMATE = 0.3
 # Error for which a number of elements is recommended.
@@ -41,7 +46,9 @@ def mesh_warnings(
     """Return a warning for each beam whose elements are too long for the waves of modes.
 
     Tension, such as that of taut wires and rotating blades, makes bending waves longer. Axial waves
-    of the same frequency are longer still.
+    of the same frequency are longer still, but a single curved element has no motions without axial
+    strains between clamps. Compression makes waves shorter and modes slower, so that the same error
+    of the bending stiffness is a larger part of a small total stiffness.
 
     Parameters
     ----------
@@ -60,16 +67,24 @@ def mesh_warnings(
     for beam in mechanism.parts.values():
         if not isinstance(beam, Beam) or beam.name not in shares:
             continue
-        errors = bending_wave_errors(beam, rates) * shares[beam.name]
-        if not np.any(errors > _MIN_REPORTED_ERROR):
-            continue
-        middles = element_middles(beam)
-        tension = np.maximum(elastic_axial_forces(beam, equations, state, middles), 0.0)
-        errors = bending_wave_errors(beam, rates, tension) * shares[beam.name]
+        forces = elastic_axial_forces(beam, equations, state, element_middles(beam))
+        errors = bending_wave_errors(beam, rates, np.maximum(forces, 0.0)) * shares[beam.name]
+        is_single_arc = beam.mesh.elements == 1 and beam.mesh.largest_turn > 0.0
         for j in np.flatnonzero(errors > _MIN_REPORTED_ERROR):
-            energy = _axial_energy(beam, equations, state, shapes[j].real, middles)
-            if energy > 0.5 * rates[j] ** 2 * shares[beam.name][j]:
+            energy, _ = _strain_energies(beam, equations, state, shapes[j].real)
+            if energy > 0.5 * rates[j] ** 2 * shares[beam.name][j] and not is_single_arc:
                 errors[j] = axial_wave_error(beam, float(rates[j])) * shares[beam.name][j]
+        compression = np.minimum(forces, 0.0)
+        if np.any(compression):
+            compressed = bending_wave_errors(beam, rates, compression)
+            wave_numbers = bending_wave_numbers(beam, rates, compression)
+            bending, mass = section_values(beam, "EI", "rhoA")
+            energies = np.max(bending * wave_numbers**4 / mass, axis=1) * shares[beam.name]
+            # The energy of a shape takes more time than its estimate from waves.
+            for j in np.flatnonzero(compressed * energies > _MIN_ESTIMATE * rates**2):
+                if rates[j] > 0.0:
+                    _, energy = _strain_energies(beam, equations, state, shapes[j].real)
+                    errors[j] = max(errors[j], compressed[j] * energy / rates[j] ** 2)
         reported = np.flatnonzero(errors > _MIN_REPORTED_ERROR)
         if not len(reported):
             continue
@@ -89,15 +104,21 @@ def mesh_warnings(
     return sentences
 
 
-def _axial_energy(
-    beam: Beam, equations: EquationsOfMotion, state: State, shape: Array, middles: Array
-) -> float:
-    """Return twice the energy of the axial strains of a mode shape (n,) [J]."""
+def _strain_energies(
+    beam: Beam, equations: EquationsOfMotion, state: State, shape: Array
+) -> tuple[float, float]:
+    """Return twice the energies of axial strains and of bending of a mode shape (n,) [J]."""
     scale = _DIFFERENCE / np.max(np.abs(shape) / equations.position_scales)
+    points, weights = gauss_points(_ENERGY_POINTS)
+    half = 0.5 * beam.mesh.element_lengths[:, None]
+    s = (element_middles(beam)[:, None] + half * points).ravel()
     forward, backward = (
-        elastic_axial_forces(beam, equations, state._replace(q=state.q + change), middles)
+        elastic_section_forces(
+            beam, equations, State(*(x[None] for x in state._replace(q=state.q + change))), s
+        )
         for change in (scale * shape, -scale * shape)
     )
-    forces = (forward - backward) / (2.0 * scale)
-    (stiffness,) = section_values(beam, "EA")
-    return float(forces**2 / stiffness @ beam.mesh.element_lengths)
+    forces = ((forward - backward) / (2.0 * scale))[:, 0].reshape(3, len(half), -1)
+    axial, bending = section_values(beam, "EA", "EI")
+    squares = np.sum(forces**2 * half * weights, axis=2)
+    return float(np.sum(squares[0] / axial)), float(np.sum(squares[2] / bending))
