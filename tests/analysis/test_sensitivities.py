@@ -23,7 +23,7 @@ from sliding_mass import sliding_mass
 from spin_up import spin_up
 
 import beamdae as bd
-from beamdae.analysis.sensitivities.alpha_replay import join_states
+from beamdae.analysis.sensitivities.alpha_steps import join_states
 from beamdae.analysis.sensitivities.differentiable_methods import warn_of_step_errors
 from beamdae.analysis.sensitivities.model_differences import difference_model
 from beamdae.equations.equations_of_motion import State

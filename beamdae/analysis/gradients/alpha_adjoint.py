@@ -13,20 +13,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.sensitivities.alpha_replay import (
+from beamdae.analysis.sensitivities.alpha_steps import (
+    AlphaSteps,
     copy_state,
     factorize_ahead,
     group_equal_steps,
-    join_states,
-    make_step_solver,
+    prepare_steps,
+    step_length,
 )
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations.step_equations import (
-    StepMatrix,
-    formulate_step,
-    plan_step_sums,
-)
+from beamdae.equations.formulations.step_equations import formulate_step, plan_step_sums
 from beamdae.equations.structure import Structure, cache_on_owner
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.alpha.family import (
@@ -42,35 +39,25 @@ from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sparse_operators import transpose_pattern
 from beamdae.symbolic.sums.kernel_sums import Sum, SumPlan, evaluate_sum, set_time
-from beamdae.symbolic.sums.lane_sums import LaneSum
 from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
 
-@dataclass(slots=True)
-class AdjointWorkspace:
+@dataclass(slots=True, kw_only=True)
+class AdjointWorkspace(AlphaSteps):
     """Work arrays of `sweep_backwards`.
 
     Attributes
     ----------
     form, lanes, linear, nonzeros
-        Equations of a step, with a sum for the transposed matrix; the same sum at several steps;
-        linear solver and non-zeros of this matrix.
+        As in `AlphaSteps`, for the transposed matrix.
     transposed, inputs, outputs
         Gradient of weights . residual, its inputs (motion, weights) and its result (derivatives
         with respect to the motion and to p).
     operator_change, operator_inputs, operator_residual, moves_operators
         Derivative of the residual along a change of the operators of joints, its inputs (motion,
         zeros) and its result; used if `moves_operators` is 1.
-    alpha_m, alpha_f, gamma, beta
-        Parameters of the method; see `family.AlphaParameters`.
-    coefficients
-        Factors (c_v, c_a, c_f) of `StepEquations`.
-    h, branch
-        Step, and a time inside the interval [s].
-    times, states, first_column, row
-        See `ReplayWorkspace`.
     seeds, seeded, seed
         Derivatives of the objective with respect to (q, v, lam) after the steps, (steps, k), for
         the k entries `seeded` that the objective depends on, and work array for all entries of one
@@ -78,8 +65,6 @@ class AdjointWorkspace:
     q, v, ddq, a
         Derivatives of the objective with respect to the motion at the end of the current step, as
         far as it acts through later steps, (n,) each. `a` is the algorithmic acceleration.
-    a_predicted, change
-        Derivative with respect to the predicted `a`, and right-hand side or solution of a step.
     numbers
         Derivatives with respect to p, summed over the steps, (n_p,).
     along_operators
@@ -88,14 +73,8 @@ class AdjointWorkspace:
         Number of steps before the steps of equal length that are transposed together.
     step
         Number of steps that remain.
-    max_batch, tested, staged, lane
-        See `ReplayWorkspace`.
     """
 
-    form: StepMatrix
-    lanes: LaneSum
-    linear: Any
-    nonzeros: Array
     transposed: Sum
     inputs: Array
     outputs: Array
@@ -103,17 +82,6 @@ class AdjointWorkspace:
     operator_inputs: Array
     operator_residual: Array
     moves_operators: int
-    alpha_m: float
-    alpha_f: float
-    gamma: float
-    beta: float
-    coefficients: Array
-    h: float
-    branch: float
-    times: Array
-    states: Array
-    first_column: int
-    row: Array
     seeds: Array
     seeded: Array
     seed: Array
@@ -121,16 +89,10 @@ class AdjointWorkspace:
     v: Array
     ddq: Array
     a: Array
-    a_predicted: Array
-    change: Array
     numbers: Array
-    along_operators: float
-    first: int
+    along_operators: float = 0.0
+    first: int = 0
     step: int
-    max_batch: int
-    tested: int = 0
-    staged: int = 0
-    lane: int = 0
 
 
 def sweep_backwards(run: AdjointWorkspace) -> int:
@@ -242,19 +204,13 @@ def transpose_alpha_steps(
     matrix = FactorizedMatrix.from_pattern(pattern, pivot_source=matrices.get(id(pattern)))
     matrices[id(pattern)] = matrix
     seeded = np.flatnonzero(seeds.any(axis=0))
-    rows, first_column = join_states(states)
+    make_fields = prepare_steps(form, transposed_matrix, matrix, member, interval)
 
     def make_workspace(native: bool) -> AdjointWorkspace:
-        q, v, ddq, a, a_predicted = np.zeros((5, n))
-        linear, max_batch, lanes = make_step_solver(
-            native, matrix, transposed_matrix, 4 * n + 2 * m, steps_of.p
-        )
+        q, v, ddq, a = np.zeros((4, n))
         transposed = plan.sum(native, equations.p)
         return AdjointWorkspace(
-            form=form.matrix_buffers(native, transposed_matrix),
-            lanes=lanes,
-            linear=linear,
-            nonzeros=matrix.nonzeros,
+            **make_fields(native),
             transposed=transposed,
             inputs=np.zeros(5 * n + 3 * m),
             outputs=np.zeros(4 * n + 2 * m + len(equations.p)),
@@ -262,17 +218,6 @@ def transpose_alpha_steps(
             operator_inputs=np.zeros(2 * (4 * n + 2 * m) + len(equations.p)),
             operator_residual=np.zeros(n + m),
             moves_operators=int(moved_plan is not None),
-            alpha_m=member.alpha_m,
-            alpha_f=member.alpha_f,
-            gamma=member.gamma,
-            beta=member.beta,
-            coefficients=np.zeros(3),
-            h=0.0,
-            branch=float(interval.branch),
-            times=np.ascontiguousarray(times),
-            states=rows,
-            first_column=first_column,
-            row=np.zeros(3 * n + m),
             seeds=np.ascontiguousarray(seeds[:, seeded]),
             seeded=seeded,
             seed=np.zeros(2 * n + m),
@@ -280,13 +225,8 @@ def transpose_alpha_steps(
             v=v,
             ddq=ddq,
             a=a,
-            a_predicted=a_predicted,
-            change=np.zeros(n + m),
             numbers=np.zeros(len(equations.p)),
-            along_operators=0.0,
-            first=0,
             step=steps,
-            max_batch=max_batch,
         )
 
     def factorized(run: AdjointWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -297,7 +237,7 @@ def transpose_alpha_steps(
     run = loop.work
     groups = list(pairwise(group_equal_steps(times)))
     for first, last in reversed(groups):
-        h = float((times[last] - times[first]) / (last - first))
+        h = step_length(times, first, last)
         if last < steps:
             at = State(*(x[last] for x in states))
             _transpose_step_change(run, member, start, np.array([times[last], run.branch]), at, h)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
-from beamdae.analysis.sensitivities.alpha_replay import STEPS_PER_TEST
+from beamdae.analysis.sensitivities.alpha_steps import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.radau_replay import (
     JUST_TESTED,

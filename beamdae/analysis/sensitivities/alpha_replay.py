@@ -13,6 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.analysis.sensitivities.alpha_steps import (
+    AlphaSteps,
+    copy_state,
+    factorize_ahead,
+    group_equal_steps,
+    prepare_steps,
+    step_length,
+)
 from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
 from beamdae.analysis.sensitivities.start_derivatives import (
@@ -23,13 +31,9 @@ from beamdae.analysis.sensitivities.start_derivatives import (
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.step_equations import (
     StepEquations,
-    StepMatrix,
     StepPrediction,
-    evaluate_matrices,
-    evaluate_matrix_at_state,
     formulate_step,
     plan_step_sums,
-    set_lane,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
@@ -42,13 +46,7 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.linear.lane_operations import LANES
-from beamdae.native.batch_elimination import (
-    BatchSolver,
-    factorize_batch,
-    select_factors,
-)
-from beamdae.native.loop_functions import combine, eliminate, factorize, solve
+from beamdae.native.loop_functions import combine, solve
 from beamdae.native.return_codes import DONE
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
@@ -58,75 +56,35 @@ from beamdae.symbolic.sums.kernel_sums import (
     evaluate_with_data,
     set_time,
 )
-from beamdae.symbolic.sums.lane_sums import LaneSum, create_lane_sum, empty_lane_sum, has_lane_code
 
 Array = np.ndarray
 
-# Two steps are equal if they differ by less than this fraction of the step, or by a few rounding
-# errors of the time.
-_SAME_STEP = 1e-9
-_TIME_ROUNDING = 8.0 * float(np.finfo(float).eps)
 
-
-# Steps per test of the factors, whose accuracy changes slowly. The test takes a third of the time
-# of a factorization, or as long as three of those of several matrices together.
-STEPS_PER_TEST = 8
-_STEPS_PER_BATCH_TEST = 32
-# Non-zeros of the largest matrix of which several are factorized together: larger ones do not fit
-# into the processor caches.
-_MAX_BATCH_NONZEROS = 16000
-
-
-@dataclass(slots=True)
-class ReplayWorkspace:
+@dataclass(slots=True, kw_only=True)
+class ReplayWorkspace(AlphaSteps):
     """Work arrays of `replay_steps`.
 
     Attributes
     ----------
-    form, lanes, linear, nonzeros
-        Equations of a step, their matrices at several steps, and the linear solver and non-zeros of
-        the matrix.
     directional, local, inputs
         Directional derivative of the residual, its local inputs by direction, see
         `direction_inputs`, and its inputs (motion, its direction).
     further, further_inputs, residual, further_numbers, is_further
         Directional derivative with further forces, its inputs and its result, and the numbers and
         the directions that have them, see `FurtherForces`.
-    alpha_m, alpha_f, gamma, beta
-        Parameters of the method; see `family.AlphaParameters`.
-    coefficients
-        Factors (c_v, c_a, c_f) of `StepEquations`.
-    h, branch
-        Step, and a time inside the interval [s].
     last
         Number of steps after which the length of the step changes, or the interval ends.
-    times, states, first_column, row
-        Times (steps + 1,) [s] and states at the start and after the steps, see `join_states`, and
-        work array for one state (q, v, a, lam), (3n + m,).
     shifts, time_rates
         Derivatives of the time of all steps (k,) [s], and partial derivatives of the residual with
         respect to time at the steps, (steps, n + m).
     q, v, ddq, a, lam
         Current derivatives of the motion, one direction a row. `a` is the algorithmic acceleration.
-    a_predicted, change
-        Predicted derivative of `a`, and right-hand side or solution of a step.
     results
         Derivatives of (q, v, q'', lam) after the steps, (steps * k, 3n + m).
-    max_batch
-        Number of steps whose matrices are factorized together, 1 or `LANES`.
     step
         Number of completed steps.
-    tested
-        Number of steps since the last test of the factors; 0 if the next factors are tested.
-    staged, lane
-        Number of matrices that were factorized last, 0 if there are no pivots, and index of the
-        next one of these.
     """
 
-    form: StepMatrix
-    lanes: LaneSum
-    linear: Any
-    nonzeros: Array
     directional: Sum
     local: Array
     inputs: Array
@@ -135,18 +93,7 @@ class ReplayWorkspace:
     residual: Array
     further_numbers: Array
     is_further: Array
-    alpha_m: float
-    alpha_f: float
-    gamma: float
-    beta: float
-    coefficients: Array
-    h: float
-    last: int
-    branch: float
-    times: Array
-    states: Array
-    first_column: int
-    row: Array
+    last: int = 0
     shifts: Array
     time_rates: Array
     q: Array
@@ -154,14 +101,8 @@ class ReplayWorkspace:
     ddq: Array
     a: Array
     lam: Array
-    a_predicted: Array
-    change: Array
     results: Array
-    max_batch: int
     step: int = 0
-    tested: int = 0
-    staged: int = 0
-    lane: int = 0
 
 
 def replay_steps(run: ReplayWorkspace) -> int:
@@ -225,107 +166,6 @@ def _add_further_forces(run: ReplayWorkspace, t: float, k: int) -> None:
     combine(run.change, (1.0, 1.0), (run.change, run.residual))
 
 
-def join_states(states: State) -> tuple[Array, int]:
-    """Return states (q, v, a, lam) as rows of a contiguous array, and where the columns begin.
-
-    The states of a run are parts of such rows: copying all of them takes as long as hundreds of
-    steps.
-    """
-    parts = [x for x in states if x.shape[1]]
-    base = parts[0].base
-    if base is not None and base.ndim == 2 and base.flags.c_contiguous:
-        starts = [(x.ctypes.data - base.ctypes.data) // base.itemsize for x in parts]
-        ends = starts[0] + np.cumsum([x.shape[1] for x in parts])
-        is_joined = all(x.base is base and x.strides == base.strides for x in parts)
-        if is_joined and starts[1:] == ends[:-1].tolist():
-            row, column = divmod(starts[0], base.shape[1])
-            return base[row : row + len(parts[0])], column
-    return np.hstack(states), 0
-
-
-def copy_state(run: Any, k: int, row: Array) -> None:
-    """Write state `k` to `row`; for `run`, see `factorize_ahead`."""
-    combine(row, (1.0,), (run.states[k][run.first_column : run.first_column + row.size],))
-
-
-def factorize_ahead(run: Any, step: int, direction: int, remaining: int) -> int:
-    """Provide the factors of a step; return DONE, NEW_PIVOTS or SINGULAR.
-
-    If there are none left, the matrices of the next steps are factorized together.
-
-    Parameters
-    ----------
-    run
-        A `ReplayWorkspace`, or a workspace with its attributes that this function uses.
-    step
-        Index of the state at the end of the step.
-    direction
-        1 if later steps follow, -1 if earlier ones.
-    remaining
-        Number of steps of equal length that remain.
-    """
-    if run.lane == run.staged:
-        count = run.max_batch if run.max_batch <= remaining else 1
-        # The first pivots, and others that do not suit a batch, are tried for one matrix.
-        if count == 1 or run.staged == 0 or _factorize_lanes(run, step, direction) != DONE:
-            count = 1
-            copy_state(run, step, run.row)
-            evaluate_matrix_at_state(
-                run.form, run.times[step], run.branch, run.coefficients, run.row, run.nonzeros
-            )
-            code = factorize_step(run)
-            if code != DONE:
-                run.staged = run.lane = 0
-                return code
-        run.staged, run.lane = count, 0
-    elif run.staged > 1:
-        select_factors(run.linear.factors, run.linear.batch, run.lane)
-    run.lane += 1
-    return DONE
-
-
-def _factorize_lanes(run: Any, step: int, direction: int) -> int:
-    """Factorize the matrices of `LANES` steps; return DONE, NEW_PIVOTS or SINGULAR."""
-    first, size, lam_factor = run.first_column, run.row.size, run.coefficients[2]
-    for lane in range(LANES):
-        k = step + direction * lane
-        row = run.states[k][first : first + size]
-        set_lane(run.lanes, lane, run.times[k], row, run.form.n, lam_factor)
-    evaluate_matrices(run.lanes, run.branch, run.coefficients, run.linear.batch.entries)
-    code = factorize_batch(run.linear, run.tested == 0)
-    run.tested += LANES
-    if code != DONE or run.tested >= _STEPS_PER_BATCH_TEST:
-        run.tested = 0
-    return code
-
-
-def make_step_solver(
-    native: bool, matrix: FactorizedMatrix, plan: SumPlan, n_inputs: int, p: Array
-) -> tuple[Any, int, LaneSum]:
-    """Return the linear solver of a loop over known steps, its `max_batch`, and its `lanes`.
-
-    `plan` is that of the matrix, with `n_inputs` inputs, and `p` are the numbers of the model.
-    """
-    is_small = len(matrix.nonzeros) <= _MAX_BATCH_NONZEROS
-    if native and is_small and has_lane_code(plan):
-        return BatchSolver.empty(float), LANES, create_lane_sum(plan, n_inputs, native, p)
-    linear = BatchSolver.empty(float) if native else matrix.make_solver(native, "auto")
-    return linear, 1, empty_lane_sum()
-
-
-def factorize_step(run: Any) -> int:
-    """Factorize the matrix of a step; return DONE, NEW_PIVOTS or SINGULAR.
-
-    `run` is a `ReplayWorkspace`, or has its attributes `linear`, `nonzeros` and `tested`.
-    """
-    if run.tested == 0:
-        code = factorize(run.linear, run.nonzeros)
-    else:
-        code = eliminate(run.linear, run.nonzeros)
-    run.tested = (run.tested + 1) % STEPS_PER_TEST if code == DONE else 0
-    return code
-
-
 def differentiate_alpha_steps(
     method: GeneralizedAlpha,
     along: StartDerivatives,
@@ -381,7 +221,7 @@ def differentiate_alpha_steps(
         for x, y, present in zip(further.numbers, numbers, further.is_present, strict=True)
     ]
     time, at = np.array([times[0], interval.branch]), State(*(x[0] for x in states))
-    h = _step_length(times, *groups[0])
+    h = step_length(times, *groups[0])
     is_cured = method.start == "cured"
 
     def start_motion(
@@ -403,21 +243,14 @@ def differentiate_alpha_steps(
     if further.is_present.any():
         further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
     matrix = FactorizedMatrix.from_pattern(form.pattern)
-
-    rows, first_column = join_states(states)
+    make_fields = prepare_steps(form, form.sums[2], matrix, member, interval)
     results = np.zeros(((steps + 1) * count, 3 * n + m))
     results[:count] = [np.concatenate(x) for x in starts]
 
     def make_workspace(native: bool) -> ReplayWorkspace:
-        linear, max_batch, lanes = make_step_solver(
-            native, matrix, form.sums[2], 4 * n + 2 * m, equations.p
-        )
         directional, local = along.direction_sum(plan, 4 * n + 2 * m, native, numbers)
         return ReplayWorkspace(
-            form=form.matrix_buffers(native),
-            lanes=lanes,
-            linear=linear,
-            nonzeros=matrix.nonzeros,
+            **make_fields(native),
             directional=directional,
             local=local,
             inputs=np.zeros(2 * (4 * n + 2 * m)),
@@ -426,18 +259,6 @@ def differentiate_alpha_steps(
             residual=np.zeros(n + m),
             further_numbers=np.ascontiguousarray(further.numbers),
             is_further=further.is_present,
-            alpha_m=member.alpha_m,
-            alpha_f=member.alpha_f,
-            gamma=member.gamma,
-            beta=member.beta,
-            coefficients=np.zeros(3),
-            h=0.0,
-            last=0,
-            branch=float(interval.branch),
-            times=np.ascontiguousarray(times),
-            states=rows,
-            first_column=first_column,
-            row=np.zeros(3 * n + m),
             shifts=np.array(shifts),
             time_rates=np.zeros((steps, n + m)),
             q=first_q,
@@ -445,10 +266,7 @@ def differentiate_alpha_steps(
             ddq=first_ddq,
             a=first_a,
             lam=first_lam,
-            a_predicted=np.zeros(n),
-            change=np.zeros(n + m),
             results=results[count:],
-            max_batch=max_batch,
         )
 
     def matrices(run: ReplayWorkspace) -> list[tuple[Any, FactorizedMatrix]]:
@@ -458,7 +276,7 @@ def differentiate_alpha_steps(
     loop = StepLoop(replay_steps, make_workspace, matrices, is_native)
     run = loop.work
     for first, last in groups:
-        h = _step_length(times, first, last)
+        h = step_length(times, first, last)
         if first > 0:
             at, time = State(*(x[first] for x in states)), np.array([times[first], interval.branch])
             _change_step(run, member, derivatives, all_numbers, time, at, h)
@@ -493,18 +311,6 @@ def _set_time_rates(
 
 def _residual_at(form: StepEquations, at: StepPrediction, x: Array, time: Array) -> Array:
     return form.residual(time, at, x)
-
-
-def group_equal_steps(times: Array) -> Array:
-    """Return the indices of the times at which the length of the step changes, and of both ends."""
-    h = np.diff(times)
-    rounding = _SAME_STEP * h + _TIME_ROUNDING * np.max(np.abs(times))
-    changes = 1 + np.flatnonzero(np.abs(np.diff(h)) > rounding[1:])
-    return np.concatenate([[0], changes, [len(h)]])
-
-
-def _step_length(times: Array, first: int, last: int) -> float:
-    return float((times[last] - times[first]) / (last - first))
 
 
 def _change_step(
