@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -163,24 +163,10 @@ def _drive(
 
     run_began = clock.perf_counter()
     limits = RunLimits(progress, settings.get("time_limit"), settings.get("max_steps"), run_began)
-    gaps = compile_surface_gaps(equations)
-    onset_detector = table_detector = None
-    if gaps:
-        from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
-
-        onset_detector = ContactOnsetDetector(gaps, equations.length)
-    is_adaptive = integrator.accuracy.name == "rtol"
-    arguments = compile_table_arguments(equations)
-    rtol = float(settings["rtol"]) if is_adaptive else None
-    terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
-    grids = group_grids(arguments) if is_adaptive else ()
-    if terms:
-        from beamdae.integrators.events.table_limits import TableDetector
-
-        table_detector = TableDetector(terms, is_adaptive, grids)
+    rtol = float(settings["rtol"]) if integrator.accuracy.name == "rtol" else None
+    context = _RunContext.of(equations, times, rtol)
     run: _RunInProgress | None = None
     trajectory: Trajectory | None = None
-    repeated: list[RepeatedSample] = []
     status, compile_time = REACHED_END, 0.0
 
     def prepare_run(
@@ -188,18 +174,7 @@ def _drive(
     ) -> _RunInProgress:
         nonlocal compile_time
         began = clock.perf_counter()
-        run = _RunInProgress(
-            equations,
-            plan,
-            method_on,
-            limits,
-            onset_detector,
-            table_detector,
-            rtol,
-            times,
-            repeated,
-            label,
-        )
+        run = _RunInProgress(context, plan, method_on, limits, label)
         compile_time += clock.perf_counter() - began
         return run
 
@@ -224,7 +199,7 @@ def _drive(
                 plan, run, trajectory, status = run_pilot(plan, prepare_pilot, limits)
         if not (is_result or (run is not None and run.is_stopped)):
             trajectory = None  # Frees the rows of the pilot run.
-            if is_adaptive and limits.max_steps is None:
+            if rtol is not None and limits.max_steps is None:
                 periods = count_periods(plan)
                 limits.stall_detector = StallDetector(plan.intervals[-1][1], periods)
             run = prepare_run(plan, limits, method_on)
@@ -267,38 +242,70 @@ def _drive(
     return solution
 
 
+@dataclass(frozen=True)
+class _RunContext:
+    """What the pilot runs and the run of one call share.
+
+    Attributes
+    ----------
+    equations
+        Equations with all parts, active or not.
+    output_times
+        Times [s] of rows that are stored even if the run is too long to store all steps.
+    rtol
+        Tolerance of adaptive steps; None for fixed steps.
+    onset_detector, table_detector
+        None without contacts, and without tables of the motion.
+    repeated
+        Samples of controllers in earlier runs, which the next run repeats and extends.
+    """
+
+    equations: EquationsOfMotion
+    output_times: Array
+    rtol: float | None
+    onset_detector: ContactOnsetDetector | None
+    table_detector: TableDetector | None
+    repeated: list[RepeatedSample] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, equations: EquationsOfMotion, times: Array, rtol: float | None) -> _RunContext:
+        """Create the detectors."""
+        onset_detector = table_detector = None
+        if gaps := compile_surface_gaps(equations):
+            from beamdae.integrators.events.contact_onsets import ContactOnsetDetector
+
+            onset_detector = ContactOnsetDetector(gaps, equations.length)
+        arguments, is_adaptive = compile_table_arguments(equations), rtol is not None
+        terms = [term for term in find_distinct(arguments) if term.is_limited or is_adaptive]
+        grids = group_grids(arguments) if is_adaptive else ()
+        if terms:
+            from beamdae.integrators.events.table_limits import TableDetector
+
+            table_detector = TableDetector(terms, is_adaptive, grids)
+        return cls(equations, times, rtol, onset_detector, table_detector)
+
+
 class _RunInProgress:
     """Run in progress; the steps stored so far remain valid if it is interrupted."""
 
     def __init__(
         self,
-        equations: EquationsOfMotion,
+        context: _RunContext,
         plan: RunPlan,
         method_on: Callable[[RunPlan], Method],
         limits: RunLimits,
-        onset_detector: ContactOnsetDetector | None,
-        table_detector: TableDetector | None,
-        rtol: float | None,
-        output_times: Array,
-        repeated: list[RepeatedSample],
         label: str = "",
     ) -> None:
-        """Prepare a run.
-
-        `equations` contain all parts, active or not; `onset_detector` is None without contacts,
-        and `table_detector` is None without tables of the motion; `rtol` is the tolerance of
-        adaptive steps, None for fixed steps; rows at `output_times` [s] are stored even if the run
-        is too long to store all steps; `repeated` are samples of earlier runs that this run repeats
-        and extends; `label` is appended to the message of an interrupted run.
-        """
-        self._equations, self._plan, self._limits, self._label = equations, plan, limits, label
+        """Prepare a run; `label` is appended to the message of an interrupted run."""
+        self._equations = equations = context.equations
+        self._plan, self._limits, self._label = plan, limits, label
         self.method = method_on(plan)
         self._configuration = initial_configuration(equations)
         self._is_resumable = isinstance(self.method, ResumableMethod)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
-        self._repeated = repeated
-        self._sampler = Sampler(self._sampled_equations, repeated)
+        self._repeated = context.repeated
+        self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
         if equations.events:
@@ -309,8 +316,9 @@ class _RunInProgress:
 
             self._detector = EventDetector(equations)
             self._max_batch = STEPS_PER_EVENT_CHECK if self._detector.may_stop else None
-        self._onset_detector, self._table_detector = onset_detector, table_detector
-        self._rtol = rtol
+        self._onset_detector = context.onset_detector
+        self._table_detector = context.table_detector
+        self._rtol = context.rtol
         self._force_detector = self._detect_force_peaks()
         self._method_samples = self._let_method_sample()
         self.steps = 0
@@ -325,7 +333,7 @@ class _RunInProgress:
         # Segments and number of rows before the last sample, and the history and number of rows
         # after it.
         self._last_sample: tuple[list[RunSegment], int, StepHistory, int] | None = None
-        self.thinning = StepThinning(output_times)
+        self.thinning = StepThinning(context.output_times)
         start, end = plan.intervals[0]
         self._begin_segment(start, branch_time(start, end), plan.state)
 
