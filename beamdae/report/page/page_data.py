@@ -45,6 +45,11 @@ def compute_row_limit(curves: int) -> int:
     return int(np.clip(rows, _MIN_ROWS_PER_CURVE, _MAX_ROWS_PER_CURVE))
 
 
+def sample_evenly(count: int, limit: int) -> set[int]:
+    """Return at most `limit` of the numbers below `count`, the first and the last included."""
+    return set(np.linspace(0, count - 1, min(count, limit)).round().astype(int).tolist())
+
+
 def select_curves(
     columns: Mapping[str, Any],
     max_rows: int,

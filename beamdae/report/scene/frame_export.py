@@ -21,6 +21,7 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
+FRAMES_PER_PERIOD = 32  # of vibrations and periodic motions
 _POSITION_DIGITS = 5  # of positions, relative to the extent of the scene
 _FRACTION_DIGITS = 5  # of angles and fractions
 _HEIGHT_DIGITS = 4  # of section heights
