@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from beamdae.native.lane_code import BINARY_FUNCTIONS, LIBRARY_NAMES
 from beamdae.native.table_functions import FIND, PICK
 from beamdae.symbolic.functions.table_lookups import has_lookups
 
@@ -36,43 +37,17 @@ _EXPRESSIONS = {
     ca.OP_OR: "{x} != 0.0 || {y} != 0.0",
     ca.OP_IF_ELSE_ZERO: "{x} != 0.0 ? {y} : 0.0",
     ca.OP_SIGN: "{x} < 0.0 ? -1.0 : {x} > 0.0 ? 1.0 : {x}",
+    ca.OP_SQRT: "sqrt({x})",
+    ca.OP_FABS: "fabs({x})",
+    ca.OP_FLOOR: "floor({x})",
+    ca.OP_CEIL: "ceil({x})",
+    ca.OP_COPYSIGN: "copysign({x}, {y})",
+    ca.OP_FMIN: "fmin({x}, {y})",
+    ca.OP_FMAX: "fmax({x}, {y})",
+} | {
+    code: f"{name}({{x}}, {{y}})" if name in BINARY_FUNCTIONS else f"{name}({{x}})"
+    for code, name in LIBRARY_NAMES.items()
 }
-_UNARY_FUNCTIONS = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_FABS: "fabs",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_EXP: "exp",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG: "log",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh",
-    ca.OP_ERF: "erf",
-}
-_BINARY_FUNCTIONS = {
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_FMOD: "fmod",
-    ca.OP_REMAINDER: "remainder",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-}
-_EXPRESSIONS |= {code: f"{name}({{x}})" for code, name in _UNARY_FUNCTIONS.items()}
-_EXPRESSIONS |= {code: f"{name}({{x}}, {{y}})" for code, name in _BINARY_FUNCTIONS.items()}
 
 
 class UnsupportedOperationError(ValueError):

@@ -74,7 +74,8 @@ _INLINE_TEMPLATES = {
     ),
 }
 
-_LIBRARY_NAMES = {
+# Functions of the C library by operation.
+LIBRARY_NAMES = {
     ca.OP_EXP: "exp",
     ca.OP_EXPM1: "expm1",
     ca.OP_LOG: "log",
@@ -100,8 +101,8 @@ _LIBRARY_NAMES = {
     ca.OP_REMAINDER: "remainder",
 }
 
-LIBRARY_FUNCTIONS = tuple(dict.fromkeys(_LIBRARY_NAMES.values()))
-_BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
+LIBRARY_FUNCTIONS = tuple(dict.fromkeys(LIBRARY_NAMES.values()))
+BINARY_FUNCTIONS = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 
 class OperandType(NamedTuple):
@@ -146,20 +147,20 @@ LANES = _operand_type(
 
 def is_supported(operation: int) -> bool:
     """Return True if `write_operation` can write this operation of CasADi."""
-    return operation in _INLINE_TEMPLATES or operation in _LIBRARY_NAMES
+    return operation in _INLINE_TEMPLATES or operation in LIBRARY_NAMES
 
 
 def write_operation(kind: OperandType, operation: int, result: str, x: str, y: str) -> str:
     """Return the IR of one operation; unary operations ignore y."""
-    if operation in _LIBRARY_NAMES:
-        name = _LIBRARY_NAMES[operation]
+    if operation in LIBRARY_NAMES:
+        name = LIBRARY_NAMES[operation]
         operands = ", ".join(f"{kind.number} {z}" for z in (x, y)[: _count_arguments(name)])
         return f"{result} = call {kind.number} @{kind.functions}.{name}({operands})"
     return kind.inline[operation].format(r=result, x=x, y=y)
 
 
 def _count_arguments(name: str) -> int:
-    return 2 if name in _BINARY_FUNCTIONS else 1
+    return 2 if name in BINARY_FUNCTIONS else 1
 
 
 def write_lane_wrapper(name: str) -> str:
@@ -304,8 +305,8 @@ class _LaneWriter:
         self.group.append(f"store {LANES.number} {text}, ptr {result}.p, align 8")
 
     def apply(self, operation: int, result: str, x: _Operand, y: _Operand) -> _Operand:
-        if operation in _LIBRARY_NAMES:
-            self.library.add(_LIBRARY_NAMES[operation])
+        if operation in LIBRARY_NAMES:
+            self.library.add(LIBRARY_NAMES[operation])
         if x.spread is not None or y.spread is not None:
             raise _UnsupportedCallError
         if x.is_vector or y.is_vector:
