@@ -178,15 +178,19 @@ def kind_of_message(message: str) -> str:
 
 
 def merge_ranges(messages: Sequence[str]) -> str:
-    """Return the first message with the range of each number over all messages of its kind.
+    """Return the text that messages share, with the range of each number.
 
-    Messages with other texts are ignored. Numbers before the first colon, which belong to the name
-    of a part, are kept.
+    If their texts differ, the first message is returned. Numbers before the first colon, which
+    belong to the name of a part, are kept.
     """
     part, colon, first = messages[0].partition(": ")
     pieces = _NUMBER.split(first)
     texts = [x.partition(": ")[2] for x in messages]
-    columns = [_NUMBER.findall(x) for x in texts if _NUMBER.split(x) == pieces]
+    if any(_NUMBER.split(x) != pieces for x in texts) or any(
+        not x.startswith(part + colon) for x in messages
+    ):
+        return messages[0]
+    columns = [_NUMBER.findall(x) for x in texts]
     merged = part + colon + pieces[0]
     for numbers, piece in zip(zip(*columns, strict=True), pieces[1:], strict=True):
         low, high = min(numbers, key=float), max(numbers, key=float)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dis
 import inspect
 import os
 import sys
@@ -50,6 +51,9 @@ MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
+
+# Functions that read all local variables, or variables whose names are in a text.
+_READERS_OF_ALL = frozenset({"eval", "exec", "locals", "vars"})
 
 
 class Origin(NamedTuple):
@@ -151,6 +155,19 @@ class Model:
         signature = inspect.signature(self.build).parameters
         defaults = {name: x.default for name, x in signature.items()}
         return describe_parameters(self.build.__doc__ or "", self.parameters, defaults)
+
+    @property
+    def unread_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that the function never reads; empty if this is unknown."""
+        code = inspect.unwrap(self.build).__code__
+        if not _READERS_OF_ALL.isdisjoint(code.co_names):
+            return ()
+        # Newer interpreters read two variables by one instruction.
+        loads = [x.argval for x in dis.get_instructions(code) if "LOAD_FAST" in x.opname]
+        read = {name for x in loads for name in (x if isinstance(x, tuple) else (x,))}
+        read.update(code.co_cellvars)
+        arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        return tuple(x for x in self.parameters if x in arguments and x not in read)
 
     def __repr__(self) -> str:
         """Return the name of the model with its parameters and end time."""

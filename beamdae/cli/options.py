@@ -15,7 +15,7 @@ from beamdae.catalog import INTEGRATORS
 from beamdae.cli import completion
 from beamdae.cli.output import record_results
 from beamdae.cli.ranges import parse_ends
-from beamdae.errors import BeamdaeError, short_repr, suggest
+from beamdae.errors import BeamdaeError, join_names, short_repr, suggest, warn_user
 
 if TYPE_CHECKING:
     from beamdae.cli.model_files.model_file import ModelFile
@@ -270,9 +270,21 @@ Out = Annotated[Path, typer.Option(help="Output folder.")]
 def load_configured_model(file: ModelFile, name: str | None, settings: list[str] | None) -> Model:
     """Return a model of the file, with the values of --set as defaults."""
     model = file.model(name)
-    model = replace(model, parameters=model.complete(parse_assignments(settings)))
+    values = parse_assignments(settings)
+    model = replace(model, parameters=model.complete(values))
+    warn_of_unread(model, values)
     record_results(lambda: {"model": {"name": model.name, "parameters": model.parameters}})
     return model
+
+
+def warn_of_unread(model: Model, settings: Mapping[str, str]) -> None:
+    """Warn of values of --set for parameters that the model function never reads."""
+    unread = [x for x in model.unread_parameters if x in settings]
+    if unread:
+        warn_user(
+            f"--set {unread[0]}={settings[unread[0]]}: the function {model.name} never reads "
+            f"{join_names(unread)}, so the value has no effect; use the argument in the function."
+        )
 
 
 def select_plotted_columns(

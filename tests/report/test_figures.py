@@ -419,3 +419,15 @@ def test_unprintable_characters_are_escaped():
     assert shorten_text("abcdefghij", 5) == "ab…ij"
     assert len(shorten_text(LONG, 60)) == 60
     assert re.fullmatch("L+…L+", shorten_text(LONG, 7))
+
+
+@pytest.mark.parametrize("number", [13, 60])
+def test_regression_headings_of_sweep_pictures_do_not_cover_titles(number):
+    """The line "12 of 17 columns" covered the titles of the first row."""
+    figure, axes = figures.create_panels(number, "", constrained=True)
+    for axis in axes:
+        figures.format_axis(axis, "tip.y max", "[m]")
+    figure.draw_without_rendering()
+    heading, title = (x.get_window_extent() for x in (figure._suptitle, axes[0].title))
+    assert figure._suptitle.get_text() == f"12 of {number} columns"
+    assert title.y1 < heading.y0 < heading.y1 <= figure.bbox.y1

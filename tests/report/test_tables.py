@@ -237,10 +237,15 @@ def test_regression_sweep_tables_show_rounding_errors_as_zero():
         {
             "height": [1.0, 2.0],
             "status": ["ok", "ok"],
-            "contact.N min [N]": [-0.0, -2.8002e-20],
+            "contact.N end [N]": [-0.0, -2.8002e-20],
+            "contact.N min [N]": [-2.8002e-20, 1.0],
             "contact.N max [N]": [3.0, 4.0],
             "gap [m]": [1e-20, 2e-20],
         }
     )
-    rows = terminal.sweep_table(table, ["height"], list(table)[2:]).texts[1:]
-    assert rows == [["1", "ok", "0", "3", "1e-20"], ["2", "ok", "0", "4", "2e-20"]]
+    shown = terminal.sweep_table(table, ["height"], list(table)[2:])
+    assert shown.texts[1:] == [["1", "ok", "0", "3", "1e-20"], ["2", "ok", "1", "4", "2e-20"]]
+    # Wide tables contained columns of zeros.
+    assert "not shown: 1 column of zeros; sweep.csv shows them" in render(shown, 120)
+    zeros = terminal.sweep_table(table, ["height"], ["contact.N end [N]"])
+    assert zeros.texts[1:] == [["1", "ok", "0"], ["2", "ok", "-2.8002e-20"]]

@@ -328,3 +328,31 @@ def test_script_without_main_guard_runs_in_worker_processes(tmp_path):
     )
     assert ran.stdout.splitlines() == ["[-4.905, -4.905, -4.905]"]
     assert "Traceback" not in ran.stderr
+
+
+def test_regression_parameters_without_effect_have_a_warning():
+    """A sweep over a parameter that the model never read ended in silence."""
+
+    @bd.model(t_end=0.1)
+    def fall(height=1.0, color=0.0):
+        mech = bd.Mechanism(gravity=(0.0, -9.81))
+        mech.observe("ball", mech.add(bd.PointMass("ball", 1.0, at=(0.0, height))).point)
+        return mech
+
+    assert fall.unread_parameters == ("color",)
+    with pytest.warns(bd.BeamdaeWarning, match="are equal for all values of color; the model may"):
+        swept = bd.sweep(fall, {"height": [1.0, 2.0], "color": [0.0, 1.0]})
+    (text,) = swept.warnings
+    assert "color" in text
+
+
+def test_parameters_that_a_function_may_read_by_name_are_not_reported():
+    @bd.model(t_end=0.1)
+    def nested(size=1.0, mass=1.0):
+        return [size for _ in range(2)], lambda: mass
+
+    @bd.model(t_end=0.1)
+    def by_name(size=1.0):
+        return locals()
+
+    assert nested.unread_parameters == by_name.unread_parameters == ()

@@ -30,6 +30,7 @@ from beamdae.cli.options import (
     create_integrator,
     parse_assignments,
     split_names,
+    warn_of_unread,
 )
 from beamdae.cli.output import create_console, print_warnings, record_results
 from beamdae.cli.ranges import SPACED_FORMS, parse_spaced_values
@@ -158,6 +159,7 @@ def _sweep_from_options(
     from beamdae.studies.sweeps.sweep import create_sweep
 
     constants = parse_assignments(settings)
+    warn_of_unread(model, constants)
     ranges = parse_assignments(over, "--over")
     if len(ranges) < len(over):
         raise BeamdaeError(

@@ -193,7 +193,9 @@ def create_panels(
     if not axes:
         figure.text(0.5, 0.4, "there is nothing to draw", ha="center", color="0.4")
     if heading:
-        figure.suptitle(heading, fontsize=11, y=1.0 - _MARGIN / height)
+        # The constrained layout makes room for headings only where it places them itself.
+        place = {} if constrained else {"y": 1.0 - _MARGIN / height}
+        figure.suptitle(heading, fontsize=11, **place)
     return figure, axes
 
 

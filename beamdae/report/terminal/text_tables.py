@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beamdae.model_parameters import format_with_unit
+from beamdae.errors import format_count
+from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.report.terminal.responsive_table import Column, FactList, ResponsiveTable
 from beamdae.report.text import make_printable
 
@@ -271,10 +272,26 @@ def sweep_table(
     """Return a table of the parameters, status and outputs of each run of a sweep.
 
     `units` contains the units of the parameters, by name, and `never_shown` the names of other
-    columns of the sweep. Outputs below 1e-12 of the largest one of the same column are zero.
+    columns of the sweep. Outputs below 1e-12 of the largest one of the same unit are zero. Of
+    several outputs, those that are zero in all runs are omitted and counted.
     """
     import pandas as pd
 
+    magnitudes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
+    # Values without a unit are compared with those of the same column, which other measures share.
+    kinds = {}
+    for name in outputs:
+        column, unit = split_unit(name)
+        kinds[name] = unit if unit not in ("", "-") else column.rpartition(" ")[0] or column
+    largest = {"rad": 1.0}
+    for name, kind in kinds.items():
+        largest[kind] = max(largest.get(kind, 0.0), float(magnitudes[name].max(skipna=True)))
+    limits = {name: _ROUNDING * largest[kind] for name, kind in kinds.items()}
+    if shown := [x for x in outputs if (magnitudes[x] > limits[x]).any()]:
+        if n_zeros := len(outputs) - len(shown):
+            zeros = f"{format_count(n_zeros, 'column')} of zeros"
+            never_shown = [zeros, *never_shown]
+        outputs = shown
     last = len(outputs) + 2
     varied = [name for name in parameters if table[name].astype(str).nunique() > 1]
     first, *others = [*varied, *(name for name in parameters if name not in varied)]
@@ -285,16 +302,9 @@ def sweep_table(
     columns.append(Column("status", last if (table["status"] == "ok").all() else 1))
     columns += [Column(name.replace(" [", "\n["), 2 + k) for k, name in enumerate(outputs)]
     names = [first, *others, "status", *outputs]
-    # Without the measure, "contact.N min [N]" and "contact.N max [N]" are one column.
-    columns_of = {name: name.partition(" [")[0].rpartition(" ")[0] or name for name in outputs}
-    magnitudes = pd.DataFrame({x: pd.to_numeric(table[x], "coerce").abs() for x in outputs})
-    largest: dict[str, float] = {}
-    for name, column in columns_of.items():
-        largest[column] = max(largest.get(column, 0.0), float(magnitudes[name].max(skipna=True)))
 
     def format_cell(name: str, value: Any) -> str:
-        limit = _ROUNDING * largest.get(columns_of.get(name, ""), 0.0)
-        is_noise = isinstance(value, float) and abs(value) <= limit
+        is_noise = isinstance(value, float) and abs(value) <= limits.get(name, 0.0)
         return format_number(0.0 if is_noise else value, 5)
 
     rows = [tuple(format_cell(name, row[name]) for name in names) for _, row in table.iterrows()]

@@ -249,9 +249,10 @@ class StudyResults:
 
 def _kind_of_warning(warning: str) -> str:
     """Return a key of warnings that differ only in numbers or in the columns of missed extremes."""
-    text = _MISSED_EXTREME.sub("extreme", warning)
+    if _MISSED_EXTREME.match(warning):
+        return "missed extreme"
     # Further columns of a warning may differ, too.
-    return kind_of_message(f": {text}").partition(", also ")[0]
+    return kind_of_message(f": {warning}").partition(", also ")[0]
 
 
 def _merge_warnings(warnings_of_kind: Sequence[str]) -> str:

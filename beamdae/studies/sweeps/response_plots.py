@@ -49,6 +49,7 @@ _FAILURE_STYLE: dict[str, Any] = {
 _FAILURE_HEIGHT = 0.02  # position of the marks of failed runs, relative to the axes height
 _MAX_COLOR = 0.95  # end of the color map for curves; brighter colors are hard to see
 _MAX_TICKS = 12
+_ROUNDING = 1e-12  # relative to the largest response of the same unit, or to 1 rad
 _CONSTANT_RANGE = 1e-6  # relative range of responses that are not plotted by default
 _MAX_TICK_LETTERS = 18
 _AXIS_LETTERS = 48  # letters of all tick labels that fit side by side below a panel
@@ -281,18 +282,32 @@ def drop_constant(
 ) -> list[Panel]:
     """Return the panels with a response that differs between runs; all panels if none does.
 
+    Differences below 1e-12 of the largest response of the same unit are rounding errors.
+
     With several varied parameters, each measure is a panel, as in `plot_curves`.
     """
     if len(study.varied) > 1:
         panels = [line for panel in panels for line in panel.split()]
 
-    def varies(column: str) -> bool:
-        values = _extract_numbers(table[column])
-        values = values[~np.isnan(values)]
-        size = np.abs(values).max(initial=0.0)
-        return bool(np.ptp(values) > _CONSTANT_RANGE * size) if len(values) else False
+    numbers = {
+        column: values[~np.isnan(values)]
+        for panel in panels
+        for column in panel.lines.values()
+        for values in [_extract_numbers(table[column])]
+    }
+    largest = {"rad": 1.0}
+    for panel in panels:
+        sizes = [np.abs(numbers[x]).max(initial=0.0) for x in panel.lines.values()]
+        if panel.unit not in ("", "-"):
+            largest[panel.unit] = max(largest.get(panel.unit, 0.0), *sizes)
 
-    varying = [panel for panel in panels if any(map(varies, panel.lines.values()))]
+    def varies(column: str, unit: str) -> bool:
+        values = numbers[column]
+        size = np.abs(values).max(initial=0.0)
+        is_noise = size <= _ROUNDING * largest.get(unit, 0.0)
+        return bool(len(values) and not is_noise and np.ptp(values) > _CONSTANT_RANGE * size)
+
+    varying = [x for x in panels if any(varies(column, x.unit) for column in x.lines.values())]
     return varying or list(panels)
 
 

@@ -134,8 +134,8 @@ class SweepResults:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence on each of the first five kinds of warnings of runs, with an example."""
-        return tuple(self.results.describe_warnings())
+        """Sentences on idle parameters, and on each of the first five kinds of warnings of runs."""
+        return (*idle_parameter_warnings(self), *self.results.describe_warnings())
 
     @cached_property
     def _runs_by_row(self) -> dict[int, SweepRun]:
@@ -351,12 +351,35 @@ def create_sweep_results(results: StudyResults) -> SweepResults:
     return SweepResults(results.study, results, tabulate_responses(results, results.study))
 
 
+def idle_parameter_warnings(swept: SweepResults) -> Iterator[str]:
+    """Yield a message about each varied parameter along which all responses are equal."""
+    sweep, table = swept.sweep, swept.table
+    headers = select_headers(swept.results, sweep)
+    measures = [column for header in headers for column in measure_columns(header).values()]
+    responses = table[[*sweep.outputs, *measures]].apply(pd.to_numeric, errors="coerce")
+    is_complete = ((table[STATUS] == "ok") & responses.notna().any(axis=1)).to_numpy()
+    for name in sweep.varied:
+        others = [x for x in sweep.varied if x != name]
+        groups: dict[str, list[int]] = {}
+        for row in np.flatnonzero(is_complete):
+            key = repr([sweep.settings[row][x] for x in others])
+            groups.setdefault(key, []).append(int(row))
+        # Equal models have equal results to the last digit.
+        compared = [rows for rows in groups.values() if len(rows) > 1]
+        if compared and all(len(responses.iloc[rows].drop_duplicates()) == 1 for rows in compared):
+            yield (
+                f"{sweep.name}: all responses are equal for all values of {name}; the model may "
+                "not use this parameter, or no observed column depends on it."
+            )
+
+
 def list_warnings(swept: SweepResults) -> Iterator[str]:
     """Yield messages about the runs of a sweep.
 
-    There is one message about all unsuccessful runs, if any, and one about all successful runs with
-    warnings, if any.
+    There is one message about all unsuccessful runs, if any, one about all successful runs with
+    warnings, if any, and one about each parameter without effect.
     """
+    yield from idle_parameter_warnings(swept)
     failed = swept.table[STATUS] != "ok"
     measured, things = swept.sweep.is_measured, "cases" if swept.sweep.is_measured else "runs"
     with_warnings = (swept.table[WARNINGS] != "") & ~failed
