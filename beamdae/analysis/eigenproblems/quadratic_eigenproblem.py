@@ -120,7 +120,9 @@ class QuadraticProblem:
         self._undamped_free = undamped.shapes[:, squares == 0.0]
         # The shift is in the middle of the modes of interest, so that low and high modes lose equal
         # accuracy.
-        rates = np.sort(np.sqrt(np.abs(squares[squares != 0.0])))[: count or _DEFAULT_MODE_COUNT]
+        order = np.argsort(np.abs(squares), kind="stable")
+        wanted = order[squares[order] != 0.0][: count or _DEFAULT_MODE_COUNT]
+        rates, self._wanted_shapes = np.sqrt(np.abs(squares[wanted])), undamped.shapes[:, wanted]
         self.shift = float(_SHIFT_RATIO * np.sqrt(rates[0] * rates[-1])) if len(rates) else 1.0
         self._highest_rate = float(rates[-1]) if len(rates) else self.shift
         self._is_symmetric = is_symmetric(lin) and is_symmetric_matrix(lin.tangent.damping)
@@ -240,7 +242,10 @@ class QuadraticProblem:
         modes = sp.block_diag([self._undamped_shapes, s * self._undamped_shapes]).toarray()
         start = np.hstack([modes, (scales * motions).T])
         work = (_MIN_BLOCKS * start.shape[1]) ** 3
-        if n <= MAX_FALLBACK_COORDINATES and takes_longer_than_dense(work, 2 * n):
+        is_hopeless = takes_longer_than_dense(work, 2 * n) or (
+            max_damping_ratio == 1.0 and self._reaches_slow_decays()
+        )
+        if n <= MAX_FALLBACK_COORDINATES and is_hopeless:
             return None
         start = np.stack([self._apply_inverse(y) for y in start.T], axis=1)
         krylov = BlockKrylov(
@@ -300,6 +305,19 @@ class QuadraticProblem:
             np.append(solution[0], values[others]),
             np.hstack([solution[1], krylov.vectors(others)[:n]]),
         )
+
+    def _reaches_slow_decays(self) -> bool:
+        """Return True if the decays of material damping are among the wanted modes.
+
+        With a damping matrix b K, this is so if the rate of the highest wanted mode exceeds 1 / b,
+        which is half of its critical damping. The slow decays of all stiff motions have about the
+        rate 1 / b and are too close to each other to be separated. Dampers between points, which
+        act on few coordinates, cause few decays.
+        """
+        damping, highest = self.tangent.damping, self._wanted_shapes[:, -1:]
+        if 2 * np.count_nonzero(damping.diagonal()) < self.e.n or not highest.size:
+            return False
+        return bool(np.sum(highest * (damping @ highest)) >= self._highest_rate)
 
     def _krylov_metric(self) -> sp.csr_array:
         """Return the metric of the Krylov space, that of the energy.
