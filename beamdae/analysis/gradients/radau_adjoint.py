@@ -14,8 +14,13 @@ import numpy as np
 from beamdae.analysis.gradients.start_adjoint import StartAdjoint
 from beamdae.analysis.sensitivities.alpha_steps import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.analysis.sensitivities.radau_replay import (
+from beamdae.analysis.sensitivities.radau_steps import (
     JUST_TESTED,
+    MAX_ITERATIONS,
+    ROUNDING,
+    STAGNATION_RATE,
+    TOLERANCE,
+    RadauSteps,
     StageMatrices,
     restore_stages,
     schedule_test,
@@ -40,7 +45,6 @@ from beamdae.integrators.radau.coefficients import (
 )
 from beamdae.integrators.radau.stages import factorize_both
 from beamdae.integrators.radau.stepper import STABILIZED_FORM
-from beamdae.integrators.radau.workspace import RadauWorkspace
 from beamdae.native.loop_functions import (
     combine,
     fill,
@@ -57,12 +61,6 @@ from beamdae.symbolic.sums.transposed_sums import transposed_plan
 
 Array = np.ndarray
 
-# The weights of the equations are converged to this fraction of their size, ...
-_TOLERANCE = 1e-12
-# ... or to rounding errors: corrections below this fraction that do not decrease by half.
-_ROUNDING = 1e-7
-_STAGNATION_RATE = 0.5
-_MAX_ITERATIONS = 60
 # Smaller weights have no relative accuracy; those of damped motions decay to it.
 _UNDERFLOW = float(np.finfo(float).tiny / np.finfo(float).eps)
 _PROBLEMS = {
@@ -72,16 +70,12 @@ _PROBLEMS = {
 }
 
 
-@dataclass(slots=True)
-class RadauAdjoint:
+@dataclass(slots=True, kw_only=True)
+class RadauAdjoint(RadauSteps):
     """Work arrays of `sweep_backwards`.
 
     Attributes
     ----------
-    run, stages, rates, rows
-        See `RadauReplay`.
-    times
-        Start and steps of the interval, (steps + 1,) [s].
     real_solver, real_nonzeros, complex_solver, complex_nonzeros
         Linear solvers of the transposed Newton matrices, and their non-zeros.
     entries, transposed_entries
@@ -116,23 +110,14 @@ class RadauAdjoint:
     sizes
         Largest corrections and weights of the equations of motion and of both levels of the
         constraints, (2, 3).
-    scales, unit_weights
-        Reciprocal scales of the coordinates, (n,); ones (m,).
     numbers
         Derivatives with respect to p, summed over the steps, (n_p,).
     along_operators
         Derivative along the change of the operators of joints.
     step
         Number of steps that remain.
-    tested, tested_step
-        See `RadauReplay`.
     """
 
-    run: RadauWorkspace
-    stages: Array
-    rates: Array
-    rows: Array
-    times: Array
     real_solver: Any
     real_nonzeros: Array
     complex_solver: Any
@@ -166,13 +151,9 @@ class RadauAdjoint:
     change: Array
     full_change: Array
     sizes: Array
-    scales: Array
-    unit_weights: Array
     numbers: Array
-    along_operators: float
+    along_operators: float = 0.0
     step: int
-    tested: int = 0
-    tested_step: float = 0.0
 
 
 def sweep_backwards(adjoint: RadauAdjoint) -> int:
@@ -239,7 +220,7 @@ def _solve_weights(adjoint: RadauAdjoint, h: float) -> int:
     fill(adjoint.weights[1], 0.0)
     fill(adjoint.weights[2], 0.0)
     previous = math.inf
-    for k in range(_MAX_ITERATIONS):
+    for k in range(MAX_ITERATIONS):
         _set_total(adjoint, h, k > 0)
         _correct_weights(adjoint, h)
         largest, smallest = 0.0, math.inf
@@ -252,11 +233,11 @@ def _solve_weights(adjoint: RadauAdjoint, h: float) -> int:
                 smallest = min(smallest, change / size)
         rate = largest / previous
         # The first iteration does not reveal the rate of convergence.
-        is_converged = k > 0 and rate < 1.0 and largest * rate <= _TOLERANCE * (1.0 - rate)
-        if is_converged or largest <= _TOLERANCE:
+        is_converged = k > 0 and rate < 1.0 and largest * rate <= TOLERANCE * (1.0 - rate)
+        if is_converged or largest <= TOLERANCE:
             return DONE
         # Weights of some equations may be rounding errors.
-        if rate > _STAGNATION_RATE and smallest <= _ROUNDING:
+        if rate > STAGNATION_RATE and smallest <= ROUNDING:
             return DONE
         previous = largest
     return NOT_CONVERGED
@@ -440,14 +421,8 @@ def transpose_radau_steps(
     )
 
     def make_adjoint(native: bool) -> RadauAdjoint:
-        run = stages.make_workspace(form, native)
-        run.branch = interval.branch
         return RadauAdjoint(
-            run=run,
-            stages=np.zeros((3, size)),
-            rates=np.zeros((3, size)),
-            rows=np.ascontiguousarray(np.hstack(interval.rows)),
-            times=np.ascontiguousarray(interval.t),
+            **stages.step_fields(form, interval, native),
             real_solver=real.make_solver(native, "auto"),
             real_nonzeros=real.nonzeros,
             complex_solver=complex_.make_solver(native, "auto"),
@@ -481,10 +456,7 @@ def transpose_radau_steps(
             change=np.zeros(reduced),
             full_change=np.zeros(size),
             sizes=np.zeros((2, 3)),
-            scales=1.0 / equations.position_scales,
-            unit_weights=np.ones(m),
             numbers=np.zeros(len(equations.p)),
-            along_operators=0.0,
             step=steps,
         )
 

@@ -10,39 +10,41 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from beamdae.analysis.sensitivities.alpha_steps import STEPS_PER_TEST
 from beamdae.analysis.sensitivities.further_forces import FurtherForces
 from beamdae.analysis.sensitivities.model_differences import derivative_call
+from beamdae.analysis.sensitivities.radau_steps import (
+    JUST_TESTED,
+    MAX_ITERATIONS,
+    MAX_STEP_RATIO,
+    ROUNDING,
+    STAGNATION_RATE,
+    TOLERANCE,
+    RadauSteps,
+    StageMatrices,
+    restore_stages,
+    schedule_test,
+)
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
-    FirstOrderForm,
-    evaluate_residual,
     formulate_first_order,
     plan_residual,
-)
-from beamdae.equations.formulations.kinematic_reduction import (
-    KinematicReduction,
-    reduce_kinematics,
 )
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.structure import Structure
 from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
-from beamdae.integrators.error_control import MotionScales
-from beamdae.integrators.radau.coefficients import T_INVERSE, A, C
+from beamdae.integrators.radau.coefficients import C
 from beamdae.integrators.radau.stages import (
     correct_stages,
-    derive_velocities,
-    factorize_matrices,
     predict_stages,
     set_stages,
 )
-from beamdae.integrators.radau.stepper import STABILIZED_FORM, StepTolerance, make_workspace
+from beamdae.integrators.radau.stepper import STABILIZED_FORM
 from beamdae.integrators.radau.workspace import RadauWorkspace
-from beamdae.native.loop_functions import combine, fill, max_norm
+from beamdae.native.loop_functions import combine, max_norm
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from beamdae.results.trajectory import Interval
 from beamdae.symbolic.sums.kernel_sums import (
@@ -55,21 +57,8 @@ from beamdae.symbolic.sums.kernel_sums import (
 
 Array = np.ndarray
 
-# Newton iterations of the stages of the run, which are converged except for the corrections of
-# positions; the run does not store these.
-_STAGE_ITERATIONS = 2
-# The derivatives of the stages are converged to this fraction of their size, ...
-_TOLERANCE = 1e-12
-# ... or to rounding errors: corrections below this fraction that do not decrease by half.
-_ROUNDING = 1e-7
-_STAGNATION_RATE = 0.5
 # Rounding error of positions, relative to the characteristic length.
 _POSITION_ROUNDING = 1e-16
-_MAX_ITERATIONS = 60
-# Factors are tested if the length of the step has changed by this factor since the last test.
-_MAX_STEP_RATIO = 1.5
-# Value of `tested` if the factors of the current step were tested.
-JUST_TESTED = 1
 _PROBLEMS = {
     NOT_CONVERGED: "the derivatives of the stages do not converge",
     NOT_FINITE: "the derivatives are not finite",
@@ -77,59 +66,14 @@ _PROBLEMS = {
 }
 
 
-@dataclass(frozen=True)
-class StageMatrices:
-    """Newton matrices of the stages of a Radau run.
-
-    Attributes
-    ----------
-    pattern, jacobian, reduction
-        See `reduce_kinematics`.
-    real, complex_
-        The two matrices.
-    """
-
-    pattern: sp.csc_array
-    jacobian: SumPlan
-    reduction: KinematicReduction
-    real: FactorizedMatrix
-    complex_: FactorizedMatrix
-
-    @classmethod
-    def of(cls, form: FirstOrderForm) -> StageMatrices:
-        """Return the matrices of a form, not yet evaluated."""
-        pattern, jacobian, reduction = reduce_kinematics(form)
-        real = FactorizedMatrix.from_pattern(pattern)
-        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
-        return cls(pattern, jacobian, reduction, real, complex_)
-
-    def make_workspace(self, form: FirstOrderForm, native: bool) -> RadauWorkspace:
-        """Return work arrays for the stages."""
-        equations = form.equations
-        scales = equations.position_scales
-        motion = MotionScales(scales, scales, 1.0, 1.0)
-        buffers = form.buffers(native)
-        buffers.jacobian = self.jacobian.sum(native, equations.p)
-        return make_workspace(
-            form,
-            buffers,
-            self.pattern,
-            self.reduction,
-            (self.real.make_solver(native, "auto"), self.real.nonzeros),
-            (self.complex_.make_solver(native, "auto"), self.complex_.nonzeros),
-            StepTolerance(1.0, motion, np.ones(equations.n, bool)),
-            math.inf,
-        )
-
-
-@dataclass(slots=True)
-class RadauReplay:
+@dataclass(slots=True, kw_only=True)
+class RadauReplay(RadauSteps):
     """Work arrays of `replay_steps`.
 
     Attributes
     ----------
     run
-        Work arrays of the stages of the run, and then of their derivatives, which solve the same
+        As in `RadauSteps`, and then for the derivatives of the stages, which solve the same
         equations.
     directional, local, inputs
         Directional derivative of the residual, its local inputs by direction, see
@@ -137,17 +81,12 @@ class RadauReplay:
     further, further_inputs, further_residuals, further_numbers, is_further
         Directional derivative with further forces, its inputs and its results at the stages,
         (3, size), and the numbers and the directions that have them, see `FurtherForces`.
-    stages, rates
-        Stages Y and Y' of the run, (3, size).
-    times, rows
-        Start and steps of the interval (steps + 1,) [s], and states (q, v, a, lam) at its start and
-        at all stages, (3 steps + 1, 3n + m).
     negligible
         Changes of scaled positions that are rounding errors, (k,).
     y, yp
         Current derivatives of (y, y'), one direction a row.
-    scales, weights, unit_weights
-        Reciprocal scales of the coordinates, (n,), and of (q, h v), (2n,); ones (m,).
+    weights
+        Reciprocal scales of (q, h v), (2n,).
     last_w
         Transformed stages of the derivatives in the last step, from which those of the next step
         are predicted, (3k, size).
@@ -157,13 +96,8 @@ class RadauReplay:
         Length of the last step [s]; 0 in the first step.
     step, direction
         Number of completed steps, and number of directions that are completed in the next step.
-    tested
-        Number of steps since the last test of the factors; 0 if the next factors are tested.
-    tested_step
-        Length of the step whose factors were tested last [s].
     """
 
-    run: RadauWorkspace
     directional: Sum
     local: Array
     inputs: Array
@@ -172,23 +106,15 @@ class RadauReplay:
     further_residuals: Array
     further_numbers: Array
     is_further: Array
-    stages: Array
-    rates: Array
-    times: Array
-    rows: Array
     negligible: Array
     y: Array
     yp: Array
-    scales: Array
     weights: Array
-    unit_weights: Array
     last_w: Array
     results: Array
     last_step: float = 0.0
     step: int = 0
     direction: int = 0
-    tested: int = 0
-    tested_step: float = 0.0
 
 
 def replay_steps(replay: RadauReplay) -> int:
@@ -227,60 +153,6 @@ def replay_steps(replay: RadauReplay) -> int:
     return DONE
 
 
-def schedule_test(replay: Any, h: float) -> None:
-    """Request a test of the factors of a step if its length `h` [s] has changed since the last.
-
-    `replay` is a `RadauReplay`, or has its attributes `tested` and `tested_step`.
-    """
-    ratio = h / replay.tested_step if replay.tested > 0 else 0.0
-    if not 1.0 / _MAX_STEP_RATIO < ratio < _MAX_STEP_RATIO:
-        replay.tested, replay.tested_step = 0, h
-
-
-def restore_stages(replay: Any, step: int, h: float) -> int:
-    """Compute the stages of a step of length `h` [s] of a replayed run; return the code.
-
-    `replay` is a `RadauReplay`, or has its attributes `run`, `rows`, `stages`, `rates` and
-    `tested`. The Newton matrices of `replay.run` are factorized at these stages.
-    """
-    run, n = replay.run, replay.run.form.n
-    m = replay.rows.shape[1] - 3 * n
-    first = 3 * step
-    start = replay.rows[first]
-    stages = run.stages
-    reactions = (
-        replay.rows[first + 1][3 * n :],
-        replay.rows[first + 2][3 * n :],
-        replay.rows[first + 3][3 * n :],
-    )
-    fill(run.y, 0.0)
-    combine(run.y[: 2 * n], (1.0,), (start[: 2 * n],))
-    for i in range(3):
-        row = replay.rows[first + 1 + i]
-        fill(stages[i], 0.0)
-        combine(stages[i][: 2 * n], (1.0, -1.0), (row[: 2 * n], start[: 2 * n]))
-        factors = (h * A[i, 0], h * A[i, 1], h * A[i, 2])
-        combine(stages[i][2 * n : 2 * n + m], factors, reactions)
-    for i in range(3):
-        factors = (T_INVERSE[i, 0], T_INVERSE[i, 1], T_INVERSE[i, 2])
-        combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
-    derive_velocities(run, h)
-    set_stages(run, h)
-    code = factorize_matrices(run, h, replay.tested == 0)
-    if code != DONE:
-        return code
-    for _ in range(_STAGE_ITERATIONS):
-        for i in range(3):
-            t, residual = run.t + C[i] * h, run.stage_residuals[i]
-            evaluate_residual(run.form, t, run.branch, run.stages[i], run.rates[i], residual)
-        correct_stages(run, h)
-        set_stages(run, h)
-    for i in range(3):
-        combine(replay.stages[i], (1.0,), (run.stages[i],))
-        combine(replay.rates[i], (1.0,), (run.rates[i],))
-    return DONE
-
-
 def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     """Solve for the derivatives of the stages along direction `k`; return the code."""
     run, n, weights = replay.run, replay.run.form.n, replay.weights
@@ -289,13 +161,13 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
     combine(run.yp, (1.0,), (replay.yp[k],))
     if replay.is_further[k] == 1:
         _evaluate_further_forces(replay, h, k)
-    is_similar = h <= _MAX_STEP_RATIO * replay.last_step
+    is_similar = h <= MAX_STEP_RATIO * replay.last_step
     run.step_size.last_step = replay.last_step if is_similar else 0.0
     for i in range(3):
         combine(run.last_w[i], (1.0,), (replay.last_w[3 * k + i],))
     predict_stages(run, h)
     previous = math.inf
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         set_stages(run, h)
         for i in range(3):
             _evaluate_derivative(replay, run.t + C[i] * h, i, k)
@@ -312,16 +184,16 @@ def _differentiate_stages(replay: RadauReplay, h: float, k: int) -> int:
             total = max(total, max_norm(run.w[i][: 2 * n], weights))
             reactions = max(reactions, max_norm(run.w[i][2 * n : 2 * n + m], replay.unit_weights))
         rate = change / previous
-        is_converged = rate < 1.0 and change * rate <= _TOLERANCE * total * (1.0 - rate)
+        is_converged = rate < 1.0 and change * rate <= TOLERANCE * total * (1.0 - rate)
         # The first iteration does not reveal the rate of convergence.
-        is_converged = (previous < math.inf and is_converged) or change <= _TOLERANCE * total
+        is_converged = (previous < math.inf and is_converged) or change <= TOLERANCE * total
         # If a parameter changes only reactions, or nothing, derivatives of positions are rounding
         # errors.
         is_small = (
-            change <= max(_ROUNDING * total, replay.negligible[k])
-            or 0.0 < reaction_change <= _ROUNDING * reactions
+            change <= max(ROUNDING * total, replay.negligible[k])
+            or 0.0 < reaction_change <= ROUNDING * reactions
         )
-        if is_converged or (rate > _STAGNATION_RATE and is_small):
+        if is_converged or (rate > STAGNATION_RATE and is_small):
             set_stages(run, h)
             return DONE
         previous = change
@@ -420,17 +292,14 @@ def differentiate_radau_steps(
     plan = further_plan = directional(derivatives)
     if further.is_present.any():
         further_plan = directional(StartDerivatives(ConsistencySolver(further.equations)))
-    scales = equations.position_scales
     packed = [form.pack(x) for x in starts]
     results = np.zeros(((3 * n_steps + 1) * count, 3 * n + equations.m))
     results[:count] = [np.concatenate(x) for x in starts]
 
     def make_replay(native: bool) -> RadauReplay:
-        run = matrices_of_stages.make_workspace(form, native)
-        run.branch = interval.branch
         directional, local = derivatives.direction_sum(plan, 2 * size, native, numbers)
         return RadauReplay(
-            run=run,
+            **matrices_of_stages.step_fields(form, interval, native),
             directional=directional,
             local=local,
             inputs=np.zeros(4 * size),
@@ -439,16 +308,10 @@ def differentiate_radau_steps(
             further_residuals=np.zeros((3, size)),
             further_numbers=np.ascontiguousarray(further.numbers),
             is_further=further.is_present,
-            stages=np.zeros((3, size)),
-            rates=np.zeros((3, size)),
-            times=np.ascontiguousarray(interval.t),
-            rows=np.ascontiguousarray(np.hstack(interval.rows)),
             negligible=_POSITION_ROUNDING / steps,
             y=np.array([y for y, _ in packed]),
             yp=np.array([yp for _, yp in packed]),
-            scales=1.0 / scales,
             weights=np.zeros(2 * n),
-            unit_weights=np.ones(equations.m),
             last_w=np.zeros((3 * count, size)),
             results=results[count:],
         )

@@ -1,0 +1,188 @@
+"""Steps of a Radau run that are differentiated: their stages, and the Newton matrices of these.
+
+The functions of a workspace are plain Python over arrays; `native.loops` compiles them if possible.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from beamdae.equations.formulations.first_order import FirstOrderForm, evaluate_residual
+from beamdae.equations.formulations.kinematic_reduction import (
+    KinematicReduction,
+    reduce_kinematics,
+)
+from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.integrators.error_control import MotionScales
+from beamdae.integrators.radau.coefficients import T_INVERSE, A, C
+from beamdae.integrators.radau.stages import (
+    correct_stages,
+    derive_velocities,
+    factorize_matrices,
+    set_stages,
+)
+from beamdae.integrators.radau.stepper import StepTolerance, make_workspace
+from beamdae.integrators.radau.workspace import RadauWorkspace
+from beamdae.native.loop_functions import combine, fill
+from beamdae.native.return_codes import DONE
+from beamdae.results.trajectory import Interval
+from beamdae.symbolic.sums.kernel_sums import SumPlan
+
+Array = np.ndarray
+
+# Newton iterations of the stages of the run, which are converged except for the corrections of
+# positions; the run does not store these.
+_STAGE_ITERATIONS = 2
+# Systems of equations of the stages are solved to this fraction of the size of the solution, ...
+TOLERANCE = 1e-12
+# ... or to rounding errors: corrections below this fraction that do not decrease by half.
+ROUNDING = 1e-7
+STAGNATION_RATE = 0.5
+MAX_ITERATIONS = 60
+# Factors are tested if the length of the step has changed by this factor since the last test.
+MAX_STEP_RATIO = 1.5
+# Value of `tested` if the factors of the current step were tested.
+JUST_TESTED = 1
+
+
+@dataclass(frozen=True)
+class StageMatrices:
+    """Newton matrices of the stages of a Radau run.
+
+    Attributes
+    ----------
+    pattern, jacobian, reduction
+        See `reduce_kinematics`.
+    real, complex_
+        The two matrices.
+    """
+
+    pattern: sp.csc_array
+    jacobian: SumPlan
+    reduction: KinematicReduction
+    real: FactorizedMatrix
+    complex_: FactorizedMatrix
+
+    @classmethod
+    def of(cls, form: FirstOrderForm) -> StageMatrices:
+        """Return the matrices of a form, not yet evaluated."""
+        pattern, jacobian, reduction = reduce_kinematics(form)
+        real = FactorizedMatrix.from_pattern(pattern)
+        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
+        return cls(pattern, jacobian, reduction, real, complex_)
+
+    def make_workspace(self, form: FirstOrderForm, native: bool) -> RadauWorkspace:
+        """Return work arrays for the stages."""
+        equations = form.equations
+        scales = equations.position_scales
+        motion = MotionScales(scales, scales, 1.0, 1.0)
+        buffers = form.buffers(native)
+        buffers.jacobian = self.jacobian.sum(native, equations.p)
+        return make_workspace(
+            form,
+            buffers,
+            self.pattern,
+            self.reduction,
+            (self.real.make_solver(native, "auto"), self.real.nonzeros),
+            (self.complex_.make_solver(native, "auto"), self.complex_.nonzeros),
+            StepTolerance(1.0, motion, np.ones(equations.n, bool)),
+            math.inf,
+        )
+
+    def step_fields(self, form: FirstOrderForm, interval: Interval, native: bool) -> dict[str, Any]:
+        """Return the fields of `RadauSteps` for the steps of an interval."""
+        run = self.make_workspace(form, native)
+        run.branch = interval.branch
+        return {
+            "run": run,
+            "stages": np.zeros((3, form.size)),
+            "rates": np.zeros((3, form.size)),
+            "times": np.ascontiguousarray(interval.t),
+            "rows": np.ascontiguousarray(np.hstack(interval.rows)),
+            "scales": 1.0 / form.equations.position_scales,
+            "unit_weights": np.ones(form.equations.m),
+        }
+
+
+@dataclass(slots=True, kw_only=True)
+class RadauSteps:
+    """Work arrays of a loop over the steps of a run.
+
+    Attributes
+    ----------
+    run
+        Work arrays of the stages of the run.
+    stages, rates
+        Stages Y and Y' of the run, (3, size).
+    times, rows
+        Start and steps of the interval (steps + 1,) [s], and states (q, v, a, lam) at its start and
+        at all stages, (3 steps + 1, 3n + m).
+    scales, unit_weights
+        Reciprocal scales of the coordinates, (n,); ones (m,).
+    tested
+        Number of steps since the last test of the factors; 0 if the next factors are tested.
+    tested_step
+        Length of the step whose factors were tested last [s].
+    """
+
+    run: RadauWorkspace
+    stages: Array
+    rates: Array
+    times: Array
+    rows: Array
+    scales: Array
+    unit_weights: Array
+    tested: int = 0
+    tested_step: float = 0.0
+
+
+def schedule_test(known: RadauSteps, h: float) -> None:
+    """Request a test of the factors of a step if its length `h` [s] has changed since the last."""
+    ratio = h / known.tested_step if known.tested > 0 else 0.0
+    if not 1.0 / MAX_STEP_RATIO < ratio < MAX_STEP_RATIO:
+        known.tested, known.tested_step = 0, h
+
+
+def restore_stages(known: RadauSteps, step: int, h: float) -> int:
+    """Compute the stages of a step of length `h` [s], factorize the matrices; return the code."""
+    run, n = known.run, known.run.form.n
+    m = known.rows.shape[1] - 3 * n
+    first = 3 * step
+    start = known.rows[first]
+    stages = run.stages
+    reactions = (
+        known.rows[first + 1][3 * n :],
+        known.rows[first + 2][3 * n :],
+        known.rows[first + 3][3 * n :],
+    )
+    fill(run.y, 0.0)
+    combine(run.y[: 2 * n], (1.0,), (start[: 2 * n],))
+    for i in range(3):
+        row = known.rows[first + 1 + i]
+        fill(stages[i], 0.0)
+        combine(stages[i][: 2 * n], (1.0, -1.0), (row[: 2 * n], start[: 2 * n]))
+        factors = (h * A[i, 0], h * A[i, 1], h * A[i, 2])
+        combine(stages[i][2 * n : 2 * n + m], factors, reactions)
+    for i in range(3):
+        factors = (T_INVERSE[i, 0], T_INVERSE[i, 1], T_INVERSE[i, 2])
+        combine(run.w[i], factors, (stages[0], stages[1], stages[2]))
+    derive_velocities(run, h)
+    set_stages(run, h)
+    code = factorize_matrices(run, h, known.tested == 0)
+    if code != DONE:
+        return code
+    for _ in range(_STAGE_ITERATIONS):
+        for i in range(3):
+            t, residual = run.t + C[i] * h, run.stage_residuals[i]
+            evaluate_residual(run.form, t, run.branch, run.stages[i], run.rates[i], residual)
+        correct_stages(run, h)
+        set_stages(run, h)
+    for i in range(3):
+        combine(known.stages[i], (1.0,), (run.stages[i],))
+        combine(known.rates[i], (1.0,), (run.rates[i],))
+    return DONE
