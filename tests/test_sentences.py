@@ -229,6 +229,7 @@ TESTED_ELSEWHERE = {
     "CriticalPoint",
     "KnockDown",
     "EquationsOfMotion",
+    "StepResponse",
     "Equilibrium",
     "EquilibriumSensitivities",
     "ModeSensitivities",
