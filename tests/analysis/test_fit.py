@@ -1,12 +1,14 @@
 """Fits of parameters to synthetic data with known solutions."""
 
 import re
+import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.fit.intervals import bounded_interval
 from beamdae.analysis.fit.result import Information
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
@@ -137,7 +139,10 @@ def test_estimate_at_a_bound(exact):
     assert result.at_bounds == ("damping",)
     assert "at a bound: damping" in repr(result)
     table = result.table()
-    assert table.loc["damping", "standard deviation":].isna().all()
+    assert np.isnan(table.loc["damping", "standard deviation"])
+    # One-sided.
+    assert table.loc["damping", "upper 95 %"] == pytest.approx(0.6, rel=1e-6)
+    assert 0.5 < table.loc["damping", "lower 95 %"] < 0.6
     assert table.loc["stiffness"].notna().all()
 
 
@@ -404,3 +409,138 @@ def test_regression_missing_forces_that_differ_in_their_points():
     assert list(result.parameters.values()) == pytest.approx(expected, rel=1e-3)
     covariance = NOISE**2 * np.linalg.inv(columns.T @ columns)
     np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
+
+
+@SLOW
+def test_regression_parameters_without_effect_at_a_bad_start_are_fitted(exact):
+    """Both moved to 1e12 in one step."""
+    data = {"t [s]": TIMES, "mass.x": exact["mass.x"]}
+    first = {"stiffness": 0.8, "damping": 0.016}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        # Overflow of logarithms.
+        warnings.simplefilter("error", RuntimeWarning)
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, log=list(TRUE), parameters=first)
+    assert result.status.success
+    assert result.parameters == pytest.approx(TRUE, rel=1e-5)
+
+
+@bd.model(t_end=2.0)
+def oscillator_with_weak_part(stiffness=30.0, damping=0.5, weak=0.3):
+    """Total stiffness of two springs, of which the second one must lie in (-1, 0.5)."""
+    if not -1.0 < weak < 0.5:
+        raise ValueError("weak must lie in (-1, 0.5)")
+    return oscillator(stiffness=stiffness * (1.0 + 1e-5 * weak), damping=damping)
+
+
+@pytest.fixture(scope="module")
+def noisy(exact):
+    noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)
+    return {"t [s]": TIMES, "mass.x": exact["mass.x"] + noise}
+
+
+@bd.model(t_end=0.8)
+def ruler(E=1.8e11, damping=3e-4, nu=0.3):
+    """Steel ruler with a tip mass, released from the horizontal; nu has a negligible effect."""
+    steel = bd.Material(E=E, nu=nu, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.03, height=0.003, damping=damping)
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    line = bd.Line((0.0, 0.0), (0.6, 0.0))
+    beam = mech.add(bd.Beam("ruler", line, section, elements=2, strain="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointMass("tip mass", 0.1, on=beam.end))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.fixture(scope="module")
+def measured():
+    times = np.linspace(0.004, 0.8, 200)
+    run = bd.simulate(ruler(E=2.06e11, damping=8e-4), bd.Radau(1e-8)).at_times(times)
+    noise = np.random.default_rng(11).normal(scale=2e-4, size=times.size)
+    return {"t [s]": times, "tip.y": run["tip.y"].to_numpy() + noise}
+
+
+@pytest.mark.slow(reason="fits of a beam")
+@pytest.mark.parametrize("first", [{"E": 3e10}, {"E": 3e10, "damping": 1e-5}])
+def test_regression_undetermined_parameters_are_released_at_the_estimates(measured, first):
+    """Damping kept its first value, with the advice to omit it and the status converged."""
+    by = ["E", "damping"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = bd.fit(ruler, measured, by, sigma=2e-4, log=by, parameters=first)
+    assert result.status.success
+    assert result.parameters["E"] == pytest.approx(2.06e11, rel=2e-3)
+    assert result.parameters["damping"] == pytest.approx(8e-4, rel=0.05)
+
+
+@pytest.mark.slow(reason="fits of a beam")
+def test_regression_a_weak_parameter_does_not_keep_the_others_from_their_minimum(measured):
+    """The search ended at the first values, because long steps of nu left its domain."""
+    by = ["E", "damping"]
+    alone = bd.fit(ruler, measured, by, sigma=2e-4, log=by)
+    with pytest.warns(bd.BeamdaeWarning, match="The data do not determine nu"):
+        result = bd.fit(ruler, measured, [*by, "nu"], sigma=2e-4, log=by)
+    assert result.status.success
+    assert result.parameters["nu"] == 0.3
+    for name, deviation in zip(by, alone.standard_deviations, strict=True):
+        assert abs(result.parameters[name] - alone.parameters[name]) < 0.1 * deviation
+    np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)
+
+
+@SLOW
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_intervals_beside_a_parameter_at_a_bound(noisy):
+    """That of the stiffness was 150 times too wide beside an undetermined parameter at a bound."""
+    alone = bd.fit(oscillator, noisy, list(TRUE), METHOD, sigma=NOISE)
+    result = bd.fit(
+        oscillator_with_weak_part,
+        noisy,
+        [*TRUE, "weak"],
+        METHOD,
+        sigma=NOISE,
+        bounds={"weak": (0.2, 0.4)},
+    )
+    names = ["lower 95 %", "upper 95 %"]
+    expected = alone.table().loc[list(TRUE), names]
+    np.testing.assert_allclose(result.table().loc[list(TRUE), names], expected, rtol=1e-3)
+    np.testing.assert_allclose(result.table().loc["weak", names], [0.2, 0.4], rtol=1e-6)
+    np.testing.assert_allclose(result.standard_deviations[:2], alone.standard_deviations, rtol=1e-2)
+
+
+@SLOW
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_one_sided_intervals_agree_with_profiles(noisy):
+    """Stiffness and mass are dependent; a bound of the mass limits the stiffness on one side."""
+    bounds = {"mass": (1.05, 1.5)}
+    first = {"mass": 1.2}
+    by = ["stiffness", "mass"]
+
+    @bd.model(t_end=2.0)
+    def loaded(stiffness=30.0, mass=1.0):
+        mech = oscillator(stiffness=stiffness, damping=0.8 * mass, mass=mass)
+        mech.add(bd.Force("load", mech.parts["mass"].point, (0.2 * (mass - 1.0), 0.0)))
+        return mech
+
+    result = bd.fit(loaded, noisy, by, METHOD, sigma=NOISE, bounds=bounds, parameters=first)
+    assert result.at_bounds == ("mass",)
+    for name in by:
+        table = result.table().loc[name, ["lower 95 %", "upper 95 %"]]
+        assert result.profile(name).interval == pytest.approx(tuple(table), rel=2e-3)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_intervals_within_bounds_are_conditional_on_one_side(unit):
+    correlation, quantile, infinite = 0.99, 1.959964, np.full(2, np.inf)
+    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
+    jacobian = np.linalg.cholesky(np.linalg.inv(covariance)).T / [1.0, unit]
+    residuals = np.zeros(2)
+    whole = bounded_interval(jacobian, residuals, (-infinite, infinite), 0, quantile)
+    assert whole == pytest.approx((-quantile, quantile), rel=1e-5)
+    # The second variable is at its lower bound.
+    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, 10.0 * unit])
+    given = quantile * np.sqrt(1.0 - correlation**2)
+    limits = bounded_interval(jacobian, residuals, bounds, 0, quantile)
+    assert limits == pytest.approx((-given, quantile), rel=1e-5)
+    limits = bounded_interval(jacobian, residuals, bounds, 1, quantile)
+    assert limits == pytest.approx((0.0, quantile * unit), rel=1e-5)

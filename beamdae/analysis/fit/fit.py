@@ -12,7 +12,7 @@ import numpy as np
 from beamdae import deferred
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
-from beamdae.analysis.fit.search import SearchResult, hold_runaways, search
+from beamdae.analysis.fit.search import SearchResult, robust_search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, require_count, warn_user
 from beamdae.integrators import Integrator
@@ -205,14 +205,13 @@ def fit(
         end = SearchResult(evaluation, 1, status, np.zeros(len(first), bool))
     else:
         try:
-            end = search(
+            end = robust_search(
                 problem,
                 scaling,
                 first,
                 max_evaluations,
                 check_start=lambda evaluation: _compare_ranges(problem, evaluation),
             )
-            end = hold_runaways(problem, scaling, end, max_evaluations)
         except Interrupted as interrupt:
             if interrupt.partial is None:
                 raise

@@ -490,8 +490,9 @@ class Scaling:
 
     def values(self, x: Array) -> Array:
         """Return the values of the parameters at x."""
-        # Both branches are evaluated; only logarithms are far below the overflow.
-        return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), x)
+        # Long steps of logarithms overflow: models reject infinite values.
+        with np.errstate(over="ignore"):
+            return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), x)
 
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""

@@ -20,16 +20,19 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Distance between values, relative to the standard deviation of the parameter.
-_STEP = 0.7
-# First distance, relative to the value, of parameters without a standard deviation. It doubles.
+# Distance between values, relative to the half width of the interval on this side.
+_STEP = 0.35
+# First distance, relative to the value, of parameters without a finite interval. It doubles.
 _FIRST_RELATIVE_STEP = 0.05
 # Decrease of the sum of squares below that of the fit, in units of the variance, that belongs to
 # another minimum. Ends of searches are up to 0.1 standard deviations from their minimum.
 _MAX_DECREASE = 0.1
 # More points mean that the sum of squares hardly depends on the parameter.
 _MAX_POINTS = 1000
-# Times that a step is halved to approach values that the model rejects.
+# Increases at the first value beyond a limit, relative to the threshold, for which the limit may be
+# interpolated.
+_MAX_OVERSHOOT = 2.0
+# Times that a step is halved to approach values that the model rejects, or a limit.
 _MAX_HALVINGS = 6
 # Evaluations of each fit of the other parameters, at most. It starts at the neighboring value.
 _MAX_EVALUATIONS = 20
@@ -135,7 +138,7 @@ def trace_profile(
     scaling: Scaling,
     best: SearchResult,
     name: str,
-    deviation: float,
+    half_widths: Array,
     variance: float,
     quantile: float,
     max_points: int,
@@ -148,8 +151,9 @@ def trace_profile(
         The problem, its variables and the result of its search.
     name
         Name of the variable.
-    deviation
-        Standard deviation of the variable, which may be infinite.
+    half_widths
+        Widths (2,) of the interval of the linearized fit below and above the estimate, which may
+        be infinite.
     variance
         Variance of the errors in units of the residuals.
     quantile
@@ -160,7 +164,7 @@ def trace_profile(
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
     k = problem.variables.index(name)
     names = (*problem.variables, *problem.coefficients)
-    free = np.arange(len(problem.variables)) != k
+    free = ~np.isin(problem.variables, (name, *best.held))
     threshold = quantile**2
     estimate = best.evaluation.values
     lower, upper = (scaling.values(x)[k] for x in scaling.limits)
@@ -175,10 +179,11 @@ def trace_profile(
     branches = []
     limits = []
     failures: dict[str, tuple[float, str]] = {}
-    for label, side, bound in (("lower", -1.0, lower), ("upper", 1.0, upper)):
+    sides = ("lower", -1.0, lower), ("upper", 1.0, upper)
+    for (label, side, bound), half_width in zip(sides, half_widths.tolist(), strict=True):
         halvings = 0
         points, last, change = [center], estimate, np.zeros_like(estimate)
-        step = deviation * _STEP
+        step = half_width * _STEP
         if not np.isfinite(step) or step == 0.0:
             step = _FIRST_RELATIVE_STEP * (abs(estimate[k]) or 1.0)
         limit = side * np.inf
@@ -202,12 +207,18 @@ def trace_profile(
                     break
                 step *= 0.5
                 continue
+            reached = point(result)
+            if reached[1] > _MAX_OVERSHOOT * threshold and halvings < _MAX_HALVINGS:
+                # The best values of others reach bounds, or the sum of squares is no parabola.
+                halvings += 1
+                step *= 0.5
+                continue
             change, last = result.evaluation.values - last, result.evaluation.values
-            points.append(point(result))
+            points.append(reached)
             if points[-1][1] >= threshold:
                 limit = _cross(points[-2], points[-1], threshold)
                 break
-            if not np.isfinite(deviation):
+            if not np.isfinite(half_width):
                 step *= 2.0
         branches.append(points[1:])
         limits.append(float(limit))

@@ -14,6 +14,7 @@ from scipy.special import chdtr, chdtrc, stdtrit
 
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
+from beamdae.analysis.fit.intervals import bounded_interval
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
@@ -104,7 +105,9 @@ class Fit:
     covariance
         Covariance matrix (k, k) of the estimates in the order of `names`, in their units: the
         inverse of J^T J, where J is the Jacobian of `residuals`. Variances of parameters that can
-        change without an effect on the fitted columns are infinite.
+        change without an effect on the fitted columns are infinite. Those of the others hold fixed
+        the estimates at a bound, the parameters whose intervals reach both of their bounds, and
+        those that keep their first values because the data do not determine them.
     sensitivities
         Run with the estimates and its derivatives by experiment, at the times of the data. The
         experiment of data without names of experiments is "".
@@ -141,7 +144,10 @@ class Fit:
     undetermined: tuple[str, ...] = ()
     at_bounds: tuple[str, ...] = ()
     _own_warnings: tuple[str, ...] = field(default=(), repr=False)
+    # Information on all parameters, and with some of them fixed, see `covariance`.
+    _full_information: Information = field(default=None, repr=False)  # type: ignore[assignment]
     _information: Information = field(default=None, repr=False)  # type: ignore[assignment]
+    _jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     _problem: FitProblem = field(default=None, repr=False)  # type: ignore[assignment]
     _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
     _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
@@ -324,7 +330,7 @@ class Fit:
         offsets are relative to half the range of their data, and changes of shifts to half the
         width of their bounds.
         """
-        return self._information.singular
+        return self._full_information.singular
 
     @property
     def starts(self) -> pd.DataFrame | None:
@@ -355,26 +361,44 @@ class Fit:
         """Return a table of estimates, standard deviations and limits of 95 % intervals.
 
         The limits are `quantile` standard deviations away from the estimates; for parameters in
-        `log`, those of the logarithms, so that both limits are positive. Estimates without standard
-        deviations have no limits (NaN).
+        `log`, those of the logarithms, so that both limits are positive. If such an interval of a
+        parameter would exceed its bounds, the intervals of all are those of the profile likelihood
+        within the bounds, for a model that is linear about the estimates: they end at bounds, and
+        are one-sided for estimates at a bound. There are no limits (NaN) if the search did not
+        reach a minimum.
         """
         import pandas as pd
 
-        values, deviations = self.values, self.standard_deviations
-        lower, upper = values - self.quantile * deviations, values + self.quantile * deviations
-        for k in np.flatnonzero(self._scaling.is_log):
-            with np.errstate(over="ignore"):
-                factor = np.exp(self.quantile * deviations[k] / values[k])
-            lower[k], upper[k] = values[k] / factor, values[k] * factor
+        lower, upper = self._limits.T
         return pd.DataFrame(
             {
-                "value": values,
-                "standard deviation": deviations,
+                "value": self.values,
+                "standard deviation": self.standard_deviations,
                 "lower 95 %": lower,
                 "upper 95 %": upper,
             },
             index=list(self.names),
         )
+
+    @cached_property
+    def _limits(self) -> Array:
+        """Lower and upper limits (k, 2) of the 95 % intervals."""
+        values, deviations = self.values, self.standard_deviations
+        count = len(self._problem.variables)
+        is_log = np.append(self._scaling.is_log, np.zeros(len(values) - count, bool))
+        slopes = np.where(is_log, values, 1.0)
+        half = self.quantile * deviations / slopes
+        changes = np.stack([-half, half], axis=1)
+        below, above = _distances_to_bounds(self._problem, self._scaling, values)
+        if self.status.success and (self.at_bounds or np.any((half > below) | (half > above))):
+            # Parameters that keep their first values have the intervals of the linearized fit.
+            kept = ~np.isin(self.names, self._search.held)
+            jacobian, bounds = (self._jacobian * slopes)[:, kept], (-below[kept], above[kept])
+            for j, k in enumerate(np.flatnonzero(kept)):
+                changes[k] = bounded_interval(jacobian, self.residuals, bounds, j, self.quantile)
+        with np.errstate(over="ignore"):
+            factors = np.exp(np.where(is_log[:, None], changes, 0.0))
+        return np.where(is_log[:, None], values[:, None] * factors, values[:, None] + changes)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write `table` and the units of the estimates as CSV and return the path.
@@ -507,14 +531,17 @@ class Fit:
         """
         name = require_choice("profile", "name", name, self._problem.variables)
         index = self._problem.variables.index(name)
-        deviation = float(self._information.standard_deviations(np.eye(len(self.names)))[index])
+        half_widths = np.abs(self._limits[index] - self.values[index])
+        if not self.status.success:
+            deviations = self._full_information.standard_deviations(np.eye(len(self.names)))
+            half_widths = np.full(2, self.quantile * deviations[index])
         factor = 1.0 if self.is_sigma_known else next(iter(self.sigma.values())) ** 2
         result = trace_profile(
             self._problem,
             self._scaling,
             self._search,
             name,
-            deviation,
+            half_widths,
             factor,
             self.quantile,
             max_points,
@@ -579,7 +606,7 @@ class Information:
     directions
         Orthonormal relative changes (k, k) of the parameters, one row per singular value.
     sizes
-        Sizes (k,) to which changes are relative.
+        Sizes (k,) to which changes are relative; 0 for fixed parameters.
     """
 
     singular: Array
@@ -605,7 +632,7 @@ class Information:
         covariance = (self.directions.T * variances) @ self.directions
         # Parameters that take part in a direction without any effect are undetermined.
         shares = np.abs(self.directions[self.is_dependent]).max(axis=0, initial=0.0)
-        for k in np.flatnonzero(shares > _MIN_NAMED_SHARE):
+        for k in np.flatnonzero((shares > _MIN_NAMED_SHARE) & (self.sizes != 0.0)):
             covariance[k, k] = np.inf
         return np.asarray(covariance * np.outer(self.sizes, self.sizes))
 
@@ -621,8 +648,12 @@ class Information:
             terms = np.where(self.is_dependent, terms, along / self.singular)
         return np.asarray(np.sqrt((terms**2).sum(axis=1)))
 
-    def undetermined(self, texts: Mapping[str, str]) -> tuple[str, ...]:
+    def undetermined(
+        self, texts: Mapping[str, str], free: Information | None = None
+    ) -> tuple[str, ...]:
         """Return sentences on combinations of parameters that the data do not determine.
+
+        Correlations are those of `free`, in which some parameters may be fixed.
 
         Parameters
         ----------
@@ -653,19 +684,23 @@ class Information:
             )
             subject = "Changes of" if len(shares) == 1 else "Joint changes of"
             sentences.append(f"{subject} {', '.join(shares)} {effect}.")
-        for members in self._correlated():
+        free = self if free is None else free
+        for members in free._correlated():
             if any(np.all(other[members]) for other in named):
                 continue
             *others, last = (name for name, is_in in zip(texts, members, strict=True) if is_in)
             subject = f"The data hardly distinguish the effects of {', '.join(others)} and {last}"
-            factor = float(np.sqrt(self._variance_inflation[members].max()))
-            if self.is_dependent.any() and factor < 0.5 / _MIN_INDEPENDENCE:
+            factor = float(np.sqrt(free._variance_inflation[members].max()))
+            if (
+                free.is_dependent[: np.count_nonzero(free.sizes)].any()
+                and factor < 0.5 / _MIN_INDEPENDENCE
+            ):
                 # Dependent combinations contribute to this one, and have no standard deviations.
                 sentences.append(f"{subject} (correlation above 0.99).")
                 continue
             correlation = np.sqrt(1.0 - 1.0 / factor**2)
             kind, rest = "correlation", "the other was"
-            if len(texts) > 2:
+            if np.count_nonzero(free.sizes) > 2:
                 kind, rest = "multiple correlation", "all other parameters were"
             sentences.append(
                 f"{subject} ({kind} {correlation:.4f}): their standard deviations are up to "
@@ -679,7 +714,7 @@ class Information:
         A change by one standard deviation d, relative to the parameter, changes the residuals by
         the ratio r of d to the deviation with all others known. Their curvature is about d r.
         """
-        variances = np.diag(self.covariance) / self.sizes**2
+        variances = np.diag(self.covariance) / np.where(self.sizes, self.sizes, 1.0) ** 2
         is_correlated = np.any([np.zeros(len(self.sizes), bool), *self._correlated()], axis=0)
         # Infinite intervals hold.
         squares = np.where(np.isfinite(variances), variances, 0.0) * self._variance_inflation
@@ -730,7 +765,13 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         residuals, jacobian = residuals / estimate, jacobian / estimate
         sigma = {name: x * estimate for name, x in sigma.items()}
     sizes, texts = _sizes(problem, all_names, estimates)
-    information = Information.of(jacobian, sizes)
+    full = Information.of(jacobian, sizes)
+    is_fixed = _find_fixed(problem, scaling, search, estimates, full)
+    information = Information.of(jacobian, np.where(is_fixed, 0.0, sizes))
+    # Fixed estimates keep the variances of the complete fit.
+    variances = np.where(is_fixed, np.diag(full.covariance), np.diag(information.covariance))
+    covariance = information.covariance
+    np.fill_diagonal(covariance, variances)
     status = search.status
     steps: tuple[str, ...] = ()
     if status.kind != "interrupted":
@@ -749,14 +790,14 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     return Fit(
         parameters={name: values[name] for name in all_names[:count]},
         sensors={name: values[name] for name in all_names[count:]},
-        covariance=information.covariance,
+        covariance=covariance,
         sensitivities=dict(evaluation.runs),
         residuals=residuals,
         sigma=sigma,
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
-        undetermined=information.undetermined(texts),
+        undetermined=full.undetermined(texts, information),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
@@ -772,12 +813,50 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             *_check_intervals(problem, information),
             *steps,
         ),
+        _full_information=full,
         _information=information,
+        _jacobian=jacobian,
         _problem=problem,
         _scaling=scaling,
         _search=search,
         _starts=starts,
     )
+
+
+def _distances_to_bounds(
+    problem: FitProblem, scaling: Scaling, estimates: Array
+) -> tuple[Array, Array]:
+    """Return the distances (k,) of all estimates from their lower and upper bounds.
+
+    They are infinite without bounds, and differences of logarithms for parameters in `log`.
+    """
+    count = len(problem.variables)
+    sizes = np.ones(count)
+    x, (lower, upper) = scaling.variables(estimates[:count]), scaling.limits
+    sizes[~scaling.is_log] = scaling.derivatives(x)[~scaling.is_log]
+    others = np.full(len(estimates) - count, np.inf)
+    return np.append((x - lower) * sizes, others), np.append((upper - x) * sizes, others)
+
+
+def _find_fixed(
+    problem: FitProblem,
+    scaling: Scaling,
+    search: SearchResult,
+    estimates: Array,
+    information: Information,
+) -> Array:
+    """Return True (k,) for estimates that the covariance of the others holds fixed.
+
+    They are at a bound, or have intervals that exceed both bounds, or keep their first values.
+    """
+    count = len(problem.variables)
+    below, above = _distances_to_bounds(problem, scaling, estimates)
+    slopes = np.ones(len(estimates))
+    slopes[:count][scaling.is_log] = estimates[:count][scaling.is_log]
+    half = _NORMAL_QUANTILE * np.sqrt(np.diag(information.covariance)) / slopes
+    is_fixed = half > np.maximum(below, above)
+    is_fixed[:count] |= search.at_bounds | np.isin(problem.variables, search.held)
+    return np.asarray(is_fixed)
 
 
 def _check_bounds(
@@ -792,8 +871,9 @@ def _check_bounds(
         side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
         bound = scaling.bound_texts[name][int(is_upper)]
         sentences.append(
-            f"{name} is at its {side} bound {bound} and has no interval; widen the "
-            f"bounds if {beyond} values are possible, or leave {name} out of the fit."
+            f"{name} is at its {side} bound {bound} and has no standard deviation; those of other "
+            f"estimates hold it there. Widen the bounds if {beyond} values are possible, or leave "
+            f"{name} out of the fit."
         )
     return tuple(sentences)
 

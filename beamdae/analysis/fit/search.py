@@ -50,7 +50,7 @@ class SearchResult:
     invalid
         Sentence on parameters whose values the model rejected during the search, or "".
     held
-        Names of parameters that keep their first values, see `hold_runaways`.
+        Names of parameters that keep their first values, see `robust_search`.
     """
 
     evaluation: Evaluation
@@ -73,11 +73,16 @@ def search(
     max_evaluations: int,
     free: Array | None = None,
     check_start: Callable[[Evaluation], None] | None = None,
+    has_short_steps: bool = False,
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
     Only the variables marked in `free` (K,) vary; None means all. Variables without any effect keep
-    their first values. `check_start` is called with the first evaluation.
+    their first values. `check_start` is called with the first evaluation. The trust region is
+    scaled by the columns of the Jacobian (Moré, Lect. Notes Math. 630 (1978) 105,
+    doi:10.1007/BFb0067700), which suits narrow valleys but permits long steps of variables with
+    little effect. With `has_short_steps`, it is a sphere in the variables, as that of Levenberg:
+    the first step changes no variable by more than about its first value or a factor of e.
 
     Raises
     ------
@@ -167,7 +172,7 @@ def search(
             np.clip(begin, lower, upper),
             jacobian,
             bounds=(lower, upper),
-            x_scale="jac",
+            x_scale=1.0 if has_short_steps else "jac",
             ftol=_TOLERANCE,
             xtol=_TOLERANCE,
             gtol=_ZERO_GRADIENT,
@@ -184,7 +189,12 @@ def search(
     if np.any(last.projected_jacobian[:, given & ~free]) and max_evaluations > evaluations:
         # They have an effect elsewhere.
         again = search(
-            problem, scaling, scaling.variables(last.values), max_evaluations - evaluations, given
+            problem,
+            scaling,
+            scaling.variables(last.values),
+            max_evaluations - evaluations,
+            given,
+            has_short_steps=has_short_steps,
         )
         return replace(again, evaluations=evaluations + again.evaluations)
     at_bounds[free] = result.active_mask != 0
@@ -203,42 +213,91 @@ def search(
     return SearchResult(last, evaluations, status, at_bounds, invalid)
 
 
-def hold_runaways(
-    problem: FitProblem, scaling: Scaling, end: SearchResult, max_evaluations: int
+def robust_search(
+    problem: FitProblem,
+    scaling: Scaling,
+    first: Array,
+    max_evaluations: int,
+    check_start: Callable[[Evaluation], None] | None = None,
 ) -> SearchResult:
-    """Return the end of a search, repeated with the first values of parameters that ran away.
+    """Minimize the sum of squares also where parameters have little effect.
 
-    The steps of parameters with a negligible effect are arbitrary. Such a parameter has no bounds,
-    is far from its first value, and doubling it changes the residuals by less than one standard
-    deviation. The result is `end` if there is none, or if the data prefer its value.
+    A search that ends before a minimum, or far away in a parameter with a negligible effect, is
+    repeated with short steps. If parameters with a negligible effect still run away or keep the
+    others from a minimum, these are fitted with the first values of the former, from which a last
+    search varies all of them: whether the data determine a parameter depends on the others.
 
     Raises
     ------
-    Interrupted
+    BeamdaeError, Interrupted
         See `search`.
     """
-    evaluation, count = end.evaluation, len(problem.names)
-    first, values = scaling.values(scaling.first), evaluation.values
-    variance = 1.0
-    if not problem.data.is_sigma_known:
-        variance = end.chi_square / max(evaluation.residuals.size - len(values), 1)
-    effects = np.sum((evaluation.projected_jacobian * values) ** 2, axis=0)
+    end = search(problem, scaling, first, max_evaluations, check_start=check_start)
+    if end.status.success and not _find_runaways(problem, scaling, end).any():
+        return end
+    evaluations = end.evaluations
+
+    def repeat(
+        begin: Array, free: Array | None = None, names: tuple[str, ...] = ()
+    ) -> SearchResult | None:
+        nonlocal evaluations
+        if evaluations >= max_evaluations:
+            return None
+        remaining = max_evaluations - evaluations
+        try:
+            result = search(problem, scaling, begin, remaining, free, has_short_steps=True)
+        except (ValueError, ArithmeticError):
+            # BeamdaeError, or an error of the model function: first values of some parameters may
+            # not go with the estimates of others.
+            return None
+        evaluations += result.evaluations
+        return replace(result, evaluations=evaluations, held=names)
+
+    short = repeat(first)
+    if short is not None and _is_better(problem, short, end):
+        end = short
+    is_runaway = _find_runaways(problem, scaling, end)
+    if is_runaway.any():
+        begin = np.where(is_runaway, scaling.first, scaling.variables(end.evaluation.values))
+        names = tuple(np.array(problem.variables)[is_runaway].tolist())
+        held = repeat(begin, ~is_runaway, names)
+        if held is not None and held.chi_square - end.chi_square <= _variance(problem, end):
+            end = held
+            released = repeat(scaling.variables(held.evaluation.values))
+            if released is not None and _is_better(problem, released, held):
+                end = released
+    return replace(end, evaluations=evaluations)
+
+
+def _variance(problem: FitProblem, end: SearchResult) -> float:
+    """Return the variance of the errors in units of the residuals."""
+    if problem.data.is_sigma_known:
+        return 1.0
+    freedom = end.evaluation.residuals.size - len(problem.variables) - len(problem.coefficients)
+    return end.chi_square / max(freedom, 1)
+
+
+def _is_better(problem: FitProblem, end: SearchResult, other: SearchResult) -> bool:
+    """Return True if the data prefer an end, or if it alone is a minimum without disadvantage."""
+    gain = (other.chi_square - end.chi_square) / (_variance(problem, end) or 1.0)
+    is_cleaner = end.status.success and not other.status.success
+    return gain > 1.0 or (is_cleaner and gain >= -1.0)
+
+
+def _find_runaways(problem: FitProblem, scaling: Scaling, end: SearchResult) -> Array:
+    """Return True (K,) for parameters whose negligible effect makes their values arbitrary.
+
+    Such a parameter has no bounds, doubling it changes the residuals by less than one standard
+    deviation, and it is far from its first value or the search ended before a minimum.
+    """
+    first, values = scaling.values(scaling.first), end.evaluation.values
+    sizes = np.maximum(np.abs(values), np.abs(first) * (not end.status.success))
+    effects = np.sum((end.evaluation.projected_jacobian * sizes) ** 2, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         is_far = np.abs(np.log(np.abs(values / first))) > _MIN_RUNAWAY
-    is_runaway = is_far & (effects < variance) & np.isinf(scaling.limits[1]) & (first != 0.0)
-    is_runaway[count:] = False
-    remaining = max_evaluations - end.evaluations
-    if remaining < 1 or not is_runaway.any():
-        return end
-    begin = np.where(is_runaway, scaling.first, scaling.variables(values))
-    try:
-        again = search(problem, scaling, begin, remaining, ~is_runaway)
-    except BeamdaeError:
-        return end
-    if again.chi_square - end.chi_square > variance:
-        return end
-    names = tuple(np.array(problem.names)[is_runaway[:count]].tolist())
-    return replace(again, evaluations=end.evaluations + again.evaluations, held=names)
+    is_weak = (effects < _variance(problem, end)) & np.isinf(scaling.limits[1]) & (first != 0.0)
+    is_weak[len(problem.names) :] = False
+    return np.asarray(is_weak & (is_far | (end.status.kind == "limited")))
 
 
 def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> str:
@@ -254,7 +313,7 @@ def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> s
             continue
         is_low = failed[k] < values[k]
         # Most domains end at zero.
-        limit = 0.0 if failed[k] * values[k] <= 0.0 else values[k]
+        limit = 0.0 if np.sign(failed[k]) * np.sign(values[k]) <= 0.0 else values[k]
         sentences.append(f"{name} = {failed[k]:.4g}")
         ends = f"{limit:.4g}, upper" if is_low else f"lower, {limit:.4g}"
         bounds.append(f"{name!r}: ({ends})")
