@@ -91,14 +91,20 @@ class Material:
         "copper"              115     0.343 8940     ASM Handbook vol. 2, C11000, nu of pure copper
         ===================== ======= ===== ======== ==========================================
 
-        The unit of rho is kg/m^3; the yield stress is not set. Values differ by a few percent
-        between alloys and tempers; create a `Material` from measured values if available.
+        The unit of rho is kg/m^3. `yield_stress` is None, because it depends on grade and temper;
+        pass it to `SectionForces.safety`. Values differ by a few percent between alloys and
+        tempers; create a `Material` from measured values if available.
 
         Parameters
         ----------
         name
             One of the names in the table, "aluminium", or a beginning of at least four letters if
             it is unique.
+
+        Returns
+        -------
+        Material
+            Material without a yield stress.
 
         Raises
         ------
