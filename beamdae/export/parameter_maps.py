@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.part_warnings import starts_in_equilibrium
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.export.model_source import NumberMap, Value
 
@@ -186,6 +187,8 @@ class _Samples:
                 size = max(1.0, float(np.max(np.abs(old), initial=0.0)))
                 if np.max(np.abs(new - old), initial=0.0) > _START_ROUNDING * size:
                     what = "positions or velocities at the start"
+                    if starts_in_equilibrium(first):
+                        what += ", which is the equilibrium of the model"
         if what:
             raise BeamdaeError(
                 f"{self.part}: changes of {', '.join(names)} affect {what}; export only "

@@ -1118,3 +1118,20 @@ def test_regression_tables_of_gravity_and_inputs_that_end_runs_are_rejected(tmp_
     mech.observe("ball", ball.point)
     with pytest.raises(bd.BeamdaeError, match=f"the table of {owner} ends the run"):
         export(tmp_path, mech, t_end=1.0)
+
+
+def test_regression_parameters_that_change_the_equilibrium_are_refused_with_the_cause(tmp_path):
+    """The message did not say that the start in equilibrium depends on the parameter."""
+
+    @bd.model(t_end=0.1)
+    def sagging(load=1.0):
+        mech = bd.Mechanism(start="equilibrium")
+        ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+        mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.0), ball.point, 100.0, free_length=1.0))
+        mech.add(bd.Force("load", ball.point, (0.0, -load)))
+        mech.observe("ball", ball.point)
+        return mech
+
+    message = "load affect positions or velocities at the start, which is the equilibrium of the"
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.export_fmu(sagging, tmp_path / "s.fmu", parameters=["load"], platforms=[])
