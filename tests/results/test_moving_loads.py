@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -132,3 +133,49 @@ def test_regression_mesh_errors_of_the_reactions_of_sliding_points_have_a_warnin
     assert 10.0 < error < 25.0
     assert 0.5 * error < stated < 2.0 * error
     assert not any("mesh error of its reaction" in x for x in fine.warnings)
+
+
+@pytest.mark.parametrize(("elements", "nodes"), [(1, 4), (2, 4), (2, 3), (4, 2)])
+def test_regression_deflections_below_moving_loads_on_long_elements_have_a_warning(elements, nodes):
+    """The deflection of a bridge of one element was 10 % too small without notice."""
+
+    def bridge(elements, x):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+        line = bd.Line((0.0, 0.0), (1.0, 0.0))
+        beam = mech.add(bd.Beam("bridge", line, section, elements=elements, nodes=nodes))
+        mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end, (1.0, 0.0)))
+        mech.add(bd.MovingForce("wheel", beam, (0.0, -0.1), speed=1.0))
+        mech.observe("place", beam.at(x))
+        # x = a, 1 - x = b: w = F a^2 b^2 / (3 E I).
+        exact = -0.1 * (x * (1.0 - x)) ** 2 / (3.0 * section.EI)
+        largest = 0.1 / (48.0 * section.EI)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", bd.BeamdaeWarning)
+            path = bd.equilibrium(mech, t=x)
+        return (path["place.y"].iloc[-1] - exact) / largest, [str(w.message) for w in caught]
+
+    x = 0.5 / elements
+    error, texts = bridge(elements, x)
+    text = next(text for text in texts if "do not bend sharply" in text)
+    stated = 0.01 * float(re.search(r"is about (\S+) %", text).group(1))
+    assert 0.01 < error < 1.1 * stated < 2.0 * error
+    count = int(re.search(r"elements=(\d+)", text).group(1))
+    error, texts = bridge(count, 0.5 / count)
+    assert abs(error) < 0.01
+    assert not any("do not bend sharply" in text for text in texts)
+
+
+def test_regression_moving_loads_on_one_linear_element_do_not_fail():
+    """A path along which no point moves ended with a ZeroDivisionError."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.01)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("bridge", line, section, elements=1, nodes=2))
+    mech.add(bd.Revolute("left", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointOnLine("right", mech.ground.at(1.0, 0.0), beam.end, (1.0, 0.0)))
+    mech.add(bd.MovingForce("wheel", beam, (0.0, -0.1), speed=1.0))
+    mech.observe("middle", beam.at(0.5))
+    with pytest.warns(bd.BeamdaeWarning, match="do not bend sharply"):
+        assert bd.equilibrium(mech, t=0.5)["middle.y"].iloc[-1] == pytest.approx(0.0, abs=1e-12)

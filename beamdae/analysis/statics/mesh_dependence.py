@@ -114,7 +114,9 @@ class _FineMesh:
         if point.system.held_coordinates:
             system = hold_neutral_motions(system, x)
         # Load and motion contribute equally to the distance along the path.
-        norm = StepNorm(e.group_scales, abs(secant.mu) / motion if secant.mu else np.inf)
+        # Loads under which no point moves, such as those within a linear element, count alone.
+        factor = abs(secant.mu) / (motion or 1.0) if secant.mu else np.inf
+        norm = StepNorm(e.group_scales, factor)
         control = norm.arc_length_control(x, point.mu, PathDirection(along, secant.mu))
         try:
             return Corrector(system).correct(control, 0.0, x, point.mu).negative_count

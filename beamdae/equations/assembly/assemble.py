@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.beams.beam import warn_about_moving_load
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.configurations import build_configurations
 from beamdae.equations.assembly.coordinate_map import (
@@ -225,6 +226,9 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
         names = [f"{part.name}.{x.name}" for x in coordinates]
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
         part.prepare(attached.get(id(part), []), id(part) in fixed or is_requested)
+    moving: list[Any] = [x for x in mechanism.parts.values() if x.moves_along_beam]
+    for part in moving:
+        warn_about_moving_load(part.name, part.beam, attached.get(id(part.beam), []))
     if any(type(part).prepare is not Part.prepare for part in mechanism.parts.values()):
         forget_meshes()
 
