@@ -371,7 +371,8 @@ def as_equations(
         if equations.controllers and not sampled:
             raise BeamdaeError(
                 f"{name}: the sampled controller {equations.controllers[0].controller.name!r} is "
-                "called only in runs; omit it, or replace it by states (mech.state)."
+                "called only in runs; omit it, or replace it by states (mech.state). For poles of "
+                "its loop, use bd.linearize(plant).state_space(every) of the mechanism without it."
             )
         return equations
     from beamdae.equations.assembly.constrained_system import ConstrainedSystem

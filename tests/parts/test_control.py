@@ -440,8 +440,9 @@ def test_regression_laws_whose_memory_an_earlier_run_has_changed_are_rejected():
 
 def test_analyses_other_than_runs_reject_sampled_controllers():
     for analysis in (bd.linearize, bd.modes, bd.equilibrium):
-        with pytest.raises(bd.BeamdaeError, match="the sampled controller 'servo' is called only"):
+        with pytest.raises(bd.BeamdaeError, match="controller 'servo' is called only in runs") as e:
             analysis(build_servo())
+        assert "bd.linearize(plant).state_space(every)" in str(e.value)
     check = bd.check(build_servo())
     assert check.ok
     assert "inertia" not in str(check)
