@@ -44,7 +44,10 @@ _MIN_DECREASE = 0.1
 # SciPy's message if no step along the search direction of SLSQP reduces the objective, and ours.
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
 _NO_DECREASE = "no step along the search direction reduces the objective"
-_CONTRADICTION = "the constraints may contradict each other or the bounds"
+_CONTRADICTION = (
+    "the search is local, start it from other parameters=; otherwise the constraints may "
+    "contradict each other or the bounds"
+)
 _ADAPTIVE_STEPS = (
     "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "
     "GeneralizedAlpha(step=1e-3)"
@@ -56,10 +59,13 @@ _IDLE_CHANGE = 2e-4
 _MIN_IDLE_TRIALS = 10
 # The search ends if this number of designs in a row remain within the distance below, in units of
 # the sizes of the numbers, with changes of the scaled objective and of the violation below the
-# second one: rounding errors of the analyses keep its line searches from succeeding.
+# second one: rounding errors of the analyses keep its line searches from succeeding. If all designs
+# are far from feasible, fewer are sufficient: the violation has a local minimum.
 _MAX_RESTING_TRIALS = 20
+_MAX_INFEASIBLE_RESTING_TRIALS = 8
+_FAR_VIOLATION = 1e-3  # relative to the limit
 _RESTING_DISTANCE, _RESTING_CHANGE = 1e-3, 1e-5
-_RESTING = f"the last {_MAX_RESTING_TRIALS} designs hardly differ"
+_RESTING = "designs hardly differ"
 # Relative excess of a maximum over the limit of its smooth maximum from which the search continues
 # with another ratio of both; largest number of such searches.
 _MAX_EXCESS = 1e-3
@@ -415,8 +421,8 @@ class Search:
         ):
             return "increase max_evaluations="
         return (
-            f"the violation fell by less than {100.0 * _MIN_DECREASE:.0f} % in the second half, so "
-            f"{_CONTRADICTION}; relax a limit or increase max_evaluations="
+            f"the violation fell by less than {100.0 * _MIN_DECREASE:.0f} % in the second half; "
+            f"{_CONTRADICTION}"
         )
 
     def _evaluate(self, numbers: Array) -> Trial:
@@ -424,8 +430,10 @@ class Search:
             count = format_count(self._max_evaluations, "evaluation")
             sentence = f"stopped after {count}; {self._remedy}"
             raise _SearchEndError(Status("limited", sentence))
-        if self._is_resting():
-            raise _SearchEndError(Status("limited", f"stopped because {_RESTING}"))
+        if resting := self._count_resting():
+            raise _SearchEndError(
+                Status("limited", f"stopped because the last {resting} {_RESTING}")
+            )
         try:
             design = self._problem.design(numbers)
         except (ValueError, ArithmeticError) as failure:
@@ -434,16 +442,20 @@ class Search:
         self._failures = 0
         return self._record(numbers, design)
 
-    def _is_resting(self) -> bool:
-        """Return True if the last designs hardly differ, which does not end line searches."""
-        trials = list(self._trials.values())[-_MAX_RESTING_TRIALS:]
-        if self._method != "SLSQP" or len(trials) < _MAX_RESTING_TRIALS:
-            return False
+    def _count_resting(self) -> int:
+        """Return the number of last designs that hardly differ, or 0 if they are too few."""
+        trials = list(self._trials.values())
+        is_far = min(x.violation for x in trials if not x.failure) > _FAR_VIOLATION
+        count = _MAX_INFEASIBLE_RESTING_TRIALS if is_far else _MAX_RESTING_TRIALS
+        trials = trials[-count:]
+        if self._method != "SLSQP" or len(trials) < count:
+            return 0
         if any(x.failure for x in trials):
-            return False
+            return 0
         moved = np.ptp([x.numbers / self._problem.sizes for x in trials], axis=0)
         changes = np.ptp([(x.values[0] / self._scales[0], x.violation) for x in trials], axis=0)
-        return bool(np.max(moved) <= _RESTING_DISTANCE and np.max(changes) <= _RESTING_CHANGE)
+        is_resting = np.max(moved) <= _RESTING_DISTANCE and np.max(changes) <= _RESTING_CHANGE
+        return count if is_resting else 0
 
     def _record(self, numbers: Array, design: Design) -> Trial:
         trial = self._rate(numbers, design.values)
