@@ -105,7 +105,8 @@ class PeriodicMotion(HasTable, HasPage):
         factor of a perturbation per period. Perturbations in modes that the steps do not resolve
         decay numerically, even if the modes are undamped.
     multiplier_error
-        Change of the largest modulus when the steps of the variational equations are halved.
+        Estimated error of the largest modulus, from its changes when the steps of the variational
+        equations are halved.
     off
         Largest difference between the states at the start and the end of the period, relative to
         the amplitudes of the motion [-].

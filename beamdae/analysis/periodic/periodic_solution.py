@@ -47,9 +47,11 @@ from beamdae.results.periodic_motion import (
 Array = np.ndarray
 
 _NAME = "periodic"
-# Steps of the variational equations are halved until the largest modulus of a multiplier changes by
-# at most this amount.
+# Steps of the variational equations are halved until the estimated error of the largest modulus of a
+# multiplier is at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
+_ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
+_TINY = 1e-300  # avoids a division by zero
 _MAX_REFINEMENTS = 4
 # Parts of the monodromy matrix below this fraction of its norm are neglected.
 _MULTIPLIER_RANK_TOLERANCE = 1e-6
@@ -298,29 +300,45 @@ def _find_drifting_state(run: PeriodRun) -> str:
 def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
     """Return the Floquet multipliers, an error estimate, and the monodromy matrix if known.
 
-    The estimate is the change of the largest modulus if the steps are halved. Of the matrix with
-    twice the first steps, only the restriction to the range of the next matrix is computed.
+    The estimate is the change of the largest modulus if the steps are halved, or that expected of
+    all further halvings. Of the matrix with twice the first steps, only the restriction to the
+    range of the next matrix is computed.
     """
-    multipliers, error, monodromy = np.zeros(0, complex), np.inf, None
+    multipliers, monodromy, persistent = np.zeros(0, complex), None, None
+    change, error = np.inf, np.inf
     first = run.steps_per_node
     for refinement in range(_MAX_REFINEMENTS + 1):
         try:
             monodromy = run.monodromy(
-                steps_per_node=first / 2**refinement, tolerance=_MULTIPLIER_RANK_TOLERANCE
+                steps_per_node=first / 2**refinement,
+                tolerance=_MULTIPLIER_RANK_TOLERANCE,
+                persistent=persistent,
             )
         except LinearizationError:
             continue
         refined = floquet_multipliers(monodromy)
-        run = replace(run, persistent=run.persistent_disturbances(monodromy))
+        persistent = run.persistent_disturbances(monodromy)
         if not multipliers.size:
             with suppress(LinearizationError):
                 multipliers = _restricted_multipliers(run, monodromy, 2.0 * first / 2**refinement)
         if multipliers.size:
-            error = abs(largest_modulus(refined) - largest_modulus(multipliers))
+            last_change = change
+            change = abs(largest_modulus(refined) - largest_modulus(multipliers))
+            error = change * _remaining_share(change, last_change)
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE:
             break
     return multipliers, float(error), monodromy
+
+
+def _remaining_share(change: float, last_change: float) -> float:
+    """Return the error after the last of two successive halvings, relative to its change.
+
+    The changes form a geometric series whose ratio is at least that of the order 5. Without a
+    contraction, or a previous change, the error is the change.
+    """
+    ratio = max(change / max(last_change, _TINY), _ORDER_RATIO)
+    return min(1.0, ratio / (1.0 - ratio)) if np.isfinite(last_change) and ratio < 1.0 else 1.0
 
 
 def _restricted_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:

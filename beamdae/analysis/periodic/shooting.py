@@ -28,6 +28,7 @@ from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import Interrupted
 from beamdae.results.solution import Solution
+from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
@@ -259,6 +260,17 @@ class PeriodMap:
         independent = equations if reduction is None else reduction.equations
         return cls(independent, integrator, begin, period, VariationalEquations(independent))
 
+    def with_radau(self) -> PeriodMap:
+        """Return the map of Radau with the same rtol; this map if steps are fixed.
+
+        Other methods resolve undamped fast vibrations, which are not part of the motion, with up to
+        a hundred times as many steps.
+        """
+        name, value = self.integrator.accuracy
+        if name != "rtol" or isinstance(self.integrator, Radau):
+            return self
+        return replace(self, integrator=Radau(value))
+
     def coarsen(self) -> PeriodMap:
         """Return the map for approaching a motion, unless steps are fixed: Radau, a larger rtol.
 
@@ -266,11 +278,11 @@ class PeriodMap:
         Corrections of large deflections disturb axial deformations, whose vibrations would take
         thousands of steps of a run that resolves them relative to their small amplitudes.
         """
-        name, value = self.integrator.accuracy
-        if name != "rtol" or value > _COARSENING_RATIO * _COARSE_RTOL:
-            return self
-        options = self.integrator if isinstance(self.integrator, Radau) else Radau()
-        return replace(self, integrator=replace(options, rtol=_COARSE_RTOL), is_coarse=True)
+        integrator = self.with_radau().integrator
+        is_coarse = integrator.accuracy.value > _COARSENING_RATIO * _COARSE_RTOL
+        if not isinstance(integrator, Radau) or is_coarse:
+            return self.with_radau()
+        return replace(self, integrator=replace(integrator, rtol=_COARSE_RTOL), is_coarse=True)
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
@@ -570,28 +582,42 @@ class PeriodRun:
         self, disturbances: Array, steps_per_node: float, tolerance: float = EXACT_RANK
     ) -> Array:
         """Propagate disturbances (k, j) over the period; both are in terms of `basis`."""
-        trajectory, variational = self.solution.trajectory, self.period_map.variational
         columns = self.basis @ disturbances
-        return self.projection @ variational.propagate(
-            trajectory, columns, self.scales, steps_per_node, tolerance
+        return self.projection @ self.period_map.variational.propagate(
+            self._linearized_trajectory, columns, self.scales, steps_per_node, tolerance
         )
 
+    @cached_property
+    def _linearized_trajectory(self) -> Trajectory:
+        """This run, or one by Radau from the same state if steps are adaptive."""
+        radau = self.period_map.with_radau()
+        if radau is self.period_map:
+            return self.solution.trajectory
+        q, v = np.split(self.state, 2)
+        return replace(radau, is_coarse=True).run(q, v, self.amplitudes).trajectory
+
     def monodromy(
-        self, *directions: Array, steps_per_node: float, tolerance: float = EXACT_RANK
+        self,
+        *directions: Array,
+        steps_per_node: float,
+        tolerance: float = EXACT_RANK,
+        persistent: Array | None = None,
     ) -> Array:
         """Return the monodromy matrix (k, k), in terms of `basis`.
 
         It maps disturbances at the start of the period to those at its end, and is exact on its
-        range and `directions`, (k,) each; see `assemble_monodromy`.
+        range and `directions`, (k,) each; see `assemble_monodromy`. `persistent` are disturbances
+        that are expected to persist; they default to those of the run.
         """
         size = len(self.deviation)
+        persistent = self.persistent if persistent is None else persistent
         stage_tolerance = max(EXACT_RANK, _STAGE_TOLERANCE_RATIO * tolerance)
         return assemble_monodromy(
             lambda columns: self.propagate(columns, steps_per_node, stage_tolerance),
             size,
             np.column_stack([np.zeros((size, 0)), *directions]),
             tolerance,
-            None if self.persistent is None else self.projection @ self.persistent,
+            None if persistent is None else self.projection @ persistent,
         )
 
     def resolved_monodromy(
@@ -600,7 +626,7 @@ class PeriodRun:
         """Return the monodromy matrix for Newton's method, on steps of the run.
 
         It is exact on the deviation and `directions`. For runs of `Radau`, this is the derivative
-        of the discrete solution.
+        of the discrete solution. Other adaptive steps are replaced by those of `Radau`.
 
         Raises
         ------
@@ -619,9 +645,9 @@ class PeriodRun:
     def steps_per_node(self) -> float:
         """Number of steps of the run in each step of the variational equations.
 
-        1 for runs of `Radau`; more for other methods, whose steps are of lower order.
+        1 for adaptive steps; more for fixed steps, whose methods are of lower order.
         """
-        has_stages = self.solution.trajectory.intervals[0].nodes_per_step > 1
+        has_stages = self._linearized_trajectory.intervals[0].nodes_per_step > 1
         return 1.0 if has_stages else _STEPS_PER_NODE
 
     @property
@@ -686,27 +712,35 @@ def settle_and_solve(
 ) -> tuple[PeriodRun, int]:
     """Return the result of `solve_shooting` after a run of `periods` periods.
 
-    Both begin with coarse runs; accurate runs continue with their last matrix. If these do not lead
-    to the motion, all runs are accurate.
+    Both begin with coarse runs of Radau; accurate runs, first of Radau, continue with the last
+    matrix. If these do not lead to the motion, all runs are accurate.
 
     Raises
     ------
     IncompleteRunError, BeamdaeError
         As `solve_shooting`.
     """
-    coarse = period_map.coarsen()
+    coarse, radau = period_map.coarsen(), period_map.with_radau()
     if coarse is not period_map:
-        limits = Tolerance.for_integrator("periodic", None, coarse.integrator)
+        coarse_tolerance = Tolerance.for_integrator("periodic", None, coarse.integrator)
         with suppress(IncompleteRunError, LinearizationError):
             q, v, amplitudes = coarse.settle(periods)
-            start, first, linearization = _iterate(coarse, q, v, limits, False, None, amplitudes)
-            if start.relative_deviation <= limits.accepted:
-                q, v = np.split(start.state, 2)
-                run, count, _ = _iterate(
-                    period_map, q, v, tolerance, False, linearization, start.amplitudes
+            run, count, linearization = _iterate(
+                coarse, q, v, coarse_tolerance, False, None, amplitudes
+            )
+            accepted = coarse_tolerance.accepted
+            for accurate in ((radau, period_map) if radau is not period_map else (radau,)):
+                if accurate is coarse or run.relative_deviation > accepted:
+                    continue
+                # Corrections excite fast vibrations, which take accurate runs thousands of steps and
+                # decay within the long steps of a coarse run.
+                q, v = run.period_map.end_state(run.solution)
+                run, further, linearization = _iterate(
+                    accurate, q, v, tolerance, False, linearization, run.amplitudes
                 )
-                if run.relative_deviation <= tolerance.accepted:
-                    return run, first + count
+                count, accepted = count + further, tolerance.accepted
+            if run.relative_deviation <= accepted:
+                return run, count
     q, v, amplitudes = period_map.settle(periods)
     run, count, _ = _iterate(period_map, q, v, tolerance, False, None, amplitudes)
     return run, count
