@@ -201,6 +201,57 @@ def test_regression_coarse_searches_of_turning_strips_are_not_repeated(monkeypat
     assert np.abs(motion.multipliers[0]) == pytest.approx(0.810592, abs=2e-5)
 
 
+@pytest.mark.slow(reason="several periods with thousands of steps")
+@pytest.mark.parametrize("integrator", [bd.Ida(1e-6), bd.GeneralizedAlpha(rtol=1e-4)], ids=repr)
+def test_regression_undamped_strips_take_few_periods_with_all_adaptive_methods(
+    monkeypatch, integrator
+):
+    """Searches with Ida took 144 periods, those with adaptive generalized-alpha 657.
+
+    Steps that resolve axial vibrations made most of the runs and of the variational equations.
+    """
+    runs, steps, run = [], [], PeriodMap.run
+    propagate = VariationalEquations.propagate
+
+    def counted_run(self, *arguments, **keywords):
+        runs.append(self.integrator.method)
+        return run(self, *arguments, **keywords)
+
+    def counted_propagate(self, trajectory, *arguments):
+        steps.append(sum(len(x.t) for x in trajectory.intervals))
+        return propagate(self, trajectory, *arguments)
+
+    monkeypatch.setattr(PeriodMap, "run", counted_run)
+    monkeypatch.setattr(VariationalEquations, "propagate", counted_propagate)
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+    rate = 0.5 * 1.8751041**2 * np.sqrt(section.EI / section.rhoA)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    load = bd.sine(0.03 * section.EI, rate / (2.0 * np.pi))
+    mech.add(bd.Force("load", beam.end, (0.0, load)))
+    motion = bd.periodic(mech, 2.0 * np.pi / rate, integrator)
+    assert motion.status.success
+    assert runs.count(integrator.method) <= 5
+    assert max(steps) < 300
+    # Undamped; half a period of the first mode in each period of the load.
+    assert np.abs(motion.multipliers[:2]) == pytest.approx(1.0, abs=2e-4)
+
+
+@pytest.mark.parametrize("frequency", [0.4, 0.05])
+def test_multipliers_are_those_of_the_dense_matrix(frequency):
+    """Error estimates include the contraction of earlier halvings of the steps."""
+    motion = bd.periodic(pendulum(frequency), 1.0 / frequency, bd.Radau(1e-5))
+    state = motion.solution.trajectory.intervals[0].state
+    equations = motion.solution.equations
+    period_map = PeriodMap.from_equations(equations, bd.Radau(1e-10), 0.0, motion.period)
+    run = PeriodRun.from_state(period_map, state.q[0], state.v[0])
+    dense = run.propagate(np.eye(len(run.deviation)), steps_per_node=0.5)
+    expected = np.max(np.abs(np.linalg.eigvals(dense)))
+    assert abs(np.abs(motion.multipliers[0]) - expected) < 1e-5 + 2.0 * motion.multiplier_error
+
+
 def test_expected_range_spares_a_second_pass():
     random = np.random.default_rng(3)
     size, rank = 60, 4

@@ -268,6 +268,8 @@ def _make_workspace(
         ends_w=np.zeros((_STAGES * count, size)),
         weights=np.zeros(2 * n),
         jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
+        differences=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
+        has_differences=np.zeros((_STAGES, 3), np.int64),
         real_nonzeros=real[1],
         complex_nonzeros=complex_[1],
         entry_rows=pattern.indices.astype(np.int64),

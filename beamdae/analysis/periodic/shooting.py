@@ -278,11 +278,15 @@ class PeriodMap:
         Corrections of large deflections disturb axial deformations, whose vibrations would take
         thousands of steps of a run that resolves them relative to their small amplitudes.
         """
-        integrator = self.with_radau().integrator
-        is_coarse = integrator.accuracy.value > _COARSENING_RATIO * _COARSE_RTOL
-        if not isinstance(integrator, Radau) or is_coarse:
-            return self.with_radau()
-        return replace(self, integrator=replace(integrator, rtol=_COARSE_RTOL), is_coarse=True)
+        radau = self.with_radau().integrator
+        if not isinstance(radau, Radau) or (radau is self.integrator and self._has_large_rtol):
+            return self
+        rtol = max(radau.rtol, _COARSE_RTOL)
+        return replace(self, integrator=replace(radau, rtol=rtol), is_coarse=True)
+
+    @property
+    def _has_large_rtol(self) -> bool:
+        return self.integrator.accuracy.value > _COARSENING_RATIO * _COARSE_RTOL
 
     def run(self, q: Array, v: Array, scales: Array | None = None, periods: int = 1) -> Solution:
         """Integrate over `periods` periods from (q, v); `scales` are known amplitudes, or None.
@@ -720,7 +724,7 @@ def settle_and_solve(
     IncompleteRunError, BeamdaeError
         As `solve_shooting`.
     """
-    coarse, radau = period_map.coarsen(), period_map.with_radau()
+    coarse = period_map.coarsen()
     if coarse is not period_map:
         coarse_tolerance = Tolerance.for_integrator("periodic", None, coarse.integrator)
         with suppress(IncompleteRunError, LinearizationError):
@@ -728,10 +732,11 @@ def settle_and_solve(
             run, count, linearization = _iterate(
                 coarse, q, v, coarse_tolerance, False, None, amplitudes
             )
-            accepted = coarse_tolerance.accepted
-            for accurate in ((radau, period_map) if radau is not period_map else (radau,)):
-                if accurate is coarse or run.relative_deviation > accepted:
-                    continue
+            accepted, radau = coarse_tolerance.accepted, period_map.with_radau()
+            is_final = radau is period_map or period_map._has_large_rtol
+            for accurate in (period_map,) if is_final else (radau, period_map):
+                if run.relative_deviation > accepted:
+                    break
                 # Corrections excite fast vibrations, which take accurate runs thousands of steps and
                 # decay within the long steps of a coarse run.
                 q, v = run.period_map.end_state(run.solution)

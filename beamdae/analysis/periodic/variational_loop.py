@@ -15,6 +15,7 @@ from beamdae.equations.formulations.first_order import FirstOrderBuffers, evalua
 from beamdae.equations.formulations.kinematic_reduction import KinematicReduction, reduce_unknowns
 from beamdae.integrators.radau.coefficients import (
     COMPLEX_EIGENVALUE,
+    RATES,
     REAL_EIGENVALUE,
     T_INVERSE,
     TO_COMPLEX,
@@ -33,6 +34,9 @@ from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 Array = np.ndarray
 
 _MAX_ITERATIONS = 20
+# Iterations that evaluate the residual completely. Later residuals consist of the differences of
+# the matrices, which have the effect of the rounding errors of a solution on the last residual.
+_REFINING_ITERATIONS = 2
 # From this iteration on, the rate of convergence must suffice for the remaining iterations.
 _FIRST_TESTED_ITERATION = 4
 # The iteration stagnates at its rounding errors if a correction shrinks by less than this factor;
@@ -72,6 +76,10 @@ class VariationalWorkspace:
         Reciprocal natural sizes of (q, v).
     jacobians
         Parts of the reduced matrices, one row per stage.
+    differences
+        Parts at the second stage minus those at each stage.
+    has_differences
+        1 for parts with differences, else 0, one row per stage.
     real_nonzeros, complex_nonzeros, entry_rows, entry_columns
         Non-zeros of the real and the complex matrix, and their rows and columns.
     y, yp, w, last_w, stages, rates, right, complex_right, extrapolation, velocities
@@ -105,6 +113,8 @@ class VariationalWorkspace:
     ends_w: Array
     weights: Array
     jacobians: Array
+    differences: Array
+    has_differences: Array
     real_nonzeros: Array
     complex_nonzeros: Array
     entry_rows: Array
@@ -169,9 +179,14 @@ def _factorize_step(run: VariationalWorkspace, h: float) -> int:
     rate, complex_rate = REAL_EIGENVALUE / h, COMPLEX_EIGENVALUE / h
     combine(run.real_nonzeros, (1.0, rate, rate * rate), parts)
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
+    for i in range(3):
+        combine(run.differences[i], (1.0, -1.0), (middle, run.jacobians[i]))
+        for part in range(3):
+            difference = run.differences[i, part * size : (part + 1) * size]
+            run.has_differences[i, part] = max_norm(difference, difference) > 0.0
     code = factorize_both(run, True)
     if code == DONE:
-        # The iteration of the stages is an iterative refinement itself.
+        # The first two iterations of the stages are an iterative refinement.
         omit_refinement(run.real_solver)
         omit_refinement(run.complex_solver)
     return code
@@ -192,9 +207,20 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
     # All disturbances have the same iteration matrix.
     previous, rate = math.inf, (run.rate if run.rate > 0.0 else _FIRST_RATE)
     for iteration in range(_MAX_ITERATIONS):
-        set_stages(run, h)
-        for i in range(3):
-            _evaluate_residual(run, i)
+        if iteration < _REFINING_ITERATIONS:
+            set_stages(run, h)
+            for i in range(3):
+                fill(residuals[i], 0.0)
+                for part in range(3):
+                    _add_product(run, i, part, run.jacobians[i])
+        else:
+            # The last corrections solve the equations with the matrix of the second stage.
+            _set_corrections(run, h)
+            for i in range(3):
+                fill(residuals[i], 0.0)
+                for part in range(3):
+                    if run.has_differences[i, part]:
+                        _add_product(run, i, part, run.differences[i])
         stage_residuals = (residuals[0], residuals[1], residuals[2])
         factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
         combine(run.right, factors, stage_residuals)
@@ -227,17 +253,25 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
     return NOT_CONVERGED
 
 
-def _evaluate_residual(run: VariationalWorkspace, i: int) -> None:
-    """Evaluate the reduced residual of stage `i`; q' = v holds for defined velocities."""
-    at, n, size = run.reduction, run.form.n, run.real_nonzeros.size
-    rows, columns, unknowns, rates = run.entry_rows, run.entry_columns, run.unknowns, run.rates[i]
-    residual, product, parts = run.residuals[i], run.product, run.jacobians[i]
-    reduce_unknowns(at, n, run.stages[i], unknowns)
-    scatter(residual, rows, parts[:size], unknowns, columns)
-    reduce_unknowns(at, n, rates, unknowns)
-    scatter(product, rows, parts[size : 2 * size], unknowns, columns)
-    combine(residual, (1.0, 1.0), (residual, product))
-    # The last part acts on accelerations only.
-    combine(unknowns[:n], (1.0,), (rates[n : 2 * n],))
-    scatter(product, rows, parts[2 * size : 3 * size], unknowns, columns)
-    combine(residual, (1.0, 1.0), (residual, product))
+def _set_corrections(run: VariationalWorkspace, h: float) -> None:
+    """Compute the last corrections of the stages Y and Y'."""
+    corrections = (run.real_change, run.complex_real, run.complex_imaginary)
+    for i in range(3):
+        combine(run.stages[i], (T[i, 0], T[i, 1], T[i, 2]), corrections)
+        factors = (RATES[i, 0] / h, RATES[i, 1] / h, RATES[i, 2] / h)
+        combine(run.rates[i], factors, corrections)
+
+
+def _add_product(run: VariationalWorkspace, i: int, part: int, matrices: Array) -> None:
+    """Add a part of the reduced matrices times its unknowns at stage `i` to the residual.
+
+    The parts act on the stage, on its rates, and on accelerations; q' = v holds for defined
+    velocities.
+    """
+    n, size, unknowns = run.form.n, run.real_nonzeros.size, run.unknowns
+    reduce_unknowns(run.reduction, n, run.stages[i] if part == 0 else run.rates[i], unknowns)
+    if part == 2:
+        combine(unknowns[:n], (1.0,), (run.rates[i, n : 2 * n],))
+    matrix = matrices[part * size : (part + 1) * size]
+    scatter(run.product, run.entry_rows, matrix, unknowns, run.entry_columns)
+    combine(run.residuals[i], (1.0, 1.0), (run.residuals[i], run.product))
