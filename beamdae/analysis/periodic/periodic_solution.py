@@ -47,8 +47,8 @@ from beamdae.results.periodic_motion import (
 Array = np.ndarray
 
 _NAME = "periodic"
-# Steps of the variational equations are halved until the estimated error of the largest modulus of a
-# multiplier is at most this amount.
+# Steps of the variational equations are halved until the estimated error of the largest modulus of
+# a multiplier is at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
 _ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
 _TINY = 1e-300  # avoids a division by zero

@@ -593,7 +593,7 @@ class PeriodRun:
 
     @cached_property
     def _linearized_trajectory(self) -> Trajectory:
-        """This run, or one by Radau from the same state if steps are adaptive."""
+        """The run or, with other adaptive methods, a run by Radau from the same state."""
         radau = self.period_map.with_radau()
         if radau is self.period_map:
             return self.solution.trajectory
@@ -737,8 +737,8 @@ def settle_and_solve(
             for accurate in (period_map,) if is_final else (radau, period_map):
                 if run.relative_deviation > accepted:
                     break
-                # Corrections excite fast vibrations, which take accurate runs thousands of steps and
-                # decay within the long steps of a coarse run.
+                # Corrections excite fast vibrations, which take accurate runs thousands of steps;
+                # they decay within the long steps of a coarse run.
                 q, v = run.period_map.end_state(run.solution)
                 run, further, linearization = _iterate(
                     accurate, q, v, tolerance, False, linearization, run.amplitudes
