@@ -163,14 +163,11 @@ def _long_elements(run: RunData) -> Iterator[str]:
         return
     motion = run.equations, run.trajectory, run.step_extremes
     examined = dict(examine_vibrations(*motion, run._observe))
-    warnings = [
-        *filter(None, examined.values()),
-        *long_element_warnings(
-            *motion, run._observe_at, lambda: run._energy_ledger.has_free_vibrations, examined
-        ),
-    ]
-    # One warning is enough to use more elements.
-    yield from warnings or fast_load_warnings(*motion)
+    yield from filter(None, examined.values())
+    yield from long_element_warnings(
+        *motion, run._observe_at, lambda: run._energy_ledger.is_lightly_damped, examined
+    )
+    yield from fast_load_warnings(*motion)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:

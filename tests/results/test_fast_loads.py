@@ -65,6 +65,28 @@ def test_regression_pulse_on_a_coarse_rod_has_a_warning(late):
     assert "tip.x" in text
 
 
+@pytest.mark.slow(reason="assembles two finer models")
+@pytest.mark.parametrize("event", [False, True])
+def test_regression_jumps_of_loads_on_mechanisms_that_turn_or_switch(event):
+    """Errors of 40 % were not named if a beam turned by more than 0.5 rad, or if parts switched."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.05, mass=1.0))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.006, damping=1e-5)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.05, 0.0), (0.35, 0.0)), section, elements=1))
+    mech.add(bd.Weld("root", hub.at(0.05, 0.0), arm.start))
+    torque = bd.piecewise((0.02, 0.0), 150.0)
+    mech.add(bd.Moment("kick", hub.at(0.0, 0.0), torque))
+    mech.observe("hub", hub.at(0.0, 0.0))
+    mech.observe("gauge", arm.stress(0.0, 0.003))
+    if event:
+        brake = mech.add(bd.TorsionSpring("brake", mech.ground.at(0, 0), hub.at(0, 0), 5.0))
+        mech.when("hub.angle", crosses=1.0, do=bd.deactivate(brake))
+    (text,) = find_warnings(mech, 0.12)
+    assert text.startswith("kick: this law jumps at t = 0.02 s")
+    assert "gauge" in text
+
+
 @pytest.mark.parametrize(
     ("law", "name"), [(pulse(3e-4, 100.0), "push"), ("base", "shaker")], ids=["force", "base"]
 )

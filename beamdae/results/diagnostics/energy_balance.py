@@ -249,11 +249,20 @@ class EnergyLedger:
 
         Errors of other vibrations do not accumulate.
         """
+        work = float(np.max(np.abs(self._step_rows[:, 4])))
+        is_driven = work > _ROUNDING_OF_FORCES * self._vibration_energy
+        return bool(not is_driven and self.is_lightly_damped)
+
+    @property
+    def is_lightly_damped(self) -> bool:
+        """True if damping leaves a part of the energy."""
+        dissipated = float(np.max(np.abs(self._step_rows[:, 5])))
+        return bool(dissipated <= _MAX_DISSIPATED_SHARE * self._vibration_energy)
+
+    @property
+    def _vibration_energy(self) -> float:
         rows = self._step_rows
-        energy = float(np.max(rows[:, 0])) + float(np.ptp(rows[:, 1]))
-        of_drivers, dissipated = np.max(np.abs(rows[:, 4:6]), axis=0).tolist()
-        is_driven = of_drivers > _ROUNDING_OF_FORCES * energy
-        return bool(not is_driven and dissipated <= _MAX_DISSIPATED_SHARE * energy)
+        return float(np.max(rows[:, 0])) + float(np.ptp(rows[:, 1]))
 
     @property
     def force(self) -> Imbalance:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +38,8 @@ from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
+    MAX_TURN,
     turning_coordinates,
-    turns,
 )
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.trajectory import Trajectory
@@ -72,6 +73,7 @@ _MIN_ORDER, _MAX_REFINEMENT = 0.5, 16.0
 _SHORT_TIME = 1e-9  # relative to the duration; distance between two times
 _MIN_STEP = 1e-12  # relative to the end time; differences over shorter steps are rounding
 _TURN_SAMPLES = 50
+_MIN_TIMES = 20  # of a response
 _TINY = 1e-300  # prevents a division by zero
 
 
@@ -108,8 +110,8 @@ def fast_load_warnings(
 ) -> Iterator[str]:
     """Yield a warning if a law changes so fast that the elements of beams do not resolve the waves.
 
-    Mechanisms with events that switch parts, with first-order states, or with many coordinates are
-    not examined.
+    Runs are examined until an event switches parts, and responses until a beam turns by more than a
+    small angle. Mechanisms with first-order states or with many coordinates are not examined.
 
     Parameters
     ----------
@@ -120,9 +122,9 @@ def fast_load_warnings(
     extremes
         Extremes of the observed columns, by header.
     """
-    has_configurations = any(x.configuration is not None for x in trajectory.intervals)
-    mechanism = equations.mechanism
-    if mechanism is None or has_configurations or len(equations.states) or equations.controllers:
+    intervals = tuple(takewhile(lambda x: not x.inactive, trajectory.intervals))
+    trajectory, mechanism = Trajectory(intervals), equations.mechanism
+    if mechanism is None or not intervals or len(equations.states) or equations.controllers:
         return
     beams = beams_of(mechanism)
     if not beams:
@@ -131,9 +133,9 @@ def fast_load_warnings(
     if change is None:
         return
     times = _time_grid(equations, trajectory, change, beams)
-    few = times[:: len(times) // _TURN_SAMPLES + 1]
-    angles = [turning_coordinates(equations, beam) for beam in beams]
-    if any(turns(trajectory.positions_at(few, columns)) for columns in angles):
+    end = min(_time_of_turn(equations, trajectory, beam, times) for beam in beams)
+    times = times[times <= end]
+    if end < change.end or len(times) < _MIN_TIMES:
         return
     half_ranges = _select_columns(equations, extremes)
     refined = _refine(equations, _HALVINGS) if half_ranges else []
@@ -316,6 +318,16 @@ def _time_grid(
         grids.append(np.linspace(begin, min(change.end, end), _FINE_TIMES))
     times = np.unique(np.concatenate(grids))
     return times[np.append(True, np.diff(times) > _SHORT_TIME * (end - begin))]
+
+
+def _time_of_turn(
+    equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, times: Array
+) -> float:
+    """Return the last time before the frame, or all sections, turn by more than a small angle."""
+    few = times[:: len(times) // _TURN_SAMPLES + 1]
+    angles = trajectory.positions_at(few, turning_coordinates(equations, beam))
+    turns = np.min(np.abs(angles - angles[0]), axis=1) > MAX_TURN
+    return float(few[np.argmax(turns) - 1] if turns.any() else times[-1])
 
 
 def _respond(

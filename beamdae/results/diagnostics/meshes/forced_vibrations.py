@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     coordinates_of,
     fastest_rate,
     mean_tension,
+    rotation_factors,
     sample_count,
     select_beam_columns,
     spectral_window,
@@ -66,10 +68,14 @@ _LARGEST_FREQUENCY_ERROR = 0.3  # larger estimates are meaningless
 # Factor of the sum of the phase errors of the whole spectrum that bounds the errors of columns. In
 # 212 runs, 58 of them with warnings, the bound was at least 12 times the estimate.
 _BOUND_FACTOR = 2.0
+_MAX_ERROR_OF_AMPLITUDE = 10.0  # relative to the amplitude; errors up to 5 were measured
 # Peaks of the spectrum with less than this share of the largest strain energy are left out, and
 # further ones than these.
 _MIN_ENERGY = 1e-6
 _MAX_PEAKS = 10
+# The first half of a run counts if the vibration decays to less than the inverse of this factor. It
+# is measured by second differences of a few samples, which slow motions do not contain.
+_MIN_DECAY, _FEW_SAMPLES = 2.0, 100
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
 
 
@@ -81,8 +87,8 @@ def examine_vibrations(
 ) -> Iterator[tuple[str, str]]:
     """Yield the name of each beam that vibrates about rest, and a warning or "".
 
-    The warning states that elements are so long that amplitudes or phases in the second half of the
-    run are wrong.
+    The warning states that elements are so long that amplitudes or phases are wrong. If events
+    switch parts, the longest time between them is examined.
 
     Parameters
     ----------
@@ -95,9 +101,9 @@ def examine_vibrations(
     observe
         Function that returns the observed columns at rows of (t, branch) and of q, v, a, lam.
     """
+    trajectory = _longest_stretch(trajectory)
     fastest = fastest_rate(trajectory)
-    has_configurations = any(x.configuration is not None for x in trajectory.intervals)
-    if fastest is None or has_configurations or not extremes:
+    if fastest is None or not extremes:
         return
     duration = trajectory.end - trajectory.start
     beams = [
@@ -132,6 +138,13 @@ def examine_vibrations(
         yield beam.name, warning
 
 
+def _longest_stretch(trajectory: Trajectory) -> Trajectory:
+    """Return the longest part of a run in which no event switches parts."""
+    groups = groupby(trajectory.intervals, lambda x: x.inactive)
+    stretches = [Trajectory(tuple(intervals)) for _, intervals in groups]
+    return max(stretches, key=lambda x: x.end - x.start)
+
+
 class _Peaks(NamedTuple):
     """Peaks of a spectrum.
 
@@ -152,7 +165,7 @@ class _Peaks(NamedTuple):
 
 @dataclass(frozen=True)
 class _Vibration:
-    """Vibration of a beam in the second half of a run about its mean position.
+    """Vibration of a beam about its mean position, in the half of a run in which it is larger.
 
     Attributes
     ----------
@@ -168,6 +181,8 @@ class _Vibration:
         Angular frequencies (k,) [rad/s].
     amplitudes
         Complex amplitudes (k, n), zero for coordinates of other parts.
+    duration
+        Time from the start of the run to the end of this half [s].
     """
 
     equations: EquationsOfMotion
@@ -176,16 +191,22 @@ class _Vibration:
     middle: float
     rates: Array
     amplitudes: Array
+    duration: float
 
     @classmethod
     def of_run(
         cls, equations: EquationsOfMotion, trajectory: Trajectory, beam: Beam, count: int
     ) -> _Vibration:
         """Return the vibration, from half of `count` samples of the run."""
-        start, end = trajectory.start, trajectory.end
-        times = np.linspace(0.5 * (start + end), end, count // 2)
         rows = coordinates_of(equations, beam)
         columns = slice(rows.start, rows.stop)
+        start, end = trajectory.start, trajectory.end
+        half = 0.5 * (end - start)
+        few = trajectory.positions_at(np.linspace(start, end, 2 * _FEW_SAMPLES), columns)
+        bends = np.abs(np.diff(few.reshape(2, _FEW_SAMPLES, -1), 2, axis=1)).mean(axis=1)
+        first, second = np.max(bends / equations.position_scales[columns], axis=1)
+        begin = start if first > _MIN_DECAY * second else start + half
+        times = np.linspace(begin, begin + half, count // 2)
         q = np.asfortranarray(trajectory.positions_at(times, columns))
         x, window = spectral_window(len(times))
         q = q - q.mean(axis=0)
@@ -195,13 +216,9 @@ class _Vibration:
         of_all = np.zeros((len(amplitudes), equations.n), complex)
         of_all[:, columns] = amplitudes
         nearest = np.argmin(np.sum((q / equations.position_scales[columns]) ** 2, axis=1))
-        rates = 4.0 * np.pi / (end - start) * np.arange(len(amplitudes))
-        return cls(equations, trajectory, beam, float(times[nearest]), rates, of_all)
-
-    @property
-    def duration(self) -> float:
-        """Duration of the run [s]."""
-        return self.trajectory.end - self.trajectory.start
+        rates = 2.0 * np.pi / half * np.arange(len(amplitudes))
+        middle, duration = float(times[nearest]), float(times[-1] - start)
+        return cls(equations, trajectory, beam, middle, rates, of_all, duration)
 
     @cached_property
     def _position(self) -> tuple[Array, State]:
@@ -211,13 +228,13 @@ class _Vibration:
         """
         rows, state = self.trajectory.at(np.array([self.middle]))
         rest = np.zeros(self.equations.n)
-        return rows[0], State(state.q[0], rest, rest, np.zeros(self.equations.m))
+        return rows[0], State(state.q[0], rest, rest, np.zeros(self._active_equations.m))
 
     def bound(self, half_ranges: Mapping[str, float]) -> float:
         """Return a bound of the errors of columns relative to half their ranges.
 
         With the phase error e omega T, which no resonance exceeds, of all frequencies, also of
-        those without a peak, it needs no matrices.
+        those without a peak, it needs no matrices. Forces and stresses are those of bending.
 
         Parameters
         ----------
@@ -225,20 +242,32 @@ class _Vibration:
             Half the range of each column, by header.
         """
         e, (part,) = self.equations, (x for x in self.equations.parts if x.name == self.beam.name)
-        phase_errors = bending_wave_errors(self.beam, self.rates) * self.rates * self.duration
-        errors = _BOUND_FACTOR * (phase_errors @ np.abs(self.amplitudes))
+        rates, amplitudes = self.rates, np.abs(self.amplitudes)
+        phase_errors = bending_wave_errors(self.beam, rates) * rates * self.duration
+        phase_errors = np.minimum(phase_errors, _MAX_ERROR_OF_AMPLITUDE)
         is_angle = np.array([x.unit == "rad" for x in e.coordinates])
-        turn = np.max(errors[part.rigid], where=is_angle[part.rigid], initial=0.0)
-        bounds = {
-            "rad": turn + np.max(errors, where=is_angle, initial=0.0),
-            "m": self.beam.length * turn + np.max(errors, where=~is_angle, initial=0.0),
-        }
+
+        def largest(factors: Array | float = 1.0) -> tuple[float, float]:
+            """Return the largest error of angles and of positions times functions of the rate."""
+            errors = _BOUND_FACTOR * ((factors * phase_errors) @ amplitudes)
+            turn = np.max(errors[part.rigid], where=is_angle[part.rigid], initial=0.0)
+            angle = turn + np.max(errors, where=is_angle, initial=0.0)
+            position = np.max(errors, where=~is_angle, initial=0.0)
+            return float(angle), float(self.beam.length * turn + position)
+
+        factors = rotation_factors(self.beam, rates)
+        bounds = {unit: largest(x)[0] for unit, x in factors.items()}
+        bounds |= {"m": largest()[1], "m/s": largest(rates)[1]}
         return max(float(bounds[Header.of(x).unit]) / half_ranges[x] for x in half_ranges)
 
     @cached_property
     def _matrices(self) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
         """Return K, C and M."""
-        return ConsistencySolver(self.equations).linearize_forces(*self._position)
+        return ConsistencySolver(self._active_equations).linearize_forces(*self._position)
+
+    @property
+    def _active_equations(self) -> EquationsOfMotion:
+        return self.trajectory.intervals[0].active_equations(self.equations)
 
     @cached_property
     def _own_stiffness(self) -> sp.csc_array:
@@ -251,7 +280,7 @@ class _Vibration:
 
     @cached_property
     def _constraint_jacobian(self) -> sp.csr_array:
-        e, (time, state) = self.equations, self._position
+        e, (time, state) = self._active_equations, self._position
         jacobian = np.zeros((e.m, e.n))
         if e.m:
             gradient = build_constraint_jacobian(e)
@@ -308,7 +337,7 @@ class _Vibration:
                 error += share * (axial_wave_error(beam, rate) - error)
                 error *= refinement ** -convergence_order(beam)
                 change = self._change(rate, error, peaks.forces[k])
-                totals += self._observe(change, half_ranges, observe)
+                totals += self._observe(rate, change, half_ranges, observe)
         sizes = np.array(list(half_ranges.values()))
         return dict(zip(half_ranges, (totals / sizes).tolist(), strict=True))
 
@@ -322,7 +351,7 @@ class _Vibration:
         change_of_stiffness = 2.0 * min(error, _LARGEST_FREQUENCY_ERROR)
         s = 1j * rate + 1.0 / self.duration
         dynamic = stiffness - change_of_stiffness * self._own_stiffness + s * damping + s**2 * mass
-        right = np.concatenate([change_of_stiffness * forces, np.zeros(self.equations.m)])
+        right = np.concatenate([change_of_stiffness * forces, np.zeros(jacobian.shape[0])])
         matrix = sp.block_array([[dynamic, jacobian.T], [jacobian, None]], format="csc")
         return np.asarray(splu(matrix).solve(right)[: self.equations.n])
 
@@ -356,16 +385,24 @@ class _Vibration:
 
     def _observe(
         self,
+        rate: float,
         change: Array,
         half_ranges: Mapping[str, float],
         observe: Callable[..., Array],
     ) -> Array:
-        """Return the amplitudes of columns of a change (n,) of the amplitudes."""
+        """Return the amplitudes of columns of a change (n,) of the amplitudes.
+
+        Forces of the linear equations are not used: they lack those by which beams that bend
+        shorten, so that reactions would be wrong by up to 25 times half their range.
+        """
         e, (time, state) = self.equations, self._position
         scale = _DIFFERENCE / np.max(np.abs(change) / e.position_scales)
-        steps = scale * np.array([change.real, -change.real, change.imag, -change.imag])
-        still = np.zeros_like(steps)
-        states = State(state.q + steps, still, still, np.zeros((4, e.m)))
+
+        def steps(x: Array) -> Array:
+            return scale * np.array([x.real, -x.real, x.imag, -x.imag])
+
+        q = state.q + steps(change)
+        states = State(q, steps(1j * rate * change), np.zeros_like(q), np.zeros((4, e.m)))
         values = observe(np.tile(time, (4, 1)), *states)
         columns = values[:, [e.observed_headers.index(x) for x in half_ranges]]
         return np.asarray(

@@ -9,7 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.beams.beam import Beam, beams_of
-from beamdae.beams.dispersion import bending_wave_errors, bending_wave_numbers, convergence_order
+from beamdae.beams.dispersion import (
+    bending_wave_errors,
+    bending_wave_numbers,
+    convergence_order,
+)
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import name_with_others
 from beamdae.results.columns import Header, remove_unit
@@ -19,6 +23,7 @@ from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     MIN_PERIODS,
     fastest_rate,
     mean_tension,
+    rotation_factors,
     sample_count,
     select_beam_columns,
     spectral_window,
@@ -80,20 +85,20 @@ class _Spectrum(NamedTuple):
         """Return the spectrum of these signals."""
         return self._replace(squares=self.squares[:, :, signals])
 
-    def phase_error(self, frequency_errors: Array, divisors: Array | float = 1.0) -> Array:
+    def phase_error(self, frequency_errors: Array, factors: Array | float = 1.0) -> Array:
         """Return the amplitude of the error of each signal by wrong frequencies, (signals,).
 
         Parameters
         ----------
         frequency_errors
             Relative errors (k,) of the frequencies.
-        divisors
-            Numbers (k,) by which the signals are divided.
+        factors
+            Numbers (k,) with which the signals are multiplied.
         """
         phases = self.ends[:, None] * self.rates * frequency_errors
         # Vibrations in opposite phase differ by twice the amplitude.
-        factors = (np.minimum(phases, 2.0) / divisors) ** 2
-        return np.sqrt(2.0 * np.max(np.sum(factors[:, :, None] * self.squares, axis=1), axis=0))
+        shares = (np.minimum(phases, 2.0) * factors) ** 2
+        return np.sqrt(2.0 * np.max(np.sum(shares[:, :, None] * self.squares, axis=1), axis=0))
 
 
 def long_element_warnings(
@@ -101,7 +106,7 @@ def long_element_warnings(
     trajectory: Trajectory,
     extremes: Mapping[str, StepExtremes],
     observe: Callable[[Array], Array],
-    has_free_vibrations: Callable[[], bool],
+    is_lightly_damped: Callable[[], bool],
     examined: Collection[str] = (),
 ) -> Iterator[str]:
     """Yield a warning per beam with elements so long that vibrations drift out of phase.
@@ -121,7 +126,7 @@ def long_element_warnings(
         Extremes of the observed columns, by header.
     observe
         Function that returns the observed columns (k, n) at ascending times (k,).
-    has_free_vibrations
+    is_lightly_damped
         Function that returns True if errors of vibrations accumulate.
     examined
         Names of beams to leave out; see `forced_vibrations`.
@@ -138,7 +143,7 @@ def long_element_warnings(
         > _MAX_PHASE_ERROR
     ]
     count = sample_count(trajectory)
-    if not beams or count * equations.n > MAX_SAMPLED_NUMBERS or not has_free_vibrations():
+    if not beams or count * equations.n > MAX_SAMPLED_NUMBERS or not is_lightly_damped():
         return
     times = np.linspace(trajectory.start, trajectory.end, count)
     spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
@@ -211,14 +216,14 @@ class _Vibration(NamedTuple):
         return bending_wave_errors(self.beam, self.rotations.rates, self.tension)
 
     def _largest_errors(self, frequency_errors: Array) -> dict[str, float]:
-        """Return the largest error of displacements and rotations of the sections, by unit."""
-        numbers = bending_wave_numbers(self.beam, self.rotations.rates[1:], self.tension)
-        divisors = np.append(np.inf, np.mean(numbers, axis=1))
+        """Return the largest error of columns of the beam, by unit."""
+        rates, tension = self.rotations.rates, self.tension
+        factors = rotation_factors(self.beam, rates, tension)
+        numbers = np.mean(bending_wave_numbers(self.beam, rates, tension), axis=1)
+        shape = _MAX_SHAPE_FACTOR / np.maximum(numbers, numbers[1])  # no signal has the rate 0
+        factors |= {"m": shape, "m/s": rates * shape}
         errors = self.rotations.phase_error
-        return {
-            "rad": float(np.max(errors(frequency_errors))),
-            "m": _MAX_SHAPE_FACTOR * float(np.max(errors(frequency_errors, divisors))),
-        }
+        return {unit: float(np.max(errors(frequency_errors, x))) for unit, x in factors.items()}
 
 
 def _describe(

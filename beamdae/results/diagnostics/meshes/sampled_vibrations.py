@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam
-from beamdae.beams.dispersion import element_middles
+from beamdae.beams.dispersion import bending_wave_numbers, element_middles, section_values
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.columns import Header
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
@@ -19,9 +19,13 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 LARGE_ERROR = 0.95  # larger estimates are meaningless
-_UNITS = ("m", "rad")
+_UNITS_OF_POSITIONS = ("m", "rad")
+_UNITS = (*_UNITS_OF_POSITIONS, "m/s", "rad/s", "Pa", "N", "N m")
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
 _MIN_SHARE = 1e-3
+# So are rates, stresses and forces that vary by less, relative to their largest magnitude, such as
+# those of steady rotations.
+_MIN_VARIATION = 1e-2
 # Equally spaced times at which a run is sampled, per step and in total. Spectra need several
 # periods.
 _SAMPLES_PER_STEP = 2
@@ -33,8 +37,9 @@ _MIN_STEPS = 50
 MIN_PERIODS = 4
 _STEPS_PER_PERIOD = 8.0  # fewer steps do not resolve a vibration
 _TENSION_SAMPLES = 5
+_MAX_OFFSET = 2.0  # of the edges of sections from the axis, in radii of gyration
 # Frames that turn by more [rad] have no constant matrices.
-_MAX_TURN = 0.5
+MAX_TURN = 0.5
 
 
 def fastest_rate(trajectory: Trajectory) -> float | None:
@@ -67,7 +72,10 @@ def spectral_window(count: int) -> tuple[Array, Array]:
 def select_beam_columns(
     equations: EquationsOfMotion, beam: Beam, extremes: Mapping[str, StepExtremes]
 ) -> dict[str, float]:
-    """Return half the range of the positions and angles of a beam's points, by header."""
+    """Return half the range of columns that depend on the motion of a beam, by header.
+
+    These are positions, rates, stresses and section forces, but no reactions.
+    """
     half_ranges = select_large_columns(list(extremes), extremes, equations.length, _MIN_SHARE)
     rows = coordinates_of(equations, beam)
 
@@ -75,12 +83,43 @@ def select_beam_columns(
         indices = operator.indices
         return bool(((indices >= rows.start) & (indices < rows.stop)).any())
 
+    def varies(header: str) -> bool:
+        unit, extreme = Header.of(header).unit, extremes[header]
+        largest = max(abs(extreme.max), abs(extreme.min))
+        is_position = unit in _UNITS_OF_POSITIONS
+        return unit in _UNITS and (is_position or half_ranges[header] > _MIN_VARIATION * largest)
+
     return {
         header: half_ranges[header]
         for observable in equations.observables
-        if depends_on_beam(observable.operator)
+        if depends_on_beam(observable.operator) and observable.rows.start == observable.rows.stop
         for header in observable.headers
-        if header in half_ranges and Header.of(header).unit in _UNITS
+        if header in half_ranges and varies(header)
+    }
+
+
+def rotation_factors(
+    beam: Beam, rates: Array, tension: Array | float = 0.0
+) -> dict[str, Array | float]:
+    """Return the amplitudes of columns in bending waves with the amplitude 1 rad, by unit.
+
+    Stresses are those at the largest distance from the axis.
+
+    Parameters
+    ----------
+    beam, rates, tension
+        See `beams.dispersion.bending_wave_numbers`.
+    """
+    stiffness, area, second_moment = section_values(beam, "EI", "area", "second_moment")
+    modulus = stiffness / second_moment
+    offset = _MAX_OFFSET * np.sqrt(second_moment / area)
+    numbers = bending_wave_numbers(beam, rates, tension)
+    return {
+        "rad": 1.0,
+        "rad/s": rates,
+        "Pa": np.max(modulus * offset * numbers, axis=1),
+        "N m": np.max(stiffness * numbers, axis=1),
+        "N": np.max(stiffness * numbers**2, axis=1),
     }
 
 
@@ -110,4 +149,4 @@ def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
 
 def turns(angles: Array) -> bool:
     """Return True if all angles (k, n) turn by more than linear models of a beam permit."""
-    return bool(np.min(np.ptp(angles, axis=0)) > _MAX_TURN)
+    return bool(np.min(np.ptp(angles, axis=0)) > MAX_TURN)
