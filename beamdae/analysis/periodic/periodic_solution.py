@@ -99,7 +99,8 @@ def periodic(
         Period of the motion [s]: the period of loads and drivers, or a multiple for subharmonics.
         None to find the period of a motion under loads that do not depend on time.
     integrator
-        Integrator. Defaults to Radau(1e-8).
+        Integrator. Defaults to Radau(1e-8). For other integrators with adaptive steps, runs of
+        `Radau` with the same rtol approach the motion and determine the multipliers.
     start
         "as drawn", "equilibrium", `rotation`, or positions and velocities by name. Defaults to the
         start of the model.
