@@ -252,6 +252,18 @@ def test_multipliers_are_those_of_the_dense_matrix(frequency):
     assert abs(np.abs(motion.multipliers[0]) - expected) < 1e-5 + 2.0 * motion.multiplier_error
 
 
+def test_regression_multipliers_of_modes_with_many_vibrations_per_period():
+    """With two steps per vibration, the multipliers of an undamped mode were 0, error 2e-20."""
+    t, x, v = (ca.SX.sym(name) for name in "txv")
+    rate = 1.0 / 100.3
+    force = -x + ca.sin(rate * t)
+    system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
+    motion = bd.periodic(system, 2.0 * np.pi / rate, bd.Radau(1e-6), settle=0)
+    assert motion.status.success
+    error = abs(np.abs(motion.multipliers[0]) - 1.0)
+    assert error < 1e-4 + motion.multiplier_error
+
+
 def test_expected_range_spares_a_second_pass():
     random = np.random.default_rng(3)
     size, rank = 60, 4

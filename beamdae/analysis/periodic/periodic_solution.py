@@ -50,6 +50,10 @@ _NAME = "periodic"
 # Steps of the variational equations are halved until the estimated error of the largest modulus of
 # a multiplier is at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
+# A multiplier that grows by more than this factor when steps are halved is that of a mode which the
+# steps do not resolve, unless it is smaller than the second value.
+_MAX_GROWTH = 2.0
+_VANISHING_MULTIPLIER = 1e-30
 _ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
 _TINY = 1e-300  # avoids a division by zero
 _MAX_REFINEMENTS = 4
@@ -306,7 +310,7 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
     range of the next matrix is computed.
     """
     multipliers, monodromy, persistent = np.zeros(0, complex), None, None
-    change, error = np.inf, np.inf
+    change, error, is_resolved = np.inf, np.inf, False
     first = run.steps_per_node
     for refinement in range(_MAX_REFINEMENTS + 1):
         try:
@@ -326,8 +330,10 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
             last_change = change
             change = abs(largest_modulus(refined) - largest_modulus(multipliers))
             error = change * _remaining_share(change, last_change)
+            least = max(_MAX_GROWTH * largest_modulus(multipliers), _VANISHING_MULTIPLIER)
+            is_resolved = largest_modulus(refined) <= least
         multipliers = refined
-        if error <= _MULTIPLIER_TOLERANCE:
+        if error <= _MULTIPLIER_TOLERANCE and is_resolved:
             break
     return multipliers, float(error), monodromy
 
