@@ -170,7 +170,8 @@ def test_regression_equilibria_of_fine_meshes_plan_their_sums_once(empty_caches,
     second = bd.equilibrium(cantilever(), step=1.0)
     assert second.q.shape[1] > 2300
     assert plans == []
-    np.testing.assert_array_equal(second.q, first.q)
+    # Interpreted and compiled kernels, which replace them when they are ready, round differently.
+    np.testing.assert_allclose(second.q, first.q, rtol=0.0, atol=1e-13)
 
 
 def rows(method, case):
