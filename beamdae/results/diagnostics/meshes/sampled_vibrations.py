@@ -53,9 +53,14 @@ def fastest_rate(trajectory: Trajectory) -> float | None:
 
 
 def sample_count(trajectory: Trajectory) -> int:
-    """Return the even number of equally spaced times at which a run is sampled."""
+    """Return the even number of equally spaced times at which a run is sampled.
+
+    Fourier transforms of halves with large prime factors would take several times as long.
+    """
     count = _SAMPLES_PER_STEP * _count_steps(trajectory)
-    return int(np.clip(count, _MIN_SAMPLES, _MAX_SAMPLES)) // 2 * 2
+    half = int(np.clip(count, _MIN_SAMPLES, _MAX_SAMPLES)) // 2
+    unit = 1 << max(half.bit_length() - 4, 0)
+    return 2 * unit * -(-half // unit)
 
 
 def _count_steps(trajectory: Trajectory) -> int:
