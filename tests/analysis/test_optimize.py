@@ -808,8 +808,8 @@ def test_bound_of_the_largest_stress_leads_to_uniform_strength():
     lengths = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
     lightest = linprog(lengths, A_ub=-hats, b_ub=-bound, bounds=[(0.001, 0.03)] * 5)
     heights = np.array(result.parameters["height"])
-    # The smooth bound exceeds the largest stress by 1 to 2 %, hence heights by half of it. Toward the
-    # tip, the mass hardly depends on the distribution of the heights.
+    # The smooth bound exceeds the largest stress by 1 to 2 %, hence heights by half of it. Toward
+    # the tip, the mass hardly depends on the distribution of the heights.
     np.testing.assert_allclose(heights[:3], lightest.x[:3], rtol=0.02)
     assert lightest.fun < lengths @ heights < 1.02 * lightest.fun
     path = bd.equilibrium(leaf(height=tuple(result.parameters["height"])))

@@ -66,7 +66,7 @@ _MAX_REFINEMENTS = 20
 _MIN_PHASE_ERROR = 1e-3
 _LARGEST_FREQUENCY_ERROR = 0.3  # larger estimates are meaningless
 # Factor of the sum of the largest phase errors of the spectrum that bounds the errors of columns.
-# In 60 runs of cantilevers, arcs, rods and clamped beams, the bound was at least twice the estimate.
+# In 60 runs of cantilevers, arcs, rods and clamped beams, it was at least twice the estimate.
 _BOUND_FACTOR = 2.0
 _MAX_ERROR_OF_AMPLITUDE = 10.0  # relative to the amplitude; errors up to 5 were measured
 # Peaks of the spectrum with less than this share of the largest strain energy are left out, and
