@@ -26,6 +26,9 @@ _MIN_SHARE = 1e-3
 # So are rates, stresses and forces that vary by less, relative to their largest magnitude, such as
 # those of steady rotations.
 _MIN_VARIATION = 1e-2
+# So are positions and angles that vary by less [length of the mechanism, rad], which is rounding:
+# those of a blade at constant speed vary by 1e-10.
+_MIN_MOTION = 1e-8
 # Equally spaced times at which a run is sampled, per step and in total. Spectra need several
 # periods.
 _SAMPLES_PER_STEP = 2
@@ -91,8 +94,10 @@ def select_beam_columns(
     def varies(header: str) -> bool:
         unit, extreme = Header.of(header).unit, extremes[header]
         largest = max(abs(extreme.max), abs(extreme.min))
-        is_position = unit in _UNITS_OF_POSITIONS
-        return unit in _UNITS and (is_position or half_ranges[header] > _MIN_VARIATION * largest)
+        if unit in _UNITS_OF_POSITIONS:
+            scale = equations.length if unit == "m" else 1.0
+            return half_ranges[header] > _MIN_MOTION * scale
+        return unit in _UNITS and half_ranges[header] > _MIN_VARIATION * largest
 
     return {
         header: half_ranges[header]
