@@ -46,7 +46,9 @@ from beamdae.results.diagnostics.resolution.missed_peaks import (
     unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
+from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
+from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
@@ -99,6 +101,10 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
             lambda: run._energy_ledger.has_free_vibrations,
         )
     yield from small_motion_warnings(run.equations, run.trajectory, run.integrator)
+    if not is_motionless(run.equations, run.trajectory):
+        yield from sudden_vibration_warnings(
+            run.equations, run.trajectory, run.step_extremes, run._observe, run.integrator
+        )
 
 
 def _suspected_errors(run: RunData) -> Iterable[str]:

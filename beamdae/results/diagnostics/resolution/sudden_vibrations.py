@@ -1,0 +1,359 @@
+"""Warnings about fast vibrations after sudden loads that adaptive steps damp or delay.
+
+A load that jumps, an impact and a start out of equilibrium excite vibrations of all natural modes.
+Steps chosen for positions pass over the fast ones, whose positions are small, but of which rates
+and reactions contain shares that decrease slowly with the frequency. A jump of the velocities by
+dv and of the accelerations by da excites a mode x with x^T M x = 1 to the amplitude
+
+    A = |x^T M da / w^2 + i x^T M dv / w|
+
+A step h multiplies it by R(i w h) instead of exp(i w h). Errors are the products of A and the
+largest difference from 1 of the products of R(i w h) / exp(i w h), up to the time to which the
+damping of the section lets the vibration last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+
+from beamdae.beams.beam import beams_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError, name_with_others
+from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.results.columns import (
+    mark_constant_columns,
+    mark_resting_columns,
+    mark_vanishing_columns,
+    remove_unit,
+)
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
+from beamdae.results.diagnostics.suspected_errors import SuspectedError
+from beamdae.results.trajectory import Interval, Trajectory
+
+Array = np.ndarray
+
+_MAX_ERROR = 0.03  # relative to half the range; see `_estimate_errors`
+_RECOMMENDED_ERROR = 0.01
+_LARGE_ERROR = 1.0
+_MIN_SHARE = 1e-2  # of the largest half range of the same kind of columns
+_MAX_COORDINATES = 500  # of dense eigenvalue problems
+_MAX_JUMPS = 3  # the largest jumps of a run are examined
+_MIN_STEPS = 5  # between jumps
+# w h of the slowest modes that are examined: phase errors of slower ones are below 3e-9 in a step.
+_MIN_PHASE_OF_RADAU, _MIN_PHASE_OF_BDF = 0.1, 2e-3
+_MAX_GROUPS = 1000  # of consecutive steps with one length
+_MAX_HALVINGS = 16  # of steps, in the search for a sufficient one
+_RANK_TOLERANCE = 1e-9
+_INERTIA_TOLERANCE = 1e-14
+_DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
+_BDF_ORDER = 2  # of `Ida` with fast modes that are lightly damped
+_TINY = 1e-300  # prevents a division by zero
+
+
+class _Modes(NamedTuple):
+    """Natural modes under the constraints.
+
+    Attributes
+    ----------
+    rates
+        Angular frequencies (k,) [rad/s].
+    shapes
+        Shapes (n, k) with x^T M x = 1.
+    decays
+        Decay rates by damping (k,) [1/s].
+    impulses
+        M x (n, k).
+    reactions
+        Multipliers (m, k) of a vibration with the amplitude 1.
+    """
+
+    rates: Array
+    shapes: Array
+    decays: Array
+    impulses: Array
+    reactions: Array
+
+
+class _Jump(NamedTuple):
+    """Vibrations after a jump.
+
+    Attributes
+    ----------
+    time
+        Time of the jump [s].
+    steps, counts
+        Lengths of the groups of steps [s] and numbers of their steps, (groups,).
+    rates, decays
+        Angular frequencies and decay rates of the modes, (k,) [1/s].
+    columns
+        Amplitudes of the columns (k, columns).
+    """
+
+    time: float
+    steps: Array
+    counts: Array
+    rates: Array
+    decays: Array
+    columns: Array
+
+
+def sudden_vibration_warnings(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[..., Array],
+    integrator: Mapping[str, Any],
+) -> Iterator[SuspectedError]:
+    """Yield a warning if steps do not resolve vibrations that sudden loads or impacts excite.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of the run.
+    extremes
+        Extremes of the observed columns, by header.
+    observe
+        Function that returns the observed columns at rows of (t, branch) and of q, v, a, lam.
+    integrator
+        Settings of the run. `Radau`, and `Ida` of order 2, are examined.
+    """
+    method, amplify, min_phase = integrator.get("method"), _amplify_by_radau, _MIN_PHASE_OF_RADAU
+    if method == "Ida" and integrator["max_order"] <= _BDF_ORDER:
+        amplify, min_phase = _amplify_by_bdf, _MIN_PHASE_OF_BDF
+    elif method != "Radau":
+        return
+    is_small = equations.n <= _MAX_COORDINATES and bool(beams_of(equations.mechanism))
+    half_ranges = _select_columns(equations, extremes, integrator) if is_small else {}
+    if not half_ranges:
+        return
+    numbers = [equations.observed_headers.index(x) for x in half_ranges]
+    sizes = np.array(list(half_ranges.values()))
+    examined = []
+    for interval, dv, da in _list_jumps(equations, trajectory):
+        try:
+            jump = _excite(equations, interval, dv, da, min_phase, observe, numbers)
+        except (BeamdaeError, np.linalg.LinAlgError):
+            continue  # unstable or singular positions have their own warnings
+        if jump is not None:
+            examined.append((jump, _estimate_errors(jump, amplify) / sizes))
+    jump, errors = max(examined, key=lambda x: float(np.max(x[1])), default=(None, sizes))
+    if jump is not None and np.max(errors) > _MAX_ERROR:
+        yield _describe(jump, errors, list(half_ranges), sizes, method == "Radau")
+
+
+def _select_columns(
+    equations: EquationsOfMotion,
+    extremes: Mapping[str, StepExtremes],
+    integrator: Mapping[str, Any],
+) -> dict[str, float]:
+    """Return half the ranges of columns that are not small or constant, by header."""
+    if not extremes:
+        return {}
+    half_ranges = select_large_columns(list(extremes), extremes, equations.length, _MIN_SHARE)
+    if not half_ranges:
+        return {}
+    headers, length = list(half_ranges), equations.length
+    values = np.array([[extremes[x].min, extremes[x].max] for x in headers]).T
+    sizes = np.array(list(half_ranges.values()))
+    is_constant = mark_resting_columns(headers, values, sizes, length)
+    is_constant |= mark_vanishing_columns(headers, sizes, length, values)
+    is_constant |= mark_constant_columns(
+        headers, values, sizes, length, integrator.get("rtol") or 0.0
+    )
+    return {
+        x: half_ranges[x] for x, constant in zip(headers, is_constant, strict=True) if not constant
+    }
+
+
+def _list_jumps(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> list[tuple[Interval, Array, Array]]:
+    """Return the intervals after the largest jumps, with these of velocities and accelerations.
+
+    At a start as drawn or in equilibrium, the jumps begin at rest. A start with other positions,
+    such as the end of another run, or with velocities of deformations is none.
+    """
+    jumps, sizes = [], []
+    v = a = np.zeros(equations.n)
+    is_continued = equations.start is not None and equations.start[0] != EQUILIBRIUM
+    # Periodic motions begin with velocities of deformations.
+    is_elastic = np.ones(equations.n, bool)
+    for part in equations.parts:
+        is_elastic[part.rigid] = False
+    is_continued |= bool(np.any(equations.v0[is_elastic]))
+    for number, interval in enumerate(trajectory.intervals):
+        first, last = (State(*(x[k] for x in interval.state)) for k in (0, -1))
+        is_jump = number > 0 or not is_continued
+        if is_jump and len(interval.t) > _MIN_STEPS:
+            step = float(np.median(np.diff(interval.t)))
+            dv, da = first.v - v, first.a - a
+            jumps.append((interval, dv, da))
+            change = np.abs(da) + np.abs(dv) / step
+            sizes.append(float(np.max(change / equations.position_scales)))
+        v, a = last.v, last.a
+    order = np.argsort(-np.array(sizes), kind="stable")[:_MAX_JUMPS]
+    return [jumps[k] for k in order.tolist()]
+
+
+def _excite(
+    equations: EquationsOfMotion,
+    interval: Interval,
+    dv: Array,
+    da: Array,
+    min_phase: float,
+    observe: Callable[..., Array],
+    numbers: list[int],
+) -> _Jump | None:
+    """Return the vibrations after a jump, or None if steps resolve all modes."""
+    active = interval.active_equations(equations)
+    steps, counts = _group_steps(interval)
+    time = interval.times[0]
+    slowest = min_phase / float(np.max(steps))
+    modes = _find_modes(active, time, interval.state.q[0], slowest)
+    if not len(modes.rates):
+        return None
+    by_force, by_impulse = modes.impulses.T @ da, modes.impulses.T @ dv
+    amplitudes = np.hypot(by_force / modes.rates**2, by_impulse / modes.rates)
+    state = State(*(x[0] for x in interval.state))
+    columns = amplitudes[:, None] * _observe_modes(equations, time, state, modes, observe)
+    return _Jump(float(time[0]), steps, counts, modes.rates, modes.decays, columns[:, numbers])
+
+
+def _group_steps(interval: Interval) -> tuple[Array, Array]:
+    """Return mean lengths of groups of consecutive steps [s], and numbers of their steps."""
+    nodes = interval.t
+    if interval.record is not None:
+        nodes = interval.record.nodes[:: interval.record.nodes_per_step]
+    lengths = np.diff(nodes)
+    lengths = lengths[lengths > 0.0]
+    starts = np.arange(0, len(lengths), len(lengths) // _MAX_GROUPS + 1)
+    counts = np.diff(np.append(starts, len(lengths)))
+    return np.add.reduceat(lengths, starts) / counts, counts
+
+
+def _find_modes(equations: EquationsOfMotion, time: Array, q: Array, slowest: float) -> _Modes:
+    """Return the modes above an angular frequency [rad/s], about rest at a position.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If a motion diverges at a larger rate.
+    """
+    e, solver = equations, ConsistencySolver(equations)
+    matrices = solver.linearize_forces(time, solver.rest_state(q))
+    stiffness, damping, mass = (x.toarray() for x in matrices)
+    scales = e.position_scales
+    jacobian = solver.constraint_matrix(time, q).toarray()
+    states = [
+        k for part in e.parts if part.is_state for k in range(part.rows.start, part.rows.stop)
+    ]
+    fixed = np.concatenate([jacobian * scales, np.eye(e.n)[states]])
+    basis = np.diag(scales)
+    if len(fixed):
+        _, singular, right = la.svd(fixed)
+        rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
+        basis = scales[:, None] * right[rank:].T
+    reduced, of_stiffness, of_damping = (
+        0.5 * basis.T @ (x + x.T) @ basis for x in (mass, stiffness, damping)
+    )
+    # Coordinates without inertia have the eigenvalue 0 of the inverse problem.
+    shifted = of_stiffness + slowest**2 * reduced
+    inverses, vectors = la.eigh(reduced, shifted) if len(shifted) else (np.zeros(0), shifted)
+    is_fast = (inverses < 0.5 / slowest**2) & (
+        inverses > _INERTIA_TOLERANCE * np.max(inverses, initial=0.0)
+    )
+    vectors = vectors[:, is_fast] / np.sqrt(inverses[is_fast])
+    rates = np.sqrt(1.0 / inverses[is_fast] - slowest**2)
+    decays = 0.5 * np.sum(vectors * (of_damping @ vectors), axis=0)
+    shapes = basis @ vectors
+    impulses = mass @ shapes
+    loads = impulses * rates**2 - stiffness @ shapes
+    reactions = la.lstsq(jacobian.T, loads)[0] if e.m else np.zeros((0, len(rates)))
+    return _Modes(rates, shapes, decays, impulses, reactions)
+
+
+def _observe_modes(
+    equations: EquationsOfMotion,
+    time: Array,
+    state: State,
+    modes: _Modes,
+    observe: Callable[..., Array],
+) -> Array:
+    """Return the amplitudes of columns (k, columns) in vibrations of the modes."""
+    rates, shapes = modes.rates, modes.shapes
+    sizes = np.max(np.abs(shapes) / equations.position_scales[:, None], axis=0)
+    scales = _DIFFERENCE / np.maximum(sizes, _TINY)
+    still = np.zeros_like(shapes)
+    at_turn = State(shapes, still, -shapes * rates**2, modes.reactions)
+    at_middle = State(still, shapes * rates, still, np.zeros_like(modes.reactions))
+    times = np.tile(time, (len(rates), 1))
+
+    def difference(change: State) -> Array:
+        values = [
+            observe(
+                times, *(x + sign * (scales * dx).T for x, dx in zip(state, change, strict=True))
+            )
+            for sign in (1.0, -1.0)
+        ]
+        return np.asarray((values[0] - values[1]) / (2.0 * scales[:, None]))
+
+    return np.hypot(difference(at_turn), difference(at_middle))
+
+
+def _estimate_errors(
+    jump: _Jump, amplify: Callable[[Array], Array], max_step: float = np.inf
+) -> Array:
+    """Return the errors of columns (columns,) with steps of at most `max_step` [s].
+
+    Errors of vibrations with unrelated phases add up to a value between the root of the sum of
+    squares and the sum, of which the geometric mean is taken.
+    """
+    steps = np.minimum(jump.steps, max_step)
+    counts = jump.counts * (jump.steps / steps)
+    phases = 1j * np.outer(steps, jump.rates)
+    # Errors of rounding must not let vibrations grow.
+    changes = np.log(amplify(phases)) - phases
+    changes.real = np.minimum(changes.real, 0.0)
+    products = np.exp(np.cumsum(counts[:, None] * changes, axis=0))
+    lasting = np.exp(-np.outer(np.cumsum(counts * steps), jump.decays))
+    errors = np.max(lasting * np.abs(products - 1.0), axis=0)[:, None] * jump.columns
+    total, squares = np.sum(errors, axis=0), np.sum(errors**2, axis=0)
+    return np.asarray(np.sqrt(total * np.sqrt(squares)))
+
+
+def _amplify_by_radau(z: Array) -> Array:
+    """Return the factor of a step of Radau IIA with three stages, (3, 2)-Pade of exp(z)."""
+    return (1.0 + 0.4 * z + z**2 / 20.0) / (1.0 - 0.6 * z + 0.15 * z**2 - z**3 / 60.0)
+
+
+def _amplify_by_bdf(z: Array) -> Array:
+    """Return the principal factor of a step of BDF of order 2."""
+    return (2.0 + np.sqrt(1.0 + 2.0 * z)) / (3.0 - 2.0 * z)
+
+
+def _describe(
+    jump: _Jump, errors: Array, headers: list[str], sizes: Array, is_radau: bool
+) -> SuspectedError:
+    """Return the warning about errors of columns, with a step of `Radau` that is sufficient."""
+    order = [k for k in np.argsort(-errors).tolist() if errors[k] > _MAX_ERROR]
+    names = [headers[k] for k in order]
+    first, *others = map(remove_unit, names)
+    largest = float(errors[order[0]])
+    size = f"about {100.0 * largest:.2g}" if largest < _LARGE_ERROR else "100 or more"
+    step = max_step = float(np.max(jump.steps))
+    for _ in range(_MAX_HALVINGS):
+        max_step *= 0.5
+        if np.max(_estimate_errors(jump, _amplify_by_radau, max_step) / sizes) < _RECOMMENDED_ERROR:
+            break
+    remedy = f"max_step={max_step:.1g}" if is_radau else f"Radau(max_step={max_step:.1g})"
+    return SuspectedError(
+        f"{name_with_others(first, others)}: steps of up to {step:.2g} s do not resolve fast "
+        f"vibrations that begin suddenly at t = {jump.time:.4g} s, and the error is {size} % of "
+        f"half its range; use {remedy}, or set damping= of the sections.",
+        tuple(names),
+    )

@@ -1,0 +1,69 @@
+"""Warnings about fast vibrations after sudden loads."""
+
+import re
+
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+_STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
+
+
+def _suddenly_loaded(load=-2.0, damping=0.0, elements=4):
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(_STEEL, width=0.02, height=0.003, damping=damping)
+    strip = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.6, 0.0)), section, elements))
+    clamp = mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), strip.start))
+    mech.add(bd.Force("load", strip.end, (0.0, load)))
+    mech.observe("tip", strip.end)
+    mech.observe("clamp", clamp.reaction)
+    return mech
+
+
+def _run(mech, integrator=None, t_end=0.1):
+    solution = bd.simulate(mech, integrator or bd.Auto(), t_end=t_end, output_step=1e-4)
+    return solution, [x for x in solution.warnings if "begin suddenly" in x]
+
+
+@pytest.mark.slow(reason="exact run")
+def test_regression_rates_and_reactions_after_a_sudden_load_have_a_warning():
+    solution, (warning,) = _run(_suddenly_loaded(), t_end=0.05)
+    assert "tip.angle_dot" in warning
+    assert "clamp.Fy" in warning
+    assert "t = 0 s" in warning
+    estimate = float(re.search(r"about ([\d.]+) %", warning)[1]) / 100.0
+    exact, _ = _run(_suddenly_loaded(), bd.Radau(1e-7), t_end=0.05)
+    errors = [
+        np.max(np.abs(solution[x] - exact[x])) / (0.5 * np.ptp(exact[x]))
+        for x in ("tip.angle_dot", "clamp.Fy")
+    ]
+    assert 0.5 < estimate / max(errors) < 2.0
+
+
+def test_recommended_steps_are_sufficient():
+    _, (warning,) = _run(_suddenly_loaded(), t_end=0.02)
+    max_step = float(re.search(r"max_step=([\d.e-]+)", warning)[1])
+    _, warnings = _run(_suddenly_loaded(), bd.Auto(max_step=max_step), t_end=0.02)
+    assert not warnings
+
+
+@pytest.mark.parametrize("load", [-2.0, bd.piecewise((0.05, 0.0), -2.0)])
+def test_damped_vibrations_have_no_warning(load):
+    _, warnings = _run(_suddenly_loaded(load, damping=1e-5))
+    assert not warnings
+
+
+def test_smooth_loads_have_no_warning():
+    _, warnings = _run(_suddenly_loaded(lambda t: -2.0 * np.sin(10.0 * t) ** 2))
+    assert not warnings
+
+
+def test_loads_that_jump_later_are_named():
+    _, (warning,) = _run(_suddenly_loaded(bd.piecewise((0.05, 0.0), -2.0)))
+    assert "t = 0.05 s" in warning
+
+
+def test_ida_is_advised_to_choose_radau():
+    _, (warning,) = _run(_suddenly_loaded(), bd.Ida(1e-3), t_end=0.02)
+    assert "use Radau(max_step=" in warning
