@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from beamdae.linear.elimination import EliminationPlan, empty_plan
 from beamdae.linear.factorizations import SingularMatrixError, create_factorization
 from beamdae.linear.pivots import propose_plans
-from beamdae.native.linear_solver import LinearSolver
+from beamdae.native.linear_solver import LaneSolver, LinearSolver
 from beamdae.native.loops import prepare_loop
 from beamdae.native.return_codes import NEW_PIVOTS
 
@@ -78,11 +78,14 @@ class FactorizedMatrix:
     pivot_source
         Matrix with the same pattern whose pivots are tried first, because a search for pivots takes
         longer than many factorizations; None if there is none.
+    in_lanes
+        True if right-hand sides hold one system per vector lane, see `loop_functions.solve_lanes`.
     """
 
     pattern: sp.csc_array
     nonzeros: Array
     pivot_source: FactorizedMatrix | None = None
+    in_lanes: bool = False
     _plan: EliminationPlan | None = field(default=None, init=False)
     _plans: Iterator[EliminationPlan] = field(default_factory=lambda: iter(()), init=False)
     _planned_nonzeros: Array = field(default_factory=lambda: np.full(1, np.nan), init=False)
@@ -93,9 +96,10 @@ class FactorizedMatrix:
         pattern: sp.csc_array,
         dtype: type = float,
         pivot_source: FactorizedMatrix | None = None,
+        in_lanes: bool = False,
     ) -> FactorizedMatrix:
         """Return a zero matrix with this pattern."""
-        return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source)
+        return cls(pattern, np.zeros(pattern.nnz, dtype), pivot_source, in_lanes)
 
     def make_solver(self, native: bool, method: str) -> Any:
         """Return the solver for a compiled loop (`native`) or an interpreted loop.
@@ -103,9 +107,9 @@ class FactorizedMatrix:
         `method` is "auto", "dense" or "sparse"; compiled loops ignore it.
         """
         dtype = self.nonzeros.dtype.type
-        return (
-            LinearSolver.empty(dtype) if native else InterpretedSolver(self.pattern, method, dtype)
-        )
+        if not native:
+            return InterpretedSolver(self.pattern, method, dtype)
+        return (LaneSolver if self.in_lanes else LinearSolver).empty(dtype)
 
     def renew_pivots(self, linear: LinearSolver) -> None:
         """Set the next proposed pivots in `linear`; mark `linear` as singular if there are none."""
@@ -115,7 +119,7 @@ class FactorizedMatrix:
             # inaccurate solutions; the same proposals for the same matrix would never end.
             is_repeated = np.array_equal(self.nonzeros, self._planned_nonzeros)
             if not (linear.is_untried or is_repeated):
-                candidates = propose_plans(self.pattern, self.nonzeros)
+                candidates = propose_plans(self.pattern, self.nonzeros, not self.in_lanes)
                 self._plans = chain(self._source_plans(), candidates)
                 self._planned_nonzeros = self.nonzeros.copy()
             plan = next(self._plans, None)

@@ -14,12 +14,14 @@ import numpy as np
 
 from beamdae.linear.lane_operations import (
     LANES,
+    add_entry,
     add_lanes,
     aligned_zeros,
     clear_lanes,
     gather_lanes,
     invert_lanes,
     multiply_lanes,
+    set_entry,
     substitute_backward,
     substitute_forward,
     subtract_products,
@@ -387,6 +389,21 @@ def substitute_triangles(
         x[k] = value
         for p in range(upper_starts[k], upper_starts[k + 1]):
             x[upper_rows[p]] -= upper[p] * value
+
+
+def substitute_triangles_in_lanes(plan: EliminationPlan, factors: Factors, x: Array) -> None:
+    """Replace all lanes of `x` by the solutions of systems without blocks, by position."""
+    lower_starts, lower_rows, lower = plan.lower_starts, plan.lower_rows, factors.lower
+    upper_starts, upper_rows, upper = plan.upper_starts, plan.upper_rows, factors.upper
+    size = len(plan.rows)
+    for k in range(size):
+        for q in range(lower_starts[k], lower_starts[k + 1]):
+            add_entry(x, lower_rows[q], x, k, -lower[q])
+    for back in range(size):
+        k = size - 1 - back
+        set_entry(x, k, x, k, factors.inverse[k])
+        for p in range(upper_starts[k], upper_starts[k + 1]):
+            add_entry(x, upper_rows[p], x, k, -upper[p])
 
 
 def find_refinements(plan: EliminationPlan, factors: Factors) -> bool:

@@ -46,7 +46,7 @@ class Factorization(Protocol):
         """Factorize the matrix with these CSC non-zeros, or raise `SingularMatrixError`."""
 
     def solve(self, right: Array) -> Array:
-        """Return the solution of matrix @ x = right."""
+        """Return the solution of matrix @ x = right, (n,) or (n, k)."""
 
 
 class DenseFactorization:
@@ -72,7 +72,7 @@ class DenseFactorization:
             raise SingularMatrixError("the matrix is singular or not finite")
 
     def solve(self, right: Array) -> Array:
-        """Return the solution of matrix @ x = right."""
+        """Return the solution of matrix @ x = right, (n,) or (n, k)."""
         self.solves += 1
         return self._getrs(self._lu, self._pivots, right)[0]
 
@@ -148,12 +148,14 @@ class SparseFactorization:
             raise SingularMatrixError("the matrix is singular") from problem
 
     def solve(self, right: Array) -> Array:
-        """Return the solution of matrix @ x = right."""
+        """Return the solution of matrix @ x = right, (n,) or (n, k)."""
         self.solves += 1
-        right = self._scale * right[self._order]
-        solution = self._lu.solve(self._weights * right)
+        shape = (-1,) + (1,) * (right.ndim - 1)
+        scale, weights = self._scale.reshape(shape), self._weights.reshape(shape)
+        right = scale * right[self._order]
+        solution = self._lu.solve(weights * right)
         for _ in range(self.refinements):
-            solution += self._lu.solve(self._weights * (right - self._matrix @ solution))
+            solution += self._lu.solve(weights * (right - self._matrix @ solution))
         x = np.empty_like(solution)
         x[self._order] = solution
         return x

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 Array = np.ndarray
 
@@ -26,6 +27,11 @@ def aligned_zeros(size: int, dtype: Any = float) -> Array:
     numbers = np.zeros(size + _CACHE_LINE // itemsize, dtype)
     first = -numbers.ctypes.data % _CACHE_LINE // itemsize
     return numbers[first : first + size]
+
+
+def index_lanes(indices: Array) -> Array:
+    """Return the flat, unsigned indices of all lanes of these entries."""
+    return (LANES * indices.astype(np.uint32)[:, None] + np.arange(LANES, dtype=np.uint32)).ravel()
 
 
 def gather_lanes(out: Array, begin: int, count: int, vector: Array, at: Array, first: int) -> None:
@@ -91,6 +97,20 @@ def set_entry(out: Array, k: int, lanes: Array, j: int, factor: float) -> None:
 def add_entry(out: Array, k: int, lanes: Array, j: int, factor: float) -> None:
     """Add `factor` times entry `j` of `lanes` to entry `k` of all lanes of `out`."""
     _lane_range(out, k, 1)[:] += factor * _lane_range(lanes, j, 1)
+
+
+def multiply_rows(
+    out: Array, starts: Array, columns: Array, nonzeros: Array, sources: Array, lanes: Array
+) -> None:
+    """Set all lanes of `out` to the product of a sparse matrix and `lanes`.
+
+    Row i of the matrix has the entries nonzeros[sources[e]] in columns[e] for e from starts[i] to
+    starts[i + 1].
+    """
+    factors = lanes.reshape(-1, LANES)
+    shape = (len(starts) - 1, len(factors))
+    matrix = sp.csr_array((nonzeros[sources], columns, starts), shape)
+    out[:] = (matrix @ factors).ravel()
 
 
 def subtract_lanes(lanes: Array, begin: int, count: int, column: Array, first: int, k: int) -> None:

@@ -37,11 +37,13 @@ _MAX_CACHED_SIZE = 3000
 _MAX_CACHED_BYTES = 8 * 2**20
 
 
-def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[EliminationPlan]:
+def propose_plans(
+    pattern: sp.csc_array, nonzeros: Array, in_blocks: bool = True
+) -> Iterator[EliminationPlan]:
     """Yield elimination plans for a matrix and similar matrices, the preferred plan first.
 
-    The first plan eliminates blocks first (`lane_blocks`), if there are enough of them. The second
-    plan takes pivots from the band if possible and from the border otherwise (see
+    With `in_blocks`, the first plan eliminates blocks first (`lane_blocks`), if there are enough of
+    them. The next plan takes pivots from the band if possible and from the border otherwise (see
     `orderings.compute_bordered_ordering`); it is sparse but may be inaccurate. The last plan uses
     the column order of SuperLU and partial pivoting.
 
@@ -51,6 +53,8 @@ def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[Eliminatio
         CSC pattern of a square matrix; its values are not used.
     nonzeros
         CSC non-zeros, real or complex.
+    in_blocks
+        False for plans without blocks.
 
     Raises
     ------
@@ -65,7 +69,8 @@ def propose_plans(pattern: sp.csc_array, nonzeros: Array) -> Iterator[Eliminatio
         raise SingularMatrixError("the matrix is singular")
     key = _PatternKey.of(pattern.indptr, pattern.indices)
     scale = _compute_row_scale(key, nonzeros)
-    blocks = (_cached_find_blocks if key.is_cached else _find_blocks)(key)
+    find = _cached_find_blocks if key.is_cached else _find_blocks
+    blocks = find(key) if in_blocks else None
     if blocks is not None:
         with np.errstate(all="ignore"):
             remainder = blocks.eliminate(scale[pattern.indices] * nonzeros)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdae.linear.lane_operations import LANES
 from beamdae.native.return_codes import DONE, SINGULAR
 
 Array = np.ndarray
@@ -188,13 +189,17 @@ def eliminate(linear: Any, nonzeros: Array) -> int:
     return factorize(linear, nonzeros)
 
 
-def omit_refinement(linear: Any) -> None:
-    """Solve with the last factors without iterative refinement; in machine code only."""
-
-
 def solve(linear: Any, right: Array) -> None:
     """Replace `right` by the solution computed with the last factors."""
     right[:] = linear.solve(right)
+
+
+def solve_lanes(linear: Any, right: Array) -> None:
+    """Replace the right-hand sides, one per lane, by the solutions computed with the last factors.
+
+    In machine code, solutions are not refined, and `linear` is a `LaneSolver`.
+    """
+    right[:] = linear.solve(right.reshape(-1, LANES)).ravel()
 
 
 def array_at(address: int, size: int) -> Array:

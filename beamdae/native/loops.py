@@ -47,6 +47,7 @@ _IMPLEMENTATIONS: dict[Any, Any] = {
     loop_functions.eliminate: linear_solver.eliminate_linear,
     loop_functions.factorize: linear_solver.factorize_linear,
     loop_functions.solve: linear_solver.solve_linear,
+    loop_functions.solve_lanes: linear_solver.solve_linear_lanes,
 }
 _LOOP_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 # (symbol, (function, arguments)) of all functions that are compiled into one module.

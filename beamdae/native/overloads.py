@@ -236,6 +236,8 @@ class _LaneArray:
 
     def _pointers(self, entry):
         builder, width = self._builder, ir.IntType(64)(lane_operations.LANES)
+        if entry.type != width.type:  # an unsigned index of a table
+            entry = builder.zext(entry, width.type)
         first = builder.mul(entry, ir.IntType(64)(self.parts * lane_operations.LANES))
         for _ in range(self.parts):
             pointer = builder.gep(self._data, [first])
@@ -489,13 +491,9 @@ def _index_vector(indices):
 @_overload_with(lane_operations.broadcast_lanes)
 def _broadcast_lanes(context, builder, kinds, values):
     lanes, begin, count, indexed, at = _unpack_indexed(context, builder, kinds, values, 0)
-    none = ir.Constant(_LANE_VECTOR, ir.Undefined)
     with cgutils.for_range(builder, count) as loop:
-        parts = []
-        for pointer in indexed.pointer_of_first(builder.add(at, loop.index)):
-            first = builder.insert_element(none, builder.load(pointer), ir.IntType(32)(0))
-            zeros = _index_vector([0] * lane_operations.LANES)
-            parts.append(builder.shuffle_vector(first, none, zeros))
+        pointers = indexed.pointer_of_first(builder.add(at, loop.index))
+        parts = [_broadcast(builder, builder.load(pointer)) for pointer in pointers]
         lanes.store(builder.add(begin, loop.index), parts)
 
 
@@ -533,20 +531,29 @@ def _multiply_lanes(context, builder, kinds, values):
         lanes.store(entry, _multiply(builder, lanes.load(entry), factor))
 
 
+def _broadcast(builder, number):
+    """Return a vector of equal numbers."""
+    none = ir.Constant(_LANE_VECTOR, ir.Undefined)
+    first = builder.insert_element(none, number, ir.IntType(32)(0))
+    return builder.shuffle_vector(first, none, _index_vector([0] * lane_operations.LANES))
+
+
 def _move_entry(join):
     """Return the writer of an operation on (out, k, lanes, j, factor).
 
-    `join(builder, out, k, parts)` returns the new entry `k` of `out` from the scaled entry `j`.
+    `join(builder, out, k, parts)` returns the new entry `k` of `out` from the scaled entry `j`. The
+    factor may be complex if the lanes are.
     """
 
     def write(context, builder, kinds, values):
         out = _LaneArray(context, builder, kinds[0], values[0])
         parts = _LaneArray(context, builder, kinds[2], values[2]).load(values[3])
-        first = builder.insert_element(
-            ir.Constant(_LANE_VECTOR, ir.Undefined), values[4], ir.IntType(32)(0)
-        )
-        factor = builder.shuffle_vector(first, first, _index_vector([0] * lane_operations.LANES))
-        scaled = [builder.fmul(factor, part) for part in parts]
+        if kinds[4] == types.complex128:
+            numbers = (builder.extract_value(values[4], part) for part in range(2))
+            scaled = _multiply(builder, parts, [_broadcast(builder, x) for x in numbers])
+        else:
+            factor = _broadcast(builder, values[4])
+            scaled = [builder.fmul(factor, part) for part in parts]
         out.store(values[1], join(builder, out, values[1], scaled))
 
     return write
@@ -558,6 +565,32 @@ def _add_to_entry(builder, out, k, parts):
 
 _overload_with(lane_operations.set_entry)(_move_entry(lambda builder, out, k, parts: parts))
 _overload_with(lane_operations.add_entry)(_move_entry(_add_to_entry))
+
+
+@_overload_with(lane_operations.multiply_rows)
+def _multiply_rows(context, builder, kinds, values):
+    out, lanes = (_LaneArray(context, builder, kinds[k], values[k]) for k in (0, 5))
+    starts, columns, nonzeros, sources = (
+        context.make_array(kinds[k])(context, builder, values[k]) for k in (1, 2, 3, 4)
+    )
+    (count,) = cgutils.unpack_tuple(builder, starts.shape, 1)
+    one, word = count.type(1), ir.IntType(64)
+
+    def load(array, k):
+        return builder.load(builder.gep(array.data, [k]))
+
+    with cgutils.for_range(builder, builder.sub(count, one)) as row:
+        begin, end = (
+            builder.zext(load(starts, k), word) for k in (row.index, builder.add(row.index, one))
+        )
+        total = cgutils.alloca_once(builder, _LANE_VECTOR)
+        builder.store(_ZEROS, total)
+        with cgutils.for_range_slice(builder, begin, end, one, inc=True) as (entry, _):
+            factor = _broadcast(builder, load(nonzeros, load(sources, entry)))
+            (vector,) = lanes.load(load(columns, entry))
+            product = builder.fmul(factor, vector)
+            builder.store(builder.fadd(builder.load(total), product), total)
+        out.store(row.index, [builder.load(total)])
 
 
 @_overload_with(lane_operations.subtract_lanes)
@@ -744,13 +777,8 @@ class _BlockSubstitution:
 
     def broadcast(self, entry):
         """Return an entry that all lanes share."""
-        none = ir.Constant(_LANE_VECTOR, ir.Undefined)
-        zeros = _index_vector([0] * lane_operations.LANES)
-        first = [
-            self.builder.insert_element(none, self.builder.load(pointer), ir.IntType(32)(0))
-            for pointer in self.at.pointer_of_first(entry)
-        ]
-        return [self.builder.shuffle_vector(part, none, zeros) for part in first]
+        pointers = self.at.pointer_of_first(entry)
+        return [_broadcast(self.builder, self.builder.load(pointer)) for pointer in pointers]
 
     def subtract_product(self, value, entry, factor):
         product = _multiply(self.builder, self.factors.load(entry), factor)
@@ -874,12 +902,8 @@ _compile_as(loop_functions.factorize)(linear_solver.factorize_linear)
 _compile_as(loop_functions.eliminate)(linear_solver.eliminate_linear)
 
 
-@_compile_as(loop_functions.omit_refinement)
-def _omit_refinement(linear):
-    linear.factors.refinements[0] = 0
-
-
 _compile_as(loop_functions.solve)(linear_solver.solve_linear)
+_compile_as(loop_functions.solve_lanes)(linear_solver.solve_linear_lanes)
 
 
 @intrinsic

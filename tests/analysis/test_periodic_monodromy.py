@@ -12,6 +12,7 @@ from beamdae.analysis.periodic.monodromy import (
 )
 from beamdae.analysis.periodic.shooting import PeriodMap, PeriodRun, build_periodic_equations
 from beamdae.equations.formulations.first_order import FirstOrderForm
+from beamdae.linear.lane_operations import LANES
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
 
@@ -87,6 +88,53 @@ def test_interpreted_loop_agrees(monkeypatch):
     assert not variational._loop.is_native
     interpreted = variational.propagate(run.solution.trajectory, run.basis, run.scales)
     np.testing.assert_allclose(run.projection @ interpreted, compiled, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, LANES, LANES + 1])
+def test_disturbances_do_not_depend_on_those_in_other_lanes(count):
+    # Steps are so short that none is halved.
+    run = period_run(swung_strip(0.01), 0.1, 1e-6)
+    identity = np.eye(len(run.deviation))
+    together = run.propagate(identity, steps_per_node=1.0)
+    # One of the disturbances is zero, the others have sizes of 1 to 1e-200.
+    sizes = np.append(np.logspace(0.0, -200.0, count)[: count - 1], 0.0)
+    some = run.propagate(identity[:, :count] * sizes, steps_per_node=1.0)
+    assert not np.any(some[:, -1])
+    np.testing.assert_allclose(some[:, :-1] / sizes[:-1], together[:, : count - 1], atol=1e-6)
+
+
+def forced_strip(ratio):
+    """Return an undamped strip and the period of its load, at a multiple of the first frequency."""
+    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
+    rate = ratio * 1.8751041**2 * np.sqrt(section.EI / section.rhoA)
+    mech = bd.Mechanism()
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    load = bd.sine(0.03 * section.EI, rate / (2.0 * np.pi))
+    mech.add(bd.Force("load", beam.end, (0.0, load)))
+    return mech, 2.0 * np.pi / rate
+
+
+def test_regression_linearized_steps_of_undamped_strips_are_not_halved(monkeypatch):
+    """The rate of convergence of one disturbance varies; 73 of 102 steps were halved for it."""
+    run = period_run(*forced_strip(0.5), 1e-4)
+    steps, take_steps = [], VariationalEquations._take_steps
+
+    def counted(*arguments):
+        steps.append(take_steps(*arguments))
+        return steps[-1]
+
+    monkeypatch.setattr(VariationalEquations, "_take_steps", counted)
+    run.propagate(np.eye(len(run.deviation)), steps_per_node=1.0)
+    assert sum(steps) < 1.1 * sum(len(x.t) for x in run.solution.trajectory.intervals)
+
+
+@pytest.mark.slow(reason="one second")
+def test_regression_errors_of_multipliers_are_not_estimated_with_halved_steps():
+    """Steps of twice the length were halved: multipliers of 3e-18 had an error of 1e-19."""
+    motion = bd.periodic(*forced_strip(0.01), bd.Radau(1e-4))
+    assert abs(np.abs(motion.multipliers[0]) - 1.0) < motion.multiplier_error
 
 
 def swung_beam(amplitude):
@@ -223,15 +271,7 @@ def test_regression_undamped_strips_take_few_periods_with_all_adaptive_methods(
 
     monkeypatch.setattr(PeriodMap, "run", counted_run)
     monkeypatch.setattr(VariationalEquations, "propagate", counted_propagate)
-    section = bd.Section.rectangle(STEEL, width=0.02, height=0.002)
-    rate = 0.5 * 1.8751041**2 * np.sqrt(section.EI / section.rhoA)
-    mech = bd.Mechanism()
-    line = bd.Line((0.0, 0.0), (1.0, 0.0))
-    beam = mech.add(bd.Beam("beam", line, section, elements=4, formulation="exact"))
-    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
-    load = bd.sine(0.03 * section.EI, rate / (2.0 * np.pi))
-    mech.add(bd.Force("load", beam.end, (0.0, load)))
-    motion = bd.periodic(mech, 2.0 * np.pi / rate, integrator)
+    motion = bd.periodic(*forced_strip(0.5), integrator)
     assert motion.status.success
     assert runs.count(integrator.method) <= 5
     assert max(steps) < 300
@@ -252,10 +292,14 @@ def test_multipliers_are_those_of_the_dense_matrix(frequency):
     assert abs(np.abs(motion.multipliers[0]) - expected) < 1e-5 + 2.0 * motion.multiplier_error
 
 
-def test_regression_multipliers_of_modes_with_many_vibrations_per_period():
-    """With two steps per vibration, the multipliers of an undamped mode were 0, error 2e-20."""
+@pytest.mark.parametrize("vibrations", [98.2, 100.3])
+def test_regression_multipliers_of_modes_with_many_vibrations_per_period(vibrations):
+    """With two steps per vibration, the multipliers of an undamped mode were 0, error 2e-20.
+
+    If steps are halved, these multipliers grow or, with longer steps, become smaller.
+    """
     t, x, v = (ca.SX.sym(name) for name in "txv")
-    rate = 1.0 / 100.3
+    rate = 1.0 / vibrations
     force = -x + ca.sin(rate * t)
     system = bd.ConstrainedSystem(t, x, v, mass=[1.0], force=force, q0=[0.0], v0=[0.0])
     motion = bd.periodic(system, 2.0 * np.pi / rate, bd.Radau(1e-6), settle=0)
@@ -277,8 +321,8 @@ def test_expected_range_spares_a_second_pass():
         return matrix @ block
 
     assembled = assemble_monodromy(propagate, size, right, expected_range=dominant_range(matrix))
-    # The range, the direction and two random disturbances.
-    assert blocks == [rank + 3]
+    # The range, the direction and two random disturbances leave one lane of the block.
+    assert blocks == [LANES]
     for actual in (assembled, assemble_monodromy(propagate, size, right)):
         eigenvalues = [np.sort(np.abs(np.linalg.eigvals(x)))[::-1][:rank] for x in (actual, matrix)]
         np.testing.assert_allclose(*eigenvalues, atol=1e-10)

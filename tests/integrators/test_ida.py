@@ -251,9 +251,9 @@ class CountedProposals:
     def __init__(self, spoiled=0):
         self.calls, self._spoiled = 0, spoiled
 
-    def __call__(self, pattern, nonzeros):
+    def __call__(self, pattern, nonzeros, in_blocks):
         self.calls += 1
-        for plan in propose_plans(pattern, nonzeros):
+        for plan in propose_plans(pattern, nonzeros, in_blocks):
             if self._spoiled:
                 self._spoiled -= 1
                 yield plan._replace(scale=np.zeros_like(plan.scale))
@@ -308,11 +308,11 @@ def test_pivots_are_replaced_during_a_run(monkeypatch):
 def test_singular_jacobian_shortens_the_step(monkeypatch):
     failures = []
 
-    def singular_once(pattern, nonzeros):
+    def singular_once(pattern, nonzeros, in_blocks):
         if not failures:
             failures.append(None)
             raise SingularMatrixError("the matrix is singular")
-        return propose_plans(pattern, nonzeros)
+        return propose_plans(pattern, nonzeros, in_blocks)
 
     monkeypatch.setattr(compiled_run, "propose_plans", singular_once)
     solution = bd.simulate(UNDAMPED, bd.Ida(1e-4), 0.1)
@@ -323,7 +323,7 @@ def test_singular_jacobian_shortens_the_step(monkeypatch):
 @pytest.mark.slow(reason="half a second and more")
 @compiled
 def test_permanently_singular_jacobian_fails_the_run(monkeypatch):
-    def singular(pattern, nonzeros):
+    def singular(*_):
         raise SingularMatrixError("the matrix is singular")
 
     monkeypatch.setattr(compiled_run, "propose_plans", singular)
@@ -335,7 +335,7 @@ def test_permanently_singular_jacobian_fails_the_run(monkeypatch):
 @compiled
 @pytest.mark.parametrize("problem", [KeyboardInterrupt, MemoryError])
 def test_exception_in_the_jacobian_is_raised_by_the_run(problem, monkeypatch, capfd):
-    def raising(pattern, nonzeros):
+    def raising(*_):
         raise problem
 
     monkeypatch.setattr(compiled_run, "propose_plans", raising)

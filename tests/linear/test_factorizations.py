@@ -56,10 +56,10 @@ def test_factorization_solves_every_matrix_of_its_pattern(method, size, dtype):
     solver = create_factorization(pattern, method, dtype)
     for _ in range(2):
         _, nonzeros, matrix = arrow(size, rng, dtype)
-        right = numbers(size, rng, dtype)
         solver.factorize(nonzeros)
         # Backward stability: the residual, not the solution, is at rounding.
-        for _ in range(2):
+        for shape in ((size,), (size, 3)):
+            right = numbers(shape, rng, dtype)
             x = solver.solve(right)
             scale = np.abs(matrix).sum() * np.abs(x).max()
             assert_allclose(matrix @ x, right, rtol=0.0, atol=1e-14 * scale)

@@ -37,8 +37,10 @@ from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.radau.coefficients import C
 from beamdae.integrators.radau.workspace import StepSizeState
+from beamdae.linear.lane_operations import LANES, aligned_zeros, index_lanes
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
+from beamdae.symbolic.sums.kernel_sums import SumPlan
 
 Array = np.ndarray
 
@@ -47,7 +49,7 @@ _STAGES = 3
 # Number of steps per call of the compiled loop, which limits the memory of its stages.
 _STEPS_PER_CALL = 64
 # Maximum number of times a step of the variational equations is halved.
-_MAX_HALVINGS = 10
+MAX_HALVINGS = 10
 # Rows of the constraint Jacobian whose length is below this fraction of the longest are zero.
 _ZERO_ROW_RATIO = 1e-10
 # Energy of a disturbance of natural size, relative to that of the motion, which is added because
@@ -55,8 +57,6 @@ _ZERO_ROW_RATIO = 1e-10
 _MIN_ENERGY_RATIO = 1e-8
 # Prevents a threshold of zero if there are no constraints.
 _TINY = 1e-300
-# Number of random disturbances in the first block of a low-rank monodromy matrix.
-_FIRST_BLOCK = 8
 # Smaller singular values of the propagated disturbances, relative to the largest, are zero: they
 # are not larger than the errors of the stages.
 EXACT_RANK = 1e-8
@@ -98,8 +98,8 @@ class VariationalEquations:
     def _loop(self) -> StepLoop[VariationalWorkspace]:
         form = self.form
         pattern, jacobian, reduction = reduce_kinematics(form)
-        real = FactorizedMatrix.from_pattern(pattern)
-        complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
+        real = FactorizedMatrix.from_pattern(pattern, in_lanes=True)
+        complex_ = FactorizedMatrix.from_pattern(pattern, complex, real, in_lanes=True)
 
         def make_workspace(native: bool) -> VariationalWorkspace:
             buffers = form.buffers(native)
@@ -108,6 +108,7 @@ class VariationalEquations:
                 form,
                 buffers,
                 pattern,
+                _arrange_parts(pattern, jacobian, form.equations.n),
                 reduction,
                 (real.make_solver(native, "auto"), real.nonzeros),
                 (complex_.make_solver(native, "auto"), complex_.nonzeros),
@@ -173,6 +174,7 @@ class VariationalEquations:
         scales: Array,
         steps_per_node: float = 1,
         tolerance: float = EXACT_RANK,
+        max_halvings: int = MAX_HALVINGS,
     ) -> Array:
         """Propagate initial `disturbances` (2 n, k) of (q, v) to the end of a run.
 
@@ -191,17 +193,23 @@ class VariationalEquations:
             also below 1.
         tolerance
             Error of the stages, relative to the disturbance.
+        max_halvings
+            Maximum number of times a step is halved.
 
         Raises
         ------
         LinearizationError
-            If the iteration of the stages does not converge in steps that were halved ten times.
+            If the iteration of the stages does not converge in steps that were halved this often.
         """
         work, (n_state, count) = self._loop.work, disturbances.shape
-        work.count, work.tolerance = count, tolerance
-        work.weights[:] = 1.0 / scales
-        work.disturbances[:count] = 0.0
-        work.disturbances[:count, :n_state] = disturbances.T
+        work.count, work.tolerance = -(-count // LANES), tolerance
+        work.scales[:] = 1.0 / scales
+        # Blocks, state, lanes.
+        blocks = work.disturbances[: work.count].reshape(work.count, -1, LANES)
+        by_column = np.zeros((work.count * LANES, n_state))
+        by_column[:count] = disturbances.T
+        blocks[:] = 0.0
+        blocks[:, :n_state] = by_column.reshape(work.count, LANES, n_state).transpose(0, 2, 1)
         for interval in trajectory.intervals:
             work.step_size.last_step = 0.0
             nodes = _step_nodes(interval.t, steps_per_node)
@@ -211,7 +219,7 @@ class VariationalEquations:
                 stop = min(first + _STEPS_PER_CALL, len(nodes) - 1)
                 first += self._take_steps(interval, nodes[first : stop + 1])
                 if first < stop:
-                    if halvings[first] == _MAX_HALVINGS:
+                    if halvings[first] == max_halvings:
                         raise LinearizationError(
                             f"periodic: the equations linearized at t = {nodes[first]:.6g} s "
                             "cannot be solved; use a smaller rtol."
@@ -219,7 +227,8 @@ class VariationalEquations:
                     halvings[first] += 1
                     halvings = np.insert(halvings, first, halvings[first])
                     nodes = np.insert(nodes, first + 1, np.mean(nodes[first : first + 2]))
-        return work.disturbances[:count, :n_state].T.copy()
+        by_column = blocks[:, :n_state].transpose(0, 2, 1).reshape(-1, n_state)
+        return by_column[:count].T.copy()
 
     def _take_steps(self, interval: Interval, nodes: Array) -> int:
         """Propagate the disturbances through steps with these ends; return the number of steps.
@@ -237,6 +246,7 @@ class VariationalEquations:
         work.state_rates[stages, :n], work.state_rates[stages, n : 2 * n] = state.v, state.a
         work.state_rates[stages, lam] = state.lam
         work.branch, work.steps, work.next = interval.branch, len(h), 0
+        work.is_tested = 0
         loop()
         return work.next
 
@@ -245,53 +255,80 @@ def _make_workspace(
     form: FirstOrderForm,
     buffers: FirstOrderBuffers,
     pattern: sp.csc_array,
+    parts: sp.csr_array,
     reduction: KinematicReduction,
     real: tuple[Any, Array],
     complex_: tuple[Any, Array],
 ) -> VariationalWorkspace:
-    """Return the work arrays; `real` and `complex_` are pairs (solver, non-zeros)."""
+    """Return the work arrays.
+
+    `parts` are those of `_arrange_parts`; `real` and `complex_` are pairs (solver, non-zeros).
+    """
     n, size, reduced_size = form.equations.n, form.size, pattern.shape[0]
-    rows, count = _STAGES * _STEPS_PER_CALL, 2 * form.equations.n
+    rows, blocks = _STAGES * _STEPS_PER_CALL, -(-2 * n // LANES)
+    lanes = KinematicReduction(*map(index_lanes, reduction))
     return VariationalWorkspace(
         form=buffers,
         real_solver=real[0],
         complex_solver=complex_[0],
-        reduction=reduction,
+        reduction=lanes,
         step_size=StepSizeState(math.inf),
         times=np.zeros(rows),
         states=np.zeros((rows, size)),
         state_rates=np.zeros((rows, size)),
         h=np.zeros(_STEPS_PER_CALL),
-        disturbances=np.zeros((count, size)),
-        ends=np.zeros((count, size)),
-        disturbances_w=np.zeros((_STAGES * count, size)),
-        ends_w=np.zeros((_STAGES * count, size)),
-        weights=np.zeros(2 * n),
+        disturbances=_lane_zeros(size, blocks),
+        ends=_lane_zeros(size, blocks),
+        disturbances_w=_lane_zeros(size, _STAGES * blocks),
+        ends_w=_lane_zeros(size, _STAGES * blocks),
+        scales=np.zeros(2 * n),
+        weights=_lane_zeros(2 * n)[0],
         jacobians=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
         differences=np.zeros((_STAGES, 3 * pattern.nnz + 1)),
-        has_differences=np.zeros((_STAGES, 3), np.int64),
         real_nonzeros=real[1],
         complex_nonzeros=complex_[1],
-        entry_rows=pattern.indices.astype(np.int64),
-        entry_columns=column_indices(pattern).astype(np.int64),
-        y=np.zeros(size),
-        yp=np.zeros(size),
-        w=np.zeros((_STAGES, size)),
-        last_w=np.zeros((_STAGES, size)),
-        stages=np.zeros((_STAGES, size)),
-        rates=np.zeros((_STAGES, size)),
-        right=np.zeros(reduced_size),
-        complex_right=np.zeros(reduced_size, complex),
+        row_starts=parts.indptr.astype(np.uint32),
+        entry_columns=parts.indices.astype(np.uint32),
+        entry_sources=parts.data.astype(np.uint32),
+        y=_lane_zeros(size)[0],
+        yp=_lane_zeros(size)[0],
+        w=_lane_zeros(size, _STAGES),
+        last_w=_lane_zeros(size, _STAGES),
+        stages=_lane_zeros(size, _STAGES),
+        rates=_lane_zeros(size, _STAGES),
+        right=_lane_zeros(reduced_size)[0],
+        complex_right=_lane_zeros(reduced_size, dtype=complex)[0],
         extrapolation=np.zeros((_STAGES, _STAGES)),
-        velocities=np.zeros(n),
-        real_change=np.zeros(size),
-        complex_change=np.zeros(size, complex),
-        complex_real=np.zeros(size),
-        complex_imaginary=np.zeros(size),
-        residuals=np.zeros((_STAGES, reduced_size)),
-        product=np.zeros(reduced_size),
-        unknowns=np.zeros(reduced_size),
+        velocities=_lane_zeros(n)[0],
+        real_change=_lane_zeros(size)[0],
+        complex_change=_lane_zeros(size, dtype=complex)[0],
+        complex_real=_lane_zeros(size)[0],
+        complex_imaginary=_lane_zeros(size)[0],
+        residuals=_lane_zeros(reduced_size, _STAGES),
+        unknowns=_lane_zeros(parts.shape[1])[0],
     )
+
+
+def _arrange_parts(pattern: sp.csc_array, plan: SumPlan, n: int) -> sp.csr_array:
+    """Return the three parts of a reduced matrix side by side, with indices in place of entries.
+
+    The indices are those of the result of `plan`. The third part has only columns of `n`
+    coordinates, see `reduce_kinematics`.
+    """
+    targets = np.unique(np.concatenate([plan.add_targets, plan.weighted_targets]))
+    sources = targets[targets < 3 * pattern.nnz].astype(np.int64)
+    part, entry = np.divmod(sources, pattern.nnz)
+    columns = part * pattern.shape[0] + column_indices(pattern)[entry]
+    shape = (pattern.shape[0], 2 * pattern.shape[0] + n)
+    # Indices from 1 on: zeros would not be stored.
+    parts = sp.csr_array(sp.coo_array((sources + 1, (pattern.indices[entry], columns)), shape))
+    parts.data -= 1
+    return parts
+
+
+def _lane_zeros(size: int, rows: int = 1, dtype: type = float) -> Array:
+    """Return rows of zeros for `size` entries of all lanes each."""
+    return aligned_zeros(rows * size * LANES, dtype).reshape(rows, -1)
 
 
 def _symmetrize(matrix: sp.csc_array, scales: Array) -> Array:
@@ -334,10 +371,12 @@ def assemble_monodromy(
     start = _extend_basis(np.zeros((size, 0)), start, tolerance)
     random = np.random.default_rng(0).standard_normal((size, size))
     inputs = la.qr(np.column_stack([start, random]), mode="economic")[0]
-    first = start.shape[1] + _OVERSAMPLING if known.size else _FIRST_BLOCK
+    first = start.shape[1] + _OVERSAMPLING if known.size else LANES
     outputs, count = np.zeros((size, 0)), 0
     while count < size:
-        block = inputs[:, count : max(first, 2 * count)]
+        # Disturbances are propagated in blocks of lanes; those that would fill a block are free.
+        end = -(-max(first, 2 * count) // LANES) * LANES
+        block = inputs[:, count:end]
         outputs = np.column_stack([outputs, propagate(block)])
         count = outputs.shape[1]
         vectors, values, _ = la.svd(outputs, full_matrices=False)

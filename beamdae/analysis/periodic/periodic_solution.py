@@ -50,9 +50,9 @@ _NAME = "periodic"
 # Steps of the variational equations are halved until the estimated error of the largest modulus of
 # a multiplier is at most this amount.
 _MULTIPLIER_TOLERANCE = 1e-5
-# A multiplier that grows by more than this factor when steps are halved is that of a mode which the
-# steps do not resolve, unless it is smaller than the second value.
-_MAX_GROWTH = 2.0
+# A multiplier that changes by more than this fraction when steps are halved is that of a mode which
+# the steps do not resolve, unless the change is smaller than the second value.
+_MAX_RELATIVE_CHANGE = 0.5
 _VANISHING_MULTIPLIER = 1e-30
 _ORDER_RATIO = 2.0**-5  # of the errors of Radau IIA if steps are halved
 _TINY = 1e-300  # avoids a division by zero
@@ -330,8 +330,8 @@ def _refine_multipliers(run: PeriodRun) -> tuple[Array, float, Array | None]:
             last_change = change
             change = abs(largest_modulus(refined) - largest_modulus(multipliers))
             error = change * _remaining_share(change, last_change)
-            least = max(_MAX_GROWTH * largest_modulus(multipliers), _VANISHING_MULTIPLIER)
-            is_resolved = largest_modulus(refined) <= least
+            least = max(_MAX_RELATIVE_CHANGE * largest_modulus(refined), _VANISHING_MULTIPLIER)
+            is_resolved = change <= least
         multipliers = refined
         if error <= _MULTIPLIER_TOLERANCE and is_resolved:
             break
@@ -349,9 +349,17 @@ def _remaining_share(change: float, last_change: float) -> float:
 
 
 def _restricted_multipliers(run: PeriodRun, monodromy: Array, steps_per_node: float) -> Array:
-    """Return multipliers with other steps, restricted to the range of a monodromy matrix."""
+    """Return multipliers with other steps, restricted to the range of a monodromy matrix.
+
+    Steps are not halved: with nearly the same steps, multipliers agree whatever their errors.
+
+    Raises
+    ------
+    LinearizationError
+        If the equations of a step cannot be solved.
+    """
     columns = dominant_range(monodromy, _MULTIPLIER_RANK_TOLERANCE)
     if not columns.size:
         return np.zeros(1, complex)
     columns /= np.linalg.norm(columns, axis=0)
-    return floquet_multipliers(columns.T @ run.propagate(columns, steps_per_node))
+    return floquet_multipliers(columns.T @ run.propagate(columns, steps_per_node, max_halvings=0))

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.analysis.periodic.monodromy import (
     EXACT_RANK,
+    MAX_HALVINGS,
     DisturbanceBasis,
     LinearizationError,
     VariationalEquations,
@@ -583,12 +584,27 @@ class PeriodRun:
         return self.scales[: len(self.scales) // 2]
 
     def propagate(
-        self, disturbances: Array, steps_per_node: float, tolerance: float = EXACT_RANK
+        self,
+        disturbances: Array,
+        steps_per_node: float,
+        tolerance: float = EXACT_RANK,
+        max_halvings: int = MAX_HALVINGS,
     ) -> Array:
-        """Propagate disturbances (k, j) over the period; both are in terms of `basis`."""
+        """Propagate disturbances (k, j) over the period; both are in terms of `basis`.
+
+        Raises
+        ------
+        LinearizationError
+            As `VariationalEquations.propagate`.
+        """
         columns = self.basis @ disturbances
         return self.projection @ self.period_map.variational.propagate(
-            self._linearized_trajectory, columns, self.scales, steps_per_node, tolerance
+            self._linearized_trajectory,
+            columns,
+            self.scales,
+            steps_per_node,
+            tolerance,
+            max_halvings,
         )
 
     @cached_property

@@ -1,5 +1,9 @@
 """Compiled loop of the variational equations: linearized Radau steps for disturbances.
 
+The steps propagate a block of disturbances at a time, one per vector lane: factors and matrices
+are read once per block. Vectors hold the first entry of all lanes, then the second one; indices
+and `KinematicReduction` refer to such vectors.
+
 The functions are plain Python over arrays; `native.loops` compiles them if possible.
 """
 
@@ -28,7 +32,8 @@ from beamdae.integrators.radau.stages import (
     subtract_corrections,
 )
 from beamdae.integrators.radau.workspace import StepSizeState
-from beamdae.native.loop_functions import combine, fill, max_norm, omit_refinement, scatter
+from beamdae.linear.lane_operations import LANES, multiply_rows
+from beamdae.native.loop_functions import combine, fill, max_norm, solve_lanes
 from beamdae.native.return_codes import DONE, NOT_CONVERGED, NOT_FINITE
 
 Array = np.ndarray
@@ -45,6 +50,8 @@ _STAGNATION_RATE = 0.5
 _STAGNATION_FACTOR = 1e3
 # Rate of convergence assumed in the first iteration of a step; later iterations measure it.
 _FIRST_RATE = 0.9
+# Disturbances whose size is smaller have decayed; products with tolerances would underflow.
+_MIN_SIZE = 1e-280
 
 
 @dataclass(slots=True)
@@ -59,7 +66,7 @@ class VariationalWorkspace:
     real_solver, complex_solver
         Linear solvers of the decoupled stage equations; see `radau.coefficients`.
     reduction
-        Unknowns and equations of these systems.
+        Unknowns and equations of these systems, with the indices of all lanes.
     step_size
         Its `last_step` is the last step [s], 0 before the first step.
     times, states, state_rates
@@ -69,25 +76,30 @@ class VariationalWorkspace:
     branch
         A time inside the interval [s].
     disturbances, ends
-        Disturbances of y at the start and at the end of a step, one per row.
+        Disturbances of y at the start and at the end of a step, one block per row.
     disturbances_w, ends_w
-        W of the disturbances in the last and in the current step, three rows per disturbance.
-    weights
+        W of the disturbances in the last and in the current step, three rows per block.
+    scales
         Reciprocal natural sizes of (q, v).
+    weights
+        Reciprocal errors of the stages of the current block.
     jacobians
         Parts of the reduced matrices, one row per stage.
     differences
         Parts at the second stage minus those at each stage.
-    has_differences
-        1 for parts with differences, else 0, one row per stage.
-    real_nonzeros, complex_nonzeros, entry_rows, entry_columns
-        Non-zeros of the real and the complex matrix, and their rows and columns.
+    real_nonzeros, complex_nonzeros
+        Non-zeros of the real and the complex matrix.
+    row_starts, entry_columns, entry_sources
+        All parts side by side, by rows, as in `lane_operations.multiply_rows`: starts of the rows,
+        columns, and indices of the entries in a row of `jacobians`.
     y, yp, w, last_w, stages, rates, right, complex_right, extrapolation, velocities
-        As in `RadauWorkspace`, for one disturbance; `yp` is zero.
+        As in `RadauWorkspace`, for a block of disturbances; `yp` is zero.
     real_change, complex_change, complex_real, complex_imaginary
         As in `RadauWorkspace`.
-    residuals, product, unknowns
-        Reduced residuals of the stages, and work arrays.
+    residuals
+        Reduced residuals of the stages.
+    unknowns
+        Factors of the parts: reduced stage, reduced rates, and accelerations.
     tolerance
         Error of the stages, relative to the disturbance at the start of the step.
     rate
@@ -95,7 +107,9 @@ class VariationalWorkspace:
     steps, next
         Number of steps, and index of the next step.
     count
-        Number of disturbances.
+        Number of blocks.
+    is_tested
+        1 if the accuracy of factors has been tested since the first of these steps, else 0.
     """
 
     form: FirstOrderBuffers
@@ -111,14 +125,15 @@ class VariationalWorkspace:
     ends: Array
     disturbances_w: Array
     ends_w: Array
+    scales: Array
     weights: Array
     jacobians: Array
     differences: Array
-    has_differences: Array
     real_nonzeros: Array
     complex_nonzeros: Array
-    entry_rows: Array
+    row_starts: Array
     entry_columns: Array
+    entry_sources: Array
     y: Array
     yp: Array
     w: Array
@@ -134,7 +149,6 @@ class VariationalWorkspace:
     complex_real: Array
     complex_imaginary: Array
     residuals: Array
-    product: Array
     unknowns: Array
     tolerance: float = 0.0
     rate: float = 0.0
@@ -142,6 +156,7 @@ class VariationalWorkspace:
     steps: int = 0
     next: int = 0
     count: int = 0
+    is_tested: int = 0
 
 
 def propagate_disturbances(run: VariationalWorkspace) -> int:
@@ -181,51 +196,44 @@ def _factorize_step(run: VariationalWorkspace, h: float) -> int:
     combine(run.complex_nonzeros, (1.0, complex_rate, complex_rate * complex_rate), parts)
     for i in range(3):
         combine(run.differences[i], (1.0, -1.0), (middle, run.jacobians[i]))
-        for part in range(3):
-            difference = run.differences[i, part * size : (part + 1) * size]
-            run.has_differences[i, part] = max_norm(difference, difference) > 0.0
-    code = factorize_both(run, True)
-    if code == DONE:
-        # The first two iterations of the stages are an iterative refinement.
-        omit_refinement(run.real_solver)
-        omit_refinement(run.complex_solver)
+    code = factorize_both(run, run.is_tested == 0)
+    run.is_tested = int(code == DONE)
     return code
 
 
 def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
-    """Write disturbance `k` at the end of the step to `ends`.
+    """Write block `k` of the disturbances at the end of the step to `ends`.
 
     The linear stage equations are solved by the simplified Newton iteration of `radau.stages`. It
-    begins with the extrapolation of the last step.
+    begins with the extrapolation of the last step. Its first two iterations are an iterative
+    refinement of the linear solutions.
     """
     w, weights, residuals = run.w, run.weights, run.residuals
     combine(run.y, (1.0,), (run.disturbances[k],))
     for i in range(3):
         combine(run.last_w[i], (1.0,), (run.disturbances_w[3 * k + i],))
     predict_stages(run, h)
-    limit = run.tolerance * max_norm(run.y[: weights.size], weights)
+    _set_weights(run)
     # All disturbances have the same iteration matrix.
     previous, rate = math.inf, (run.rate if run.rate > 0.0 else _FIRST_RATE)
     for iteration in range(_MAX_ITERATIONS):
         if iteration < _REFINING_ITERATIONS:
             set_stages(run, h)
             for i in range(3):
-                fill(residuals[i], 0.0)
-                for part in range(3):
-                    _add_product(run, i, part, run.jacobians[i])
+                _multiply_parts(run, i, run.jacobians[i])
         else:
             # The last corrections solve the equations with the matrix of the second stage.
             _set_corrections(run, h)
-            for i in range(3):
-                fill(residuals[i], 0.0)
-                for part in range(3):
-                    if run.has_differences[i, part]:
-                        _add_product(run, i, part, run.differences[i])
+            _multiply_parts(run, 0, run.differences[0])
+            fill(residuals[1], 0.0)
+            _multiply_parts(run, 2, run.differences[2])
         stage_residuals = (residuals[0], residuals[1], residuals[2])
         factors = (T_INVERSE[0, 0], T_INVERSE[0, 1], T_INVERSE[0, 2])
         combine(run.right, factors, stage_residuals)
         complex_factors = (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2])
         combine(run.complex_right, complex_factors, stage_residuals)
+        solve_lanes(run.real_solver, run.right)
+        solve_lanes(run.complex_solver, run.complex_right)
         subtract_corrections(run, h)
         size = max(
             max_norm(run.real_change[: weights.size], weights),
@@ -236,8 +244,8 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
             return NOT_FINITE
         if iteration > 0:
             rate = size / previous if previous > 0.0 else 0.0
-        stagnates = rate > _STAGNATION_RATE and size <= _STAGNATION_FACTOR * limit
-        if stagnates or (rate < 1.0 and size * rate <= limit * (1.0 - rate)):
+        stagnates = rate > _STAGNATION_RATE and size <= _STAGNATION_FACTOR
+        if stagnates or (rate < 1.0 and size * rate <= 1.0 - rate):
             if iteration > 0:
                 run.rate = max(run.rate, rate)
             combine(run.ends[k], (1.0, T[2, 0], T[2, 1], T[2, 2]), (run.y, w[0], w[1], w[2]))
@@ -247,10 +255,21 @@ def _propagate(run: VariationalWorkspace, h: float, k: int) -> int:
                 combine(run.ends_w[3 * k + i], (1.0,), (w[i],))
             return DONE
         is_tested = iteration >= _FIRST_TESTED_ITERATION
-        if is_tested and size * rate ** (_MAX_ITERATIONS - iteration) > limit:
+        if is_tested and size * rate ** (_MAX_ITERATIONS - iteration) > 1.0:
             return NOT_CONVERGED
         previous = size
     return NOT_CONVERGED
+
+
+def _set_weights(run: VariationalWorkspace) -> None:
+    """Set the weights in which errors of the stages are at most 1 in each lane.
+
+    They are relative to the disturbance of the lane, which is zero in lanes without one.
+    """
+    for lane in range(LANES):
+        size = run.tolerance * max_norm(run.y[lane : run.weights.size : LANES], run.scales)
+        factor = 1.0 / size if size > _MIN_SIZE else 0.0
+        combine(run.weights[lane::LANES], (factor,), (run.scales,))
 
 
 def _set_corrections(run: VariationalWorkspace, h: float) -> None:
@@ -262,16 +281,15 @@ def _set_corrections(run: VariationalWorkspace, h: float) -> None:
         combine(run.rates[i], factors, corrections)
 
 
-def _add_product(run: VariationalWorkspace, i: int, part: int, matrices: Array) -> None:
-    """Add a part of the reduced matrices times its unknowns at stage `i` to the residual.
+def _multiply_parts(run: VariationalWorkspace, i: int, parts: Array) -> None:
+    """Set the residual of stage `i` to the sum of all parts times their unknowns.
 
     The parts act on the stage, on its rates, and on accelerations; q' = v holds for defined
     velocities.
     """
-    n, size, unknowns = run.form.n, run.real_nonzeros.size, run.unknowns
-    reduce_unknowns(run.reduction, n, run.stages[i] if part == 0 else run.rates[i], unknowns)
-    if part == 2:
-        combine(unknowns[:n], (1.0,), (run.rates[i, n : 2 * n],))
-    matrix = matrices[part * size : (part + 1) * size]
-    scatter(run.product, run.entry_rows, matrix, unknowns, run.entry_columns)
-    combine(run.residuals[i], (1.0, 1.0), (run.residuals[i], run.product))
+    at, n, size, unknowns = run.reduction, run.velocities.size, run.right.size, run.unknowns
+    reduce_unknowns(at, n, run.stages[i], unknowns[:size])
+    reduce_unknowns(at, n, run.rates[i], unknowns[size : 2 * size])
+    combine(unknowns[2 * size :], (1.0,), (run.rates[i, n : 2 * n],))
+    starts, columns, sources = run.row_starts, run.entry_columns, run.entry_sources
+    multiply_rows(run.residuals[i], starts, columns, parts, sources, unknowns)

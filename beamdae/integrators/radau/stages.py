@@ -107,7 +107,7 @@ def predict_stages(run: Any, h: float) -> None:
 
 def derive_velocities(run: Any, h: float) -> None:
     """Set the defined velocities of the stages to the derivatives of their positions."""
-    n, w, at = run.form.n, run.w, run.reduction
+    n, w, at = run.velocities.size, run.w, run.reduction
     known = (w[0][:n], w[1][:n], w[2][:n], run.y[n : 2 * n])
     for i in range(3):
         factors = (RATE_BLOCKS[i, 0] / h, RATE_BLOCKS[i, 1] / h, RATE_BLOCKS[i, 2] / h, -START[i])
@@ -249,19 +249,19 @@ def correct_stages(run: RadauWorkspace, h: float) -> None:
     combine(run.complex_change, (TO_COMPLEX[0], TO_COMPLEX[1], TO_COMPLEX[2]), stage_residuals)
     reduce_right(at, n, run.real_change, run.right)
     reduce_right(at, n, run.complex_change, run.complex_right)
+    solve(run.real_solver, run.right)
+    solve(run.complex_solver, run.complex_right)
     subtract_corrections(run, h)
 
 
 def subtract_corrections(run: Any, h: float) -> None:
-    """Subtract the corrections from W that belong to reduced right-hand sides.
+    """Subtract the corrections from W that belong to solutions of the reduced equations.
 
-    `run` has the attributes of a `RadauWorkspace`; `run.right` and `run.complex_right` are replaced
-    by the solutions.
+    `run` has the attributes of a `RadauWorkspace`; `run.right` and `run.complex_right` are the
+    solutions.
     """
-    at, n, w = run.reduction, run.form.n, run.w
-    solve(run.real_solver, run.right)
+    at, n, w = run.reduction, run.velocities.size, run.w
     expand_solution(at, n, REAL_EIGENVALUE / h, run.right, run.real_change)
-    solve(run.complex_solver, run.complex_right)
     expand_solution(at, n, COMPLEX_EIGENVALUE / h, run.complex_right, run.complex_change)
     split_complex(run.complex_real, run.complex_imaginary, run.complex_change)
     combine(w[0], (1.0, -1.0), (w[0], run.real_change))
