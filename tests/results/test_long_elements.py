@@ -223,6 +223,29 @@ def test_regression_axial_phase_errors_by_long_elements_are_estimated():
     assert "tip.x" in message
 
 
+def test_regression_recommended_numbers_of_elements_are_not_absurd():
+    """After a sudden load, 22 elements were recommended, whose error was 32 % of half the range."""
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (LENGTH, 0.0)), SECTION, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("pull", beam.end, (1e4, 0.0)))
+    mech.observe("tip", beam.end)
+    mech.observe("middle", beam.stress(0.5 * LENGTH, "top"))
+    run = bd.simulate(mech, bd.GeneralizedAlpha(0.01 / 8000), 0.01)
+    (message,) = warnings_of(run)
+    assert "rod: " in message
+    assert "use more than elements=16, or suppress the fastest waves by material damping" in message
+
+
+def test_regression_large_errors_have_a_lower_limit_of_the_number_of_elements():
+    """Errors with one element hide further vibrations, which need more elements than computed."""
+    mech, beam = kicked_cantilever(1, 1e-4)
+    mech.observe("clamp", beam.section_forces(0.0))
+    (message,) = warnings_of(bd.simulate(mech, bd.Ida(), 0.3))
+    assert " is wrong by 100 or more % " in message
+    assert re.search(r"; use at least elements=\d\.$", message)
+
+
 def swinging_bow(elements):
     """Hinged beam of increasing curvature with two masses, released under gravity."""
     mech = bd.Mechanism(gravity=(0.0, -9.81))

@@ -458,12 +458,14 @@ def _describe(
     order = max(math.log2(largest / max(float(np.max(refined)), _TINY)), _MIN_ORDER)
     refinement = min((largest / _RECOMMENDED_ERROR) ** (1.0 / order), _MAX_REFINEMENT)
     count = math.ceil(refinement * max(x.mesh.elements for x in beams))
+    remedy = f"use about {count} elements, or a slower law"
+    if refinement == _MAX_REFINEMENT:
+        remedy = f"use more than {count} elements, or a slower law"
     when = f"rises within {change.rise_time:.2g} s"
     if change.rise_time == 0.0:
         when = f"jumps at t = {change.start:.3g} s"
     return (
         f"{change.part}: this law {when}, faster than waves pass the elements of "
         f"{list_first([x.name for x in beams], _MAX_NAMES)}, and the largest or smallest value of "
-        f"{name_with_others(first, others)} is wrong by {size} % of half the range; use about "
-        f"{count} elements, or a slower law."
+        f"{name_with_others(first, others)} is wrong by {size} % of half the range; {remedy}."
     )

@@ -42,6 +42,7 @@ from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     coordinates_of,
     fastest_rate,
     mean_tension,
+    recommend_elements,
     rotation_factors,
     sample_count,
     select_beam_columns,
@@ -60,8 +61,6 @@ Array = np.ndarray
 # 2 times the error up to 50 %, and 0.8 to 1.2 times near resonances.
 _MAX_ERROR = 0.02
 _RECOMMENDED_ERROR = 0.004
-_REFINEMENT = 1.2  # of the number of elements, in the search for a sufficient one
-_MAX_REFINEMENTS = 20
 # Smaller phase errors e omega T [rad], to which no damping adds, are not examined.
 _MIN_PHASE_ERROR = 1e-3
 _LARGEST_FREQUENCY_ERROR = 0.3  # larger estimates are meaningless
@@ -458,14 +457,10 @@ def _describe(
     """Return the warning about a beam; `refined` returns the errors with shorter elements."""
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
-    largest, refinement = errors[names[0]], 1.0
+    largest = errors[names[0]]
     size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
-    for _ in range(_MAX_REFINEMENTS):
-        refinement *= _REFINEMENT
-        if max(refined(refinement).values()) < _RECOMMENDED_ERROR:
-            break
+    remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_ERROR)
     return (
         f"{beam.name}: the elements are too long for its vibration, whose amplitude or phase is "
-        f"wrong by {size} % of half the range of {name_with_others(first, others)}; use "
-        f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
+        f"wrong by {size} % of half the range of {name_with_others(first, others)}; {remedy}."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     MIN_PERIODS,
     fastest_rate,
     mean_tension,
+    recommend_elements,
     rotation_factors,
     sample_count,
     select_beam_columns,
@@ -43,8 +44,6 @@ _RECOMMENDED_PHASE_ERROR = 0.01
 # Displacement of a point of a bending wave with the wave number k, times k / rotation: 1 between
 # nodes, and 1.4 at free ends.
 _MAX_SHAPE_FACTOR = 1.5
-_REFINEMENT = 1.1  # of the number of elements, in the search for a sufficient one
-_MAX_REFINEMENTS = 40
 
 
 class _Spectrum(NamedTuple):
@@ -237,16 +236,12 @@ def _describe(
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
     size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
-    beam, refinement = vibration.beam, 1.0
-    for _ in range(_MAX_REFINEMENTS):
-        refinement *= _REFINEMENT
-        refined = vibration.errors(half_ranges, spectrum, refinement)
-        if max(refined.values()) < _RECOMMENDED_PHASE_ERROR:
-            break
+    beam, refined = vibration.beam, partial(vibration.errors, half_ranges, spectrum)
+    remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_PHASE_ERROR)
     return (
         f"{beam.name}: the elements are too long for its vibration, and the phase error that "
-        f"accumulates is {size} % of half the range of {name_with_others(first, others)}; use "
-        f"elements={int(np.ceil(refinement * beam.mesh.elements))}."
+        f"accumulates is {size} % of half the range of {name_with_others(first, others)}; "
+        f"{remedy}."
     )
 
 

@@ -25,7 +25,9 @@ from beamdae.symbolic.statements import Quantity
 
 Array = np.ndarray
 
-_MAX_UNREPORTED_ERROR = 0.04
+# In 98 equilibria and runs beside a mesh of 4 times as many elements, 61 have a warning. In 3 of
+# these, all errors of its columns are below 1 %; from a limit of 4 %, 1 of 49.
+_MAX_UNREPORTED_ERROR = 0.02
 # Values below this share of the largest one along the beam, such as moments near hinges, have
 # errors relative to this share.
 _MIN_SHARE = 0.25
@@ -88,7 +90,7 @@ def mesh_error_warnings(
     columns: Mapping[str, Array],
     state_at: Callable[[int], LoadedState],
 ) -> Iterator[str]:
-    """Yield a warning per beam whose stresses, strains or section forces are wrong by over 4 %.
+    """Yield a warning per beam whose stresses, strains or section forces are wrong by over 2 %.
 
     The columns follow from the strains of one element, whose polynomials do not follow boundary
     layers, such as those near the clamps of beams under tension, of the length sqrt(EI / N), and
