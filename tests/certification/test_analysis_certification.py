@@ -271,3 +271,15 @@ def test_an_interrupted_periodic_run_raises(monkeypatch):
     monkeypatch.setattr(bd.Radau, "integrate", interrupted)
     with pytest.raises(bd.Interrupted):
         bd.certify_periodic(mech, 0.5)
+
+
+@pytest.mark.filterwarnings("error::beamdae.errors.BeamdaeWarning")
+def test_regression_certified_modes_have_no_warning_of_coarse_meshes():
+    """Elements of the first mesh were "too long for mode 3"."""
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.004)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (1.0, 0.0)), strip))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    certificate = bd.certify_modes(mech, accuracy=0.01, n=4)
+    assert certificate.status.success
+    assert not certificate.result.warnings

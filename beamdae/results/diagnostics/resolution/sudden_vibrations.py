@@ -37,7 +37,13 @@ from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
 
-_MAX_ERROR = 0.03  # relative to half the range; see `_estimate_errors`
+# Error relative to half the range from which on a run has a warning. In 96 runs of cantilevers with
+# 2 to 16 elements, undamped or with damping of 1e-7 to 1e-5 s, under loads that jump, releases and
+# moving masses, 38 of 42 errors above 2 % are found, and all 41 runs above it have errors of more
+# than 2 %. Errors above it are 0.5 to 1.3 times the estimate, and a third of it for axial forces in
+# a bent beam. Axial forces by the deflection of a straight beam, and the small moment beside the
+# hinge of a pendulum (15 and 55 % off), are underestimated.
+_MAX_ERROR = 0.03
 _RECOMMENDED_ERROR = 0.01
 _LARGE_ERROR = 1.0
 _MIN_SHARE = 1e-2  # of the largest half range of the same kind of columns
