@@ -132,6 +132,21 @@ def test_displacements_before_buckling_are_warned_of():
     assert any("displacements before buckling are not negligible" in x for x in result.warnings)
 
 
+@pytest.mark.parametrize("tilt", [1e-16, 1e-9, 1e-7, 1e-5, 1e-4])
+def test_regression_tilts_of_rounding_are_no_displacements_before_buckling(tilt):
+    """A column drawn by cos(pi / 2) had a warning of a limit point at 1.2 times the factor."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    strip = bd.Section.rectangle(STEEL, width=0.02, height=5e-3)
+    line = bd.Line((0.0, 0.0), (tilt, 1.0))
+    beam = mech.add(bd.Beam("column", line, strip, elements=8, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    result = bd.buckling(mech, n=1)
+    assert result.warnings == ()
+    # Timoshenko & Gere: q L^3 = 7.837 EI; linear buckling of the tilted column is 0.3 % lower.
+    load = 9.81 * STEEL.rho * 0.02 * 5e-3
+    assert_allclose(result.factors * load, 7.837 * strip.EI, rtol=3e-3)
+
+
 @pytest.mark.parametrize("rise", [3.5e-3, 4e-3, 4.5e-3, 5e-3, 6e-3, 9e-3])
 def test_regression_factors_of_shallow_arches_are_compared_with_the_path(rise):
     """Factors from the equilibrium at half the load agreed by chance where they were 5 % unsafe."""
