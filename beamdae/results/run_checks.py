@@ -228,6 +228,8 @@ def _built_model(run: RunData) -> Iterable[str]:
 ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings), _coarse_rows)
 
 RUN_CHECKS: tuple[Check, ...] = (
+    # Unstable loops cause failures, large strains and errors.
+    _of_motion(growing_loop_warnings),
     # The motion and the deformation.
     _balance,
     _columns,
@@ -250,7 +252,6 @@ RUN_CHECKS: tuple[Check, ...] = (
     _mesh_errors,
     _long_elements,
     _of_motion(moving_load_warnings),
-    _of_motion(growing_loop_warnings),
     _of_motion(table_range_warnings),
     # The start and the model.
     _start_transients,

@@ -337,6 +337,29 @@ def test_regression_alternating_commands_have_a_warning(every, kd, limit):
     assert len(found) == (radius > 1.0)
 
 
+@pytest.mark.parametrize("limit", [5.0, 20.0])
+@pytest.mark.parametrize(("gain", "is_unstable"), [(0.3, False), (0.8, False), (4.0, True)])
+def test_regression_slow_limit_cycles_of_sampled_loops_have_a_warning(gain, is_unstable, limit):
+    """A force that went from limit to limit until the end, with 30 samples a period, was "ok"."""
+    every, kd = 1e-3, 60.0
+    m, k, kp, _ = STAGE.values()
+    ki = gain * kd * (k + kp) / m
+
+    def law(sample):
+        (position,) = sample.reads
+        integral, last = sample.state
+        error = 5e-4 - position
+        wanted = kp * error + ki * integral - kd * (position - last) / every
+        force = np.clip(wanted, -limit, limit)
+        sample.state[:] = integral + every * (error + (force - wanted) / kp), position
+        return force
+
+    found = loop_warnings(build_sampled_stage(every, kd, law=law), every, samples=600)
+    assert len(found) == is_unstable
+    limits = f"alternates between its limits -{limit:g} and {limit:g} until the end of the run"
+    assert all(limits in x for x in found)
+
+
 def test_loops_that_follow_noise_forces_or_a_switch_have_no_warning():
     def three_levels(sample):
         error = 5e-4 - sample.reads[0]

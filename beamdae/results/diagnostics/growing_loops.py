@@ -24,6 +24,9 @@ _WINDOW_COUNTS = (8, 4)
 # time, such as integrals of positions at constant acceleration, grow by a factor of 4, or of 14
 # from 0.4 of the run on.
 _MIN_GROWTH = 30.0
+# Fractions of the run from which on values may grow: fast growth from a step near the end of a run,
+# or after a motion that ends the run soon.
+_LAST_PARTS = {0.5: "second half", 0.75: "last quarter", 0.875: "last eighth"}
 # Bounds of the exponents of growth from window to window, relative to their mean. They are 1 if the
 # growth is exponential, and 0.7 to 1.35 for powers of time from 0.4 of the run on.
 _LEAST_EXPONENT, _LARGEST_EXPONENT = 0.75, 1.33
@@ -53,6 +56,13 @@ _MIN_CORRELATION = 0.8
 # often, once per this number of samples.
 _MIN_REVERSALS = 6
 _MAX_SAMPLES_PER_REVERSAL = 6
+# Slower vibrations between both limits are compared in 256 of the last samples at these strides.
+# Of 216 loops (PID on a mass with a spring, gains 0.3 to 4 times the limit of stability), 92 of the
+# 93 that went from limit to limit in the last quarter were found; none of the 84 stable ones was.
+_STRIDES = (1, 4, 16)
+_MIN_LIMIT_CYCLE_SWITCHES = 4
+# Ranges of measured values in the second half of these samples, relative to the first half.
+_MIN_REMAINING_RANGE = 0.97
 # Values with fewer levels than this besides the limits may be those of a switch. Then the law is
 # called between two samples of opposite limits, and this often bisected towards its transition.
 _MIN_VALUES_BETWEEN = 3
@@ -85,15 +95,17 @@ def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         times = start + duration * np.linspace(begin, end, _INTERVALS + 1)
         return trajectory.positions_at(times)[:, list(rows)]
 
-    growth = _exponential_growth(values(0.5, 1.0))
-    k = int(np.argmax(growth))
-    if growth[k] > 0.0:
-        name, remedy = list(rows.values())[k]
-        yield (
-            f"{name} grows exponentially, by a factor of {growth[k]:.2g} in the second half of the "
-            f"run, so its loop seems to be unstable; check the signs and sizes of its {remedy}."
-        )
-    elif equations.controllers:
+    for begin, part in _LAST_PARTS.items():
+        growth = _exponential_growth(values(begin, 1.0))
+        k = int(np.argmax(growth))
+        if growth[k] > 0.0:
+            name, remedy = list(rows.values())[k]
+            yield (
+                f"{name} grows exponentially, by a factor of {growth[k]:.2g} in the {part} of the "
+                f"run, so its loop seems to be unstable; check the signs and sizes of its {remedy}."
+            )
+            return
+    if equations.controllers:
         yield from _limited_growth_warnings(equations, trajectory, rows, values)
 
 
@@ -155,6 +167,56 @@ def _limited_growth_warnings(
                     f"{remedy}."
                 )
                 return
+            cycle = _find_limit_cycle(equations, trajectory, stream, k)
+            if cycle is not None:
+                name, remedy = rows[term.rows.start + k]
+                yield (
+                    f"{name} alternates between its limits {cycle[0]:.4g} and {cycle[1]:.4g} until "
+                    "the end of the run (limit cycle), so its loop seems to be unstable; check the "
+                    f"signs and sizes of its {remedy}."
+                )
+                return
+
+
+def _find_limit_cycle(
+    equations: EquationsOfMotion, trajectory: Trajectory, stream: int, drive: int
+) -> tuple[float, float] | None:
+    """Return the limits between which a held value goes back and forth without decay, or None."""
+    term = equations.controllers[stream]
+    every = term.controller.every
+    samples = np.arange(np.ceil(trajectory.start / every), np.floor(trajectory.end / every))
+    samples = samples[len(samples) // 2 :]
+    for stride in _STRIDES:
+        times = every * (samples[::-stride][:_MAX_LAST_SAMPLES][::-1] + 0.5)
+        if len(times) < _MIN_LAST_SAMPLES:
+            return None
+        held = trajectory.positions_at(times)[:, term.rows.start + drive]
+        low, high = float(held.min()), float(held.max())
+        rounding = _ROUNDING * max(abs(low), abs(high))
+        is_low, is_high = held <= low + rounding, held >= high - rounding
+        switches = np.count_nonzero(np.diff(is_high[is_low | is_high]))
+        # Maxima of a vibration without limits are at both limits once only.
+        if switches < _MIN_LIMIT_CYCLE_SWITCHES or not _repeats(held, np.inf):
+            continue
+        if _has_varying_laws(equations.mechanism, times):
+            return None
+        states = trajectory.at(times)
+        read = compile_reads(term, equations.p)
+        reads = np.array(
+            [
+                read(float(t[0]), float(t[1]), q, v)
+                for t, q, v in zip(states[0], states[1].q, states[1].v, strict=True)
+            ]
+        )
+        half = len(times) // 2
+        early, late = np.ptp(reads[:half], axis=0), np.ptp(reads[half:], axis=0)
+        if np.any(late < _MIN_REMAINING_RANGE * early):
+            continue
+        newest = every * (samples[-_MAX_LAST_SAMPLES:] + 0.5)
+        is_levels = _has_few_levels(held, (low, high))
+        if not is_levels or not _is_switch(equations, trajectory, stream, drive, newest):
+            return low, high
+    return None
 
 
 def _sampled_intervals(trajectory: Trajectory, every: float) -> tuple[Array, Array]:
