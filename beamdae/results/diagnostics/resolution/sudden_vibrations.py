@@ -223,6 +223,9 @@ def _excite(
     modes = _find_modes(active, time, interval.state.q[0], slowest)
     if not len(modes.rates):
         return None
+    if interval.configuration is not None:
+        reactions = interval.configuration.expand_multipliers(modes.reactions.T, equations.m)
+        modes = modes._replace(reactions=reactions.T)
     by_force, by_impulse = modes.impulses.T @ da, modes.impulses.T @ dv
     amplitudes = np.hypot(by_force / modes.rates**2, by_impulse / modes.rates)
     state = State(*(x[0] for x in interval.state))
