@@ -59,6 +59,12 @@ _UNITS: Mapping[str, tuple[Fraction | float, Mapping[str, int]]] = {
     "gn": (_STANDARD_GRAVITY, dict(_ACCELERATION)),
     "ε": (Fraction(1), {}),
     "strain": (Fraction(1), {}),
+    "microstrain": (Fraction(1, 10**6), {}),
+    "ue": (Fraction(1, 10**6), {}),  # as files without Greek letters write microstrain
+    "µe": (Fraction(1, 10**6), {}),
+    "μe": (Fraction(1, 10**6), {}),
+    "ppm": (Fraction(1, 10**6), {}),
+    "‰": (Fraction(1, 1000), {}),
     "%": (Fraction(1, 100), {}),
     "1": (Fraction(1), {}),
     "-": (Fraction(1), {}),
@@ -75,8 +81,9 @@ _PREFIXES = {
     "n": Fraction(1, 10**9),
 }
 _WITHOUT_PREFIX = {"deg", "°", "rev", "rpm", "sec", "min", "h", "in", "ft", "lb", "lbf", "kgf"}
-_WITHOUT_PREFIX |= {"psi", "ksi", "kip", "klbf", "%", "1", "-"}
-_FACTOR = re.compile(r"([^\W\d]+|°|%|1|-)(?:\^?(-?[1-9]))?")
+_WITHOUT_PREFIX |= {"psi", "ksi", "kip", "klbf", "microstrain", "ue", "µe", "μe", "ppm"}
+_WITHOUT_PREFIX |= {"‰", "%", "1", "-"}
+_FACTOR = re.compile(r"([^\W\d]+|°|‰|%|1|-)(?:\^?(-?[1-9]))?")
 _PRODUCT = re.compile(r"[ *·⋅.]+|(?<=[^\W\d])-(?=[^\W\d])")
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 # Units that readers would take for others: "in" may be a word, and ms^-1 may be m/s.
@@ -89,11 +96,30 @@ _UNKNOWN_UNITS: Mapping[str, list[str]] = {
     "inches": ["in"],
     "lbm": ["lb"],
     "lbs": ["lb", "lbf"],
-    "degrees": ["deg"],
     "ksi": [],
     "kip": [],
     "mph": [],
+    "percent": ["%"],
+    "microstrains": ["microstrain"],
+    "millistrain": ["mstrain"],
 }
+# Names of units that take the prefixes in words, in the singular.
+_UNIT_WORDS = {
+    "meter": "m",
+    "metre": "m",
+    "gram": "g",
+    "newton": "N",
+    "pascal": "Pa",
+    "degree": "deg",
+    "radian": "rad",
+    "hertz": "Hz",
+    "volt": "V",
+    "minute": "min",
+    "second": "s",
+}
+_PREFIX_WORDS = {"": "", "giga": "G", "mega": "M", "kilo": "k", "centi": "c", "milli": "m"}
+_PREFIX_WORDS |= {"micro": "u", "nano": "n"}
+_COMMON_WORDS = ("second", "minute")  # are no units in parentheses, as in "gauge (second)"
 _TONNES = {"t", "ton", "tons", "tonne", "tonnes"}
 # Spellings of rpm. A frequency per minute is a number of revolutions in practice.
 _PER_MINUTE = {"1/min", "/min", "min^-1", "min-1", "r/min", "U/min"}
@@ -406,17 +432,27 @@ def conversion_factor(unit: str, target: str) -> Fraction | float | None:
     return source[0] / destination[0]
 
 
-def suggest_unit(unit: str) -> str:
-    """Return the hint " (did you mean 'kN'?)" for an unknown unit such as "kn", or "" if none."""
+def suggest_unit(unit: str, target: str = "") -> str:
+    """Return the hint " (did you mean 'kN'?)" for an unknown unit such as "kn", or "" if none.
+
+    With a `target`, only units of the same quantity are suggested.
+    """
     hint = _explain_rejection(unit)
     if hint:
         return f" ({hint})"
     if not _TONNES.isdisjoint(re.findall(r"[^\W\d]+", unit)):
         return " (write Mg for tonnes)"
-    candidates = _similar_units(unit)
-    if not candidates:
-        return "" if unit.casefold() in _UNKNOWN_UNITS else suggest(unit, _UNITS)
-    return f" (did you mean {' or '.join(map(repr, candidates))}?)"
+    is_known = parse_unit(target) is not None
+    similar = _similar_units(unit)
+    candidates = [x for x in similar if not is_known or conversion_factor(x, target) is not None]
+    if candidates:
+        return f" (did you mean {' or '.join(map(repr, candidates))}?)"
+    if similar or unit.casefold() in _UNKNOWN_UNITS:
+        return ""
+    if not is_known:
+        return suggest(unit, _UNITS)
+    symbols = (symbol for spelled in _spellings().values() for symbol in spelled)
+    return suggest(unit, [x for x in symbols if conversion_factor(x, target) is not None])
 
 
 def _explain_rejection(unit: str) -> str:
@@ -436,7 +472,7 @@ def _explain_rejection(unit: str) -> str:
 
 
 def _similar_units(unit: str) -> list[str]:
-    """Return known units that differ from an unknown one in upper and lower case."""
+    """Return known units that an unknown one spells in other letters or in words."""
     spellings = _spellings()
     parts = re.split(r"([^\W\d]+)", _normalize_powers(unit))
     candidates = [""]
@@ -453,13 +489,18 @@ def _resembles_unit(text: str) -> bool:
         return False
     if text == "G" or text.casefold() in _UNKNOWN_UNITS or _explain_rejection(text):
         return True
-    return len(text) > 1 and bool(_similar_units(text))
+    return len(text) > 1 and text not in _COMMON_WORDS and bool(_similar_units(text))
 
 
 @lru_cache(maxsize=1)
 def _spellings() -> dict[str, list[str]]:
-    """Return the usual symbols with and without a prefix by their lower-case spelling."""
+    """Return the usual symbols with and without a prefix by their lower-case spelling or name."""
     spellings = dict(_UNKNOWN_UNITS)
+    for prefix_word, prefix in _PREFIX_WORDS.items():
+        for word, symbol in _UNIT_WORDS.items():
+            if not (prefix and symbol in _WITHOUT_PREFIX):
+                name = f"{prefix_word}{word}"
+                spellings[name] = spellings[f"{name}s"] = [f"{prefix}{symbol}"]
     for symbol in _UNITS:
         prefixes = ("",) if symbol in _WITHOUT_PREFIX else ("", *_PREFIXES)
         for text in (prefix + symbol for prefix in prefixes):
@@ -532,7 +573,7 @@ def parse_value(part: str, name: str, text: str, unit: str) -> float | None:
         if source is not None and target is None:
             problem = f"cannot be converted to {unit}"
         advice = "the number alone" if unit == "-" else f"the value in {unit}"
-        hint = suggest_unit(symbol) if source is None else ""
+        hint = suggest_unit(symbol, unit) if source is None else ""
         raise BeamdaeError(f"{call}: the unit {symbol} {problem}{hint}; give {advice}.")
     value = float(number)
     if not math.isfinite(value) or value == 0.0:

@@ -7,7 +7,14 @@ import pytest
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
-from beamdae.model_parameters import describe_parameters, parse_unit, parse_value, read_docstring
+from beamdae.model_parameters import (
+    describe_parameters,
+    parse_unit,
+    parse_value,
+    read_docstring,
+    standardize_header,
+    suggest_unit,
+)
 
 
 @bd.model(t_end=1.0)
@@ -152,6 +159,39 @@ def test_wrong_units_are_one_sentence():
         with pytest.raises(bd.BeamdaeError) as info:
             swing.complete({name: value})
         assert sentence in str(info.value)
+
+
+@pytest.mark.parametrize(
+    "unit", ["microstrain", "ue", "µe", "uε", "µε", "με", "ustrain", "µm/m", "ppm"]
+)
+def test_regression_microstrain_is_known_in_its_usual_spellings(unit):
+    """ppm was unknown with the hint "did you mean 'rpm'?", microstrain with 'strain'."""
+    assert parse_value("gauge", "strain", f"250 {unit}", "-") == 250e-6
+    assert parse_value("gauge", "strain", "0.025 %", unit) == pytest.approx(250.0, rel=1e-14)
+    assert standardize_header(f"gauge ({unit})") == f"gauge [{unit}]"
+    assert parse_value("gauge", "strain", "0.25 ‰", "-") == 250e-6
+
+
+def test_regression_suggested_units_are_of_the_needed_quantity():
+    """The nearest spelling of another quantity was suggested, such as 'rev' for metre."""
+    for unit, target, suggested in [
+        ("rppm", "-", "'ppm'"),
+        ("rppm", "rad/s", "'rpm'"),
+        ("uE", "-", "'ue'"),
+        ("Microstrain", "-", "'microstrain'"),
+        ("percent", "-", "'%'"),
+        ("metre", "m", "'m'"),
+        ("Millimeters", "m", "'mm'"),
+        ("rad/second", "rad/s", "'rad/s'"),
+        ("mpa", "Pa", "'MPa' or 'mPa'"),
+        ("mpa", "", "'MPa' or 'mPa'"),
+    ]:
+        assert suggest_unit(unit, target) == f" (did you mean {suggested}?)", unit
+    for unit, target in [("kn", "m"), ("perc", "-"), ("metre", "s"), ("furlong", "m")]:
+        assert suggest_unit(unit, target) == "", unit
+    with pytest.raises(bd.BeamdaeError, match=r"unit mn is unknown; give the value in m\."):
+        swing.complete({"length": "3 mn"})
+    assert standardize_header("gauge (second)") == "gauge (second)"
 
 
 def test_units_of_the_docstring_are_those_next_to_the_name():

@@ -69,7 +69,7 @@ _MAX_ROWS = 1_000_000
 _WORD_SEPARATORS = re.compile(r"[\s_/,]+")
 # Names such as F_min, x_cg and flow_in end in other words.
 _UNIT_AFTER_UNDERSCORE = re.compile(
-    r"[mcuµμ]m|deg|°|[mu]s|rpm|[mkM]N|lbf|Nmm|kNm|kW|[kMG]Pa|bar|psi|ft"
+    r"[mcuµμ]m|deg|°|[mu]s|rpm|[mkM]N|lbf|Nmm|kNm|kW|[kMG]Pa|bar|psi|ft|[uµμ][eε]|microstrain|ppm"
 )
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 

@@ -109,6 +109,16 @@ def test_regression_accelerations_may_be_in_g():
         convert_units("fit", read_data({"t [s]": [0.0], "F [kn]": [1.0]}).series[0], ["F [N]"])
 
 
+def test_regression_strains_may_be_in_microstrain_and_times_name_their_unit():
+    data = {"t [s]": [0.0, 1.0], "gauge [microstrain]": [100.0, 200.0], "top (ppm)": [1.0, 2.0]}
+    converted = [
+        convert_units("fit", x, ["gauge [-]", "top [-]"]) for x in read_data(data, 1).series
+    ]
+    assert_allclose([x.values for x in converted], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
+    with pytest.raises(bd.BeamdaeError, match=r"got Milliseconds \(did you mean 'ms'\?\)\."):
+        read_data({"t (Milliseconds)": [0.0, 1.0], "gauge": [1.0, 2.0]})
+
+
 def test_tables_in_memory_may_have_units_in_parentheses():
     table = {"t (ms)": [0.0, np.nan, 100.0], "tip.y (mm)": [1.5, np.nan, 2.5]}
     for data in (table, pd.DataFrame(table)):

@@ -189,7 +189,7 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
             continue
         factor = conversion_factor(unit, observed_unit)
         if factor is None:
-            hint = suggest_unit(unit) if parse_unit(unit) is None else ""
+            hint = suggest_unit(unit, observed_unit) if parse_unit(unit) is None else ""
             raise BeamdaeError(
                 f"{part}: the column {column!r} of data is in {unit}{hint}, but the model observes "
                 f"it in {observed_unit}; convert the values and name the column {header!r}."
@@ -401,7 +401,8 @@ def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Ar
     parsed = parse_unit(unit)
     if parsed is None or not _is_time_unit(unit):
         raise BeamdaeError(
-            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}."
+            f"{part}: the times {time!r} of {name} must be in a unit such as s or ms, got {unit}"
+            f"{suggest_unit(unit, 's') if parsed is None else ''}."
         )
     return numbers if unit == "s" else numbers * float(parsed[0])
 
