@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,8 @@ from beamdae.errors import list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
 from beamdae.results.columns import remove_unit
+from beamdae.results.diagnostics.suspected_errors import refuted_warnings
+from beamdae.results.run_checks import find_suspected_errors
 from beamdae.results.solution import Solution
 from beamdae.simulation import compute_output_times
 from beamdae.verification import RELATIVE_ERROR, estimate_errors, mark_negligible_columns
@@ -67,8 +69,19 @@ def warn_of_trial_run(
             f"{_MAX_TRIAL_STEPS} adaptive steps end at t = {run.trajectory.end:.3g} s of "
             f'{t_end:g} s; the FMU takes as many: damp fast vibrations, or use integrator="alpha".'
         )
-    elif errors := _describe_errors(run, outputs):
-        messages.append(errors)
+    else:
+        errors, large = _estimate_output_errors(run, outputs)
+        # Warnings about columns that are no outputs, that are accurate, or, with adaptive steps,
+        # whose estimates are reported: those of fixed steps name a sufficient step.
+        named = large if isinstance(method, Radau) else {}
+        suspected = (
+            0.0 if header not in outputs or header in named else error
+            for header, error in zip(run.columns, errors, strict=True)
+        )
+        refuted = refuted_warnings(find_suspected_errors(run), run.columns, suspected)
+        messages = [x for x in messages if x not in refuted]
+        if large:
+            messages.append(_describe_errors(large, isinstance(method, GeneralizedAlpha)))
     for sentence in messages:
         warn_user(f"{call}: in a trial run, {sentence}")
     # An FMU does not search its steps for these peaks.
@@ -79,21 +92,27 @@ def warn_of_trial_run(
         )
 
 
-def _describe_errors(run: Solution, outputs: Collection[str]) -> str:
-    """Return a warning about outputs whose estimated errors are too large, or ""."""
+def _estimate_output_errors(
+    run: Solution, outputs: Collection[str]
+) -> tuple[Iterable[float], dict[str, float]]:
+    """Return the estimated errors of all columns, and by header those of outputs above the limit.
+
+    Errors are relative to half the range.
+    """
     has_fixed_steps = isinstance(run.made_by, GeneralizedAlpha)
     limit = _MAX_ERROR_OF_FIXED_STEPS if has_fixed_steps else _MAX_ERROR_OF_ADAPTIVE_STEPS
     errors = estimate_errors(run, max_steps=_MAX_STEPS_OF_ESTIMATE)
-    is_relevant = ~mark_negligible_columns(run, errors)
+    relative, is_relevant = errors[RELATIVE_ERROR], ~mark_negligible_columns(run, errors)
     large = {
         header: error
-        for header, error, flag in zip(
-            run.columns, errors[RELATIVE_ERROR], is_relevant, strict=True
-        )
+        for header, error, flag in zip(run.columns, relative, is_relevant, strict=True)
         if flag and header in outputs and limit < error < np.inf
     }
-    if not large:
-        return ""
+    return relative, large
+
+
+def _describe_errors(large: Mapping[str, float], has_fixed_steps: bool) -> str:
+    """Return the warning about outputs whose estimated errors are too large."""
     worst = sorted(large, key=lambda header: -large[header])
     listed = [f"{remove_unit(x)} {100.0 * large[x]:.2g} %" for x in worst]
     setting = "step" if has_fixed_steps else "rtol"

@@ -339,7 +339,7 @@ def test_regression_warnings_of_the_analyses_of_the_best_design_are_kept():
         design = bd.optimize(cantilever, bd.Mass(), "height", limits, bounds, parameters=given)
     with pytest.warns(bd.BeamdaeWarning, match=message):
         expected = bd.equilibrium(cantilever(**{**given, **design.parameters})).warnings
-    assert len(expected) == 1
+    assert sum(message in x for x in expected) == 1
     # Both paths end in the same equilibrium.
     assert sum(isinstance(x, bd.Equilibrium) for x in design.analyses) == 2
     assert design.warnings == expected

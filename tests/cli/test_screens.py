@@ -40,7 +40,7 @@ def here(tmp_path, monkeypatch):
     """Working folder with a model and a study."""
     monkeypatch.chdir(tmp_path)
     Path("model.py").write_text(MODEL + STUDY, encoding="utf-8")
-    Path("data.csv").write_text("t [s],tip :smile:.y\n0.1,-0.04\n0.2,-0.18\n", encoding="utf-8")
+    Path("data.csv").write_text("t [s],tip :smile:.y [m]\n0.1,-0.04\n0.2,-0.18\n", encoding="utf-8")
     return tmp_path
 
 

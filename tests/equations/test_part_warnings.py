@@ -138,7 +138,7 @@ def test_levers_and_springs_press_contacts_into_surfaces():
     assert findings(mech) == ()
 
 
-def preloaded_lip(length=0.3, depth=0.005, speed=0.5, stiffness=2000.0, **settings):
+def preloaded_lip(length=0.3, depth=0.003, speed=0.5, stiffness=2000.0, **settings):
     """Return an arm drawn straight, on a turning hub, whose end is pressed into a circle."""
     mech = bd.Mechanism(**settings)
     hub = mech.add(bd.RigidBody("hub", mass=1.0, inertia=0.01))

@@ -697,11 +697,16 @@ def test_regression_outputs_that_steps_do_not_resolve_have_a_warning(tmp_path):
         mech.observe("clamp", clamp.reaction)
         return mech
 
+    def export_undamped(**outputs):
+        found = export(tmp_path, cantilever(0.0), **outputs, **settings).warnings
+        # The mesh does not resolve the fastest vibrations either.
+        return [x for x in found if "elements are too long" not in x]
+
     settings = {"integrator": "radau", "t_end": 0.05, "platforms": ()}
-    (warning,) = export(tmp_path, cantilever(0.0), **settings).warnings
+    (warning,) = export_undamped()
     assert re.search(r"estimated errors of .*clamp.Fy \d+ %.* of half the range", warning)
     # Outputs whose errors are small have no warning, and neither have damped vibrations.
-    assert export(tmp_path, cantilever(0.0), outputs=["tip.y"], **settings).warnings == ()
+    assert export_undamped(outputs=["tip.y"]) == []
     assert export(tmp_path, cantilever(1e-5), **settings).warnings == ()
     fixed = {**settings, "integrator": "alpha", "outputs": ["tip.y"], "t_end": 0.2}
     (warning,) = export(tmp_path, cantilever(1e-5), step=4e-3, **fixed).warnings[-1:]

@@ -101,6 +101,7 @@ NOT_CALLABLE = {
     "Sample": "argument of the law of a Controller",
     "SavedRun": "result of load",
     "Sensor": "result of Mechanism.sensor",
+    "StepResponse": "result of Solution.step_response",
     "Sweep": "result of the decorator sweep",
     "SweepResults": "result of sweep",
 }

@@ -150,6 +150,11 @@ SOLUTION_CALLS: dict[str, WorkingCall] = {
     "Solution.__getitem__": WorkingCall(
         lambda box: {"name": "bar.angle"}, return_result, lambda box, name: box.solution[name]
     ),
+    "Solution.step_response": WorkingCall(
+        lambda box: {"name": "knee.x", "target": 1.0, "t": 0.0, "band": 0.02},
+        return_result,
+        lambda box, **arguments: box.solution.step_response(**arguments),
+    ),
     "Solution.to_csv": WorkingCall(
         lambda box: {"path": Path("run.csv")},
         return_result,
