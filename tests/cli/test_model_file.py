@@ -196,7 +196,7 @@ def test_ctrl_c_during_the_import_is_raised(file):
         ("lenght = 1\nlength", "name 'length' is not defined (did you mean 'lenght'?)."),
         ("bd.Mechanism().groud", "has no attribute 'groud' (did you mean 'ground'?)."),
         ("bd.Mechanism().ground.att(0, 0)", "has no attribute 'att' (did you mean 'at'?)."),
-        ("bd.RigidBody('b', mas=1.0)", "there is no argument 'mas' (did you mean 'mass'?)."),
+        ("bd.RigidBody('b', mas=1.0)", "there is no argument 'mas' (did you mean 'mass'?); the"),
         ("bd.Beam('b', elments=1)", "Beam: there is no argument 'elments' (did you"),
         ("bd.run_up(sped=1)", "unexpected keyword argument 'sped' (did you mean 'speed'?)."),
         ("bd.model(t_edn=1)", "unexpected keyword argument 't_edn' (did you mean 't_end'?)."),
