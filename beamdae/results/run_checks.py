@@ -94,7 +94,7 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     if has_errors and not run._is_at_rest:
         yield from long_step_warnings(
             run.step_extremes,
-            sum(len(x.t) - 1 for x in run.trajectory.intervals),
+            run.trajectory.steps,
             run.trajectory.end - run.trajectory.start,
             run.equations.length,
             run.integrator.get("period_error", 0.0),

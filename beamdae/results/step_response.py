@@ -11,6 +11,7 @@ from beamdae.errors import BeamdaeError
 Array = np.ndarray
 
 _RISE_LIMITS = (0.1, 0.9)  # fractions of the step between which the rise time is measured
+_STEADY_PART = 0.25  # last part of the time in which a steady column does not leave the band
 
 
 class StepResponse(NamedTuple):
@@ -28,7 +29,8 @@ class StepResponse(NamedTuple):
     peak, peak_time
         Largest value in the direction of the step, and the time from the step to it [s].
     steady_state_error
-        Target minus the last value.
+        Target minus the last value; nan if the values in the last quarter of the time since the
+        step differ from it by more than the band.
     """
 
     rise_time: float
@@ -53,7 +55,8 @@ def measure_step_response(
     target
         Value that the column should reach.
     band
-        Half the width of the band in which the column is settled, as a fraction of the step.
+        Half the width of the band in which the column is settled, as a fraction of the step; of the
+        range of the column, if that is smaller, in the test of a steady state.
     """
     step = target - values[0]
     if not np.all(np.isfinite(values)):
@@ -75,6 +78,9 @@ def measure_step_response(
             before, after = side * (response[last : last + 2] - 1.0)
             share = (before - band) / (before - after)
             settling = elapsed[last] + share * (elapsed[last + 1] - elapsed[last])
+    last_values = response[elapsed >= (1.0 - _STEADY_PART) * elapsed[-1]]
+    largest_change = float(np.max(np.abs(last_values - response[-1])))
+    is_steady = largest_change <= band * min(1.0, float(np.ptp(response)))
     k = int(np.argmax(response))
     return StepResponse(
         rise_time=float(high - low),
@@ -82,7 +88,7 @@ def measure_step_response(
         overshoot=float(max(response[k] - 1.0, 0.0)),
         peak=float(values[k]),
         peak_time=float(elapsed[k]),
-        steady_state_error=float(target - values[-1]),
+        steady_state_error=float(target - values[-1]) if is_steady else np.nan,
     )
 
 

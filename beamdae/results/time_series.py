@@ -124,7 +124,9 @@ class TimeSeries:
         StepResponse
             Named tuple of `rise_time` and `settling_time` [s] (nan if the column does not reach 90
             % of the step, or has not settled at the end), `overshoot` (fraction of the step),
-            `peak`, `peak_time` [s] and `steady_state_error` (target minus last value).
+            `peak`, `peak_time` [s] and `steady_state_error` (target minus last value; nan if the
+            values in the last quarter of the time since the step differ from it by more than the
+            band, which is relative to the range of the column if that is smaller than the step).
 
         Raises
         ------

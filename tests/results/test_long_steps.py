@@ -52,6 +52,19 @@ def test_regression_coarse_fixed_steps_of_a_vibration_have_a_warning():
     assert not warnings_of(fine)
 
 
+@pytest.mark.parametrize("every", [0.1, 0.2, 0.5])
+def test_regression_samples_of_controllers_are_no_steps(every):
+    """Rows before and after each sample were counted: "fixed steps of 0.0182 s"."""
+    mech = oscillator()
+    command = mech.input("command")
+    position = mech.sensor("position", mech.parts["mass"].point, "x")
+    law = lambda sample: 1e-3 * sample.reads[0]  # noqa: E731
+    mech.add(bd.Controller("reader", every, [position], [command], law))
+    run = bd.simulate(mech, bd.GeneralizedAlpha(0.02), 2.0)
+    (message,) = warnings_of(run)
+    assert "fixed steps of 0.02 s change the period" in message
+
+
 def test_jumps_are_no_vibrations():
     # A stick-slip force, whose sign changes within a step.
     signs = np.repeat([1.0, -1.0], 5)

@@ -51,6 +51,26 @@ def test_steps_downwards_and_other_bands():
     assert np.isnan([short.rise_time, short.settling_time]).all()
 
 
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize(
+    ("duration", "damping", "is_steady"),
+    [(40.0, 0.3, True), (8.0, 2.0, False), (0.1, 0.3, False), (20.0, 0.02, False)],
+    ids=["settled", "slow", "short", "oscillating"],
+)
+def test_regression_errors_of_unsteady_responses_are_nan(scale, duration, damping, is_steady):
+    """The last value of a vibration that had not settled was its steady state."""
+    mech = bd.Mechanism()
+    x, rate = mech.state("x", scale=scale), mech.state("rate", scale=scale)
+    x.follows(rate)
+    rate.follows(0.7 * scale - x - 2.0 * damping * rate)
+    run = bd.simulate(mech, bd.Radau(1e-6), t_end=duration, output_step=duration / 400)
+    step = run.step_response("x", target=scale)
+    assert np.isnan(step.steady_state_error) != is_steady
+    if is_steady:
+        assert step.steady_state_error == pytest.approx(0.3 * scale, rel=1e-2)
+        assert np.isnan(step.settling_time)
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [

@@ -71,7 +71,7 @@ def sample_count(trajectory: Trajectory) -> int:
 
 
 def _count_steps(trajectory: Trajectory) -> int:
-    return sum(len(x.t) - 1 for x in trajectory.intervals)
+    return sum(x.step_count for x in trajectory.intervals)
 
 
 @lru_cache(maxsize=4)

@@ -49,6 +49,9 @@ _LARGE_ERROR = 1.0
 _MIN_SHARE = 1e-2  # of the largest half range of the same kind of columns
 _MAX_COORDINATES = 500  # of dense eigenvalue problems
 _MAX_JUMPS = 3  # the largest jumps of a run are examined
+# Jumps relative to the largest velocity and acceleration after them, which are rounding errors.
+_MIN_JUMP = 1e-9
+_MAX_COMPARED_ROWS = 1000
 _MIN_STEPS = 5  # between jumps
 # w h of the slowest modes that are examined: phase errors of slower ones are below 3e-9 in a step.
 _MIN_PHASE_OF_RADAU, _MIN_PHASE_OF_BDF = 0.1, 2e-3
@@ -145,7 +148,8 @@ def sudden_vibration_warnings(
             jump = _excite(equations, interval, dv, da, min_phase, observe, numbers)
         except (BeamdaeError, np.linalg.LinAlgError):
             continue  # unstable or singular positions have their own warnings
-        if jump is not None:
+        # Steps change a vibration by at most twice its amplitude.
+        if jump is not None and np.any(_add_up(2.0 * jump.columns) > _MAX_ERROR * sizes):
             examined.append((jump, _estimate_errors(jump, amplify) / sizes))
     jump, errors = max(examined, key=lambda x: float(np.max(x[1])), default=(None, sizes))
     if jump is not None and np.max(errors) > _MAX_ERROR:
@@ -186,6 +190,7 @@ def _list_jumps(
     """
     jumps, sizes = [], []
     v = a = np.zeros(equations.n)
+    scales = equations.position_scales
     is_continued = equations.start is not None and equations.start[0] != EQUILIBRIUM
     # Periodic motions begin with velocities of deformations.
     is_elastic = np.ones(equations.n, bool)
@@ -198,12 +203,19 @@ def _list_jumps(
         if is_jump and len(interval.t) > _MIN_STEPS:
             step = float(np.median(np.diff(interval.t)))
             dv, da = first.v - v, first.a - a
-            jumps.append((interval, dv, da))
-            change = np.abs(da) + np.abs(dv) / step
-            sizes.append(float(np.max(change / equations.position_scales)))
+            if _jumps(dv, interval.state.v, scales) or _jumps(da, interval.state.a, scales):
+                jumps.append((interval, dv, da))
+                change = np.abs(da) + np.abs(dv) / step
+                sizes.append(float(np.max(change / scales)))
         v, a = last.v, last.a
     order = np.argsort(-np.array(sizes), kind="stable")[:_MAX_JUMPS]
     return [jumps[k] for k in order.tolist()]
+
+
+def _jumps(change: Array, values: Array, scales: Array) -> bool:
+    """Return True if a change (n,) is larger than rounding of the values (rows, n) after it."""
+    values = values[:: len(values) // _MAX_COMPARED_ROWS + 1]
+    return bool(np.max(np.abs(change) / scales) > _MIN_JUMP * np.max(np.abs(values) / scales))
 
 
 def _excite(
@@ -221,7 +233,7 @@ def _excite(
     time = interval.times[0]
     slowest = min_phase / float(np.max(steps))
     modes = _find_modes(active, time, interval.state.q[0], slowest)
-    if not len(modes.rates):
+    if modes is None:
         return None
     if interval.configuration is not None:
         reactions = interval.configuration.expand_multipliers(modes.reactions.T, equations.m)
@@ -245,8 +257,12 @@ def _group_steps(interval: Interval) -> tuple[Array, Array]:
     return np.add.reduceat(lengths, starts) / counts, counts
 
 
-def _find_modes(equations: EquationsOfMotion, time: Array, q: Array, slowest: float) -> _Modes:
+def _find_modes(
+    equations: EquationsOfMotion, time: Array, q: Array, slowest: float
+) -> _Modes | None:
     """Return the modes above an angular frequency [rad/s], about rest at a position.
+
+    The result is None if there are none, or if matrices are not finite.
 
     Raises
     ------
@@ -258,6 +274,8 @@ def _find_modes(equations: EquationsOfMotion, time: Array, q: Array, slowest: fl
     stiffness, damping, mass = (x.toarray() for x in matrices)
     scales = e.position_scales
     jacobian = solver.constraint_matrix(time, q).toarray()
+    if not all(np.isfinite(x).all() for x in (stiffness, damping, mass, jacobian)):
+        return None
     states = [
         k for part in e.parts if part.is_state for k in range(part.rows.start, part.rows.stop)
     ]
@@ -272,10 +290,14 @@ def _find_modes(equations: EquationsOfMotion, time: Array, q: Array, slowest: fl
     )
     # Coordinates without inertia have the eigenvalue 0 of the inverse problem.
     shifted = of_stiffness + slowest**2 * reduced
-    inverses, vectors = la.eigh(reduced, shifted) if len(shifted) else (np.zeros(0), shifted)
+    if not len(shifted) or not np.isfinite(shifted).all():
+        return None
+    inverses, vectors = la.eigh(reduced, shifted)
     is_fast = (inverses < 0.5 / slowest**2) & (
         inverses > _INERTIA_TOLERANCE * np.max(inverses, initial=0.0)
     )
+    if not is_fast.any():
+        return None
     vectors = vectors[:, is_fast] / np.sqrt(inverses[is_fast])
     rates = np.sqrt(1.0 / inverses[is_fast] - slowest**2)
     decays = 0.5 * np.sum(vectors * (of_damping @ vectors), axis=0)
@@ -317,11 +339,7 @@ def _observe_modes(
 def _estimate_errors(
     jump: _Jump, amplify: Callable[[Array], Array], max_step: float = np.inf
 ) -> Array:
-    """Return the errors of columns (columns,) with steps of at most `max_step` [s].
-
-    Errors of vibrations with unrelated phases add up to a value between the root of the sum of
-    squares and the sum, of which the geometric mean is taken.
-    """
+    """Return the errors of columns (columns,) with steps of at most `max_step` [s]."""
     steps = np.minimum(jump.steps, max_step)
     counts = jump.counts * (jump.steps / steps)
     phases = 1j * np.outer(steps, jump.rates)
@@ -330,8 +348,16 @@ def _estimate_errors(
     changes.real = np.minimum(changes.real, 0.0)
     products = np.exp(np.cumsum(counts[:, None] * changes, axis=0))
     lasting = np.exp(-np.outer(np.cumsum(counts * steps), jump.decays))
-    errors = np.max(lasting * np.abs(products - 1.0), axis=0)[:, None] * jump.columns
-    total, squares = np.sum(errors, axis=0), np.sum(errors**2, axis=0)
+    return _add_up(np.max(lasting * np.abs(products - 1.0), axis=0)[:, None] * jump.columns)
+
+
+def _add_up(amplitudes: Array) -> Array:
+    """Return the amplitudes of columns (columns,) in vibrations of all modes (k, columns).
+
+    Vibrations with unrelated phases add up to a value between the root of the sum of squares and
+    the sum, of which the geometric mean is taken.
+    """
+    total, squares = np.sum(amplitudes, axis=0), np.sum(amplitudes**2, axis=0)
     return np.asarray(np.sqrt(total * np.sqrt(squares)))
 
 
