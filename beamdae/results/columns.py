@@ -16,6 +16,7 @@ from beamdae.errors import (
     plain_text,
     require_choice,
     require_iterable,
+    require_sequence,
     short_repr,
     suggest,
 )
@@ -149,7 +150,10 @@ def select_columns(
         If no column has this name.
     """
     headers, preferred = list(headers), set(observed)
-    names = name if isinstance(name, (list, tuple)) and name else [name]
+    names = []
+    if isinstance(name, (list, tuple)):
+        names = require_sequence(part or of, "the column", name, "a name or a list of names")
+    names = names or [name]
     selected = [_select_by_name(headers, x, of, preferred, part) for x in names]
     return list(dict.fromkeys(x for some in selected for x in some))
 

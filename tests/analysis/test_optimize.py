@@ -639,6 +639,38 @@ def test_invalid_arguments_are_rejected(changes, message):
         bd.optimize(**arguments)
 
 
+class HostileMapping(dict):
+    def items(self):
+        raise RuntimeError("no items")
+
+    def __len__(self):
+        raise RuntimeError("no length")
+
+    __getitem__ = values = items
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: bd.EquilibriumErrors("tip.y", HostileMapping({"tip.x": [0.1]}), [0.0]),
+            "EquilibriumErrors: to must be load factors, or .* cannot be read",
+        ),
+        (
+            lambda: bd.EquilibriumErrors("tip.y", {"tip.x": [0.1], "tip.y": [0.2]}, [0.0]),
+            "EquilibriumErrors: to must be load factors, or {column: values} of one column, got",
+        ),
+        (
+            lambda: bd.ParameterFunction(sum, unit=np.zeros(2)),
+            "ParameterFunction: units must be strings such as 'm'",
+        ),
+    ],
+)
+def test_regression_arguments_that_raise_are_rejected_by_name(call, message):
+    with pytest.raises(bd.BeamdaeError, match=message):
+        call()
+
+
 @bd.model(t_end=1.0)
 def oscillator(stiffness=30.0):
     mech = bd.Mechanism()

@@ -57,3 +57,16 @@ def test_regression_deeply_nested_lists_are_no_names():
         name = [name]
     with pytest.raises(bd.BeamdaeError, match="there is no column"):
         select_columns(["tip.x [m]"], name)
+
+
+def test_regression_lists_of_names_that_raise_are_rejected():
+    class HostileList(list):
+        def __iter__(self):
+            raise RuntimeError("no items")
+
+        def __len__(self):
+            raise RuntimeError("no length")
+
+    message = "^Solution: the column must be a name or a list of names, but .* cannot be read"
+    with pytest.raises(bd.BeamdaeError, match=message):
+        select_columns(["tip.x [m]"], HostileList(["tip.x"]))

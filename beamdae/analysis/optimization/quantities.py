@@ -23,6 +23,7 @@ from beamdae.errors import (
     require_choice,
     require_count,
     require_finite,
+    require_mapping,
     require_positive,
     require_sequence,
     require_unit,
@@ -271,7 +272,7 @@ class ParameterFunction(AnalysisQuantity):
                 f"got {short_repr(self.function)}."
             )
         name = _require_text("ParameterFunction", "name", self.name)
-        unit = require_unit("ParameterFunction", self.unit) if self.unit != "" else ""
+        unit = "" if as_text(self.unit) == "" else require_unit("ParameterFunction", self.unit)
         set_fields(self, name=name, unit=unit)
 
     @property
@@ -377,7 +378,13 @@ class EquilibriumErrors(EquilibriumQuantity):
     def __post_init__(self) -> None:
         name = "EquilibriumErrors"
         set_fields(self, column=_require_text(name, "column", self.column))
-        (targets,) = self.to.values() if _is_single(self.to) else (self.to,)
+        to = self.to
+        if isinstance(to, Mapping):
+            what = "load factors, or {column: values} of one column"
+            to = require_mapping(name, "to", to, what)
+            if len(to) != 1:
+                raise BeamdaeError(f"{name}: to must be {what}, got {short_repr(to)}.")
+        (targets,) = to.values() if isinstance(to, dict) else (to,)
         targets = [targets] if as_real(targets) is not None else targets
         numbers = [
             np.array([require_finite(name, f"an entry of {key}", x) for x in entries])
@@ -399,7 +406,7 @@ class EquilibriumErrors(EquilibriumQuantity):
                 f"{name}: sigma must be a positive number or one per target, got {len(sigma)} "
                 f"numbers for {len(numbers[0])} targets."
             )
-        set_fields(self, _targets=numbers[0], values=numbers[1], sigma=sigma)
+        set_fields(self, to=to, _targets=numbers[0], values=numbers[1], sigma=sigma)
 
     @property
     def label(self) -> str:
@@ -619,10 +626,6 @@ def as_quantity(part: str, value: Any) -> Quantity:
         f"{part} must be a Quantity such as Mass() or an Objective such as EndValue('tip.y'), got "
         f"{short_repr(value)}."
     )
-
-
-def _is_single(to: Any) -> bool:
-    return isinstance(to, Mapping) and len(to) == 1
 
 
 def _require_text(part: str, name: str, value: Any) -> str:
