@@ -203,7 +203,7 @@ def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
         ({"sigma": {"other": 1.0}}, "sigma must name the columns mass.x"),
         (
             {"bounds": {"stiffness": (50.0, 60.0)}},
-            "around its first value 30.*set the first value in parameters",
+            "around its first value 30.*pass another first value, parameters=",
         ),
         ({"bounds": {"mass": (0.5, 2.0)}}, "bounds contains 'mass', which is not in by"),
         ({"bounds": {"stiffness": (-1.0, 50.0)}, "log": ["stiffness"]}, "must not be negative"),

@@ -123,3 +123,19 @@ def test_time_without_an_equilibrium_is_rejected(here):
     result = run("--by", "mass", "--minimize", "mass", "--t", "1s")
     assert result.exit_code == 2
     assert "--t 1: no quantity is of the kind equilibrium:COLUMN" in " ".join(result.output.split())
+
+
+def test_regression_searches_without_a_feasible_design_state_value_and_limit(here):
+    """They stated a relative violation only, and the advice named an argument of Python."""
+    options = ["--at-most", "frequency:1:equilibrium=0.1 Hz", "--bounds", "mass=500g:3kg"]
+    result = run("--by", "mass", "--minimize", "mass", *options, "--no-page")
+    assert result.exit_code == 1
+    error = " ".join(result.stderr.split())
+    # f = sqrt(k/m) / (2 pi)
+    assert (
+        "in the best one, with mass at a bound, frequency 1 is 0.5812 Hz, but the limit is at most "
+        "0.1 Hz;"
+    ) in error
+    assert "start it from other values (--set NAME=VALUE)" in error
+    result = run("--by", "mass", "--minimize", "mass", "--bounds", "mass=2kg:3kg")
+    assert "or pass another first value, --set NAME=VALUE" in " ".join(result.stderr.split())

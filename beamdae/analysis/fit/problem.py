@@ -437,7 +437,7 @@ class Scaling:
             if is_log and not value > 0.0:
                 raise BeamdaeError(
                     f"fit: the first value of {name} must be positive because it is in log, got "
-                    f"{value:g}; set it in parameters."
+                    f"{value:g}; pass parameters={{{name!r}: value}}."
                 )
         lower, upper = np.full((2, len(values)), [[-np.inf], [np.inf]])
         lower[self.is_log] = 0.0
@@ -453,8 +453,8 @@ class Scaling:
             if not least < most or not least <= values[k] <= most:
                 raise BeamdaeError(
                     f"fit: bounds of {name} must be (lower, upper) around its first value "
-                    f"{values[k]:g}, got {short_repr(limits[name])}; change the bounds, or set "
-                    "the first value in parameters."
+                    f"{values[k]:g}, got {short_repr(limits[name])}; change the bounds, or pass "
+                    f"another first value, parameters={{{name!r}: value}}."
                 )
             if self.is_log[k] and least < 0.0:
                 raise BeamdaeError(

@@ -187,6 +187,12 @@ class DesignProblem:
         described = self.flat.model.parameter_info
         return {name: described[key].unit for name, (key, _) in self.flat.entries.items()}
 
+    def units_of(self, analyses: Sequence[Any]) -> list[str]:
+        """Return the units of the quantities, given the results of analyses; "" if unknown."""
+        equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
+        known = {} if equations is None else list_column_units(equations)
+        return [find_unit(quantity, known) or "" for quantity in self.quantities]
+
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of runs and paths in the objective and the constraints."""
@@ -323,8 +329,8 @@ class DesignProblem:
             ):
                 raise BeamdaeError(
                     f"{_NAME}: bounds of {name} must be (lower, upper) around its first value "
-                    f"{short_repr(self.flat.parameters[name])}, got {short_repr(value)}; "
-                    "change the bounds, or set the first value in parameters."
+                    f"{short_repr(self.flat.parameters[name])}, got {short_repr(value)}; change "
+                    f"the bounds, or pass another first value, parameters={{{name!r}: value}}."
                 )
         return lower, upper
 

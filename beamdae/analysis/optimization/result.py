@@ -16,7 +16,6 @@ from beamdae.analysis.optimization.problem import (
     FEASIBILITY_TOLERANCE,
     Design,
     DesignProblem,
-    list_column_units,
     parameter_values,
 )
 from beamdae.analysis.optimization.quantities import (
@@ -28,7 +27,6 @@ from beamdae.analysis.optimization.quantities import (
     Limit,
     Quantity,
     RunQuantity,
-    find_unit,
 )
 from beamdae.analysis.optimization.search import (
     INTERRUPTED_CHECKS,
@@ -255,7 +253,7 @@ class Optimization:
     def units(self) -> dict[str, str]:
         """Units of the parameters and of the columns of `history`; "" if a unit is unknown."""
         headers = [f"{k}: {x.quantity.label}" for k, x in enumerate(self._problem.limits, 1)]
-        units = _list_units(self._problem, self.first_analyses)
+        units = self._problem.units_of(self.first_analyses)
         return dict(zip(("objective", *headers), units, strict=True)) | self._problem.units
 
     @property
@@ -382,7 +380,7 @@ def _list_constraints(
     nothing = [float("nan")] * len(problem.limits)
     stationarity = search.stationarity
     multipliers = nothing if stationarity is None else stationarity.multipliers.tolist()
-    _, *units = _list_units(problem, search.first_analyses)
+    _, *units = problem.units_of(search.first_analyses)
     values, firsts = (x.values[1:].tolist() for x in (search.best, search.trials[0]))
     ratios = search.ratios.tolist()
     rows = zip(problem.limits, values, ratios, firsts, multipliers, units, strict=True)
@@ -443,13 +441,6 @@ def _suggest_exponent(ratio: float, exponent: float) -> float:
         return float("nan")
     recommended = exponent * math.log(ratio) / math.log(1.0 + _RECOMMENDED_BOUND_EXCESS)
     return min(math.ceil(recommended / 10.0) * 10.0, MAX_EXPONENT)
-
-
-def _list_units(problem: DesignProblem, analyses: Sequence[Any]) -> list[str]:
-    """Return the units of the objective and of the constrained quantities; "" if unknown."""
-    equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
-    known = {} if equations is None else list_column_units(equations)
-    return [find_unit(quantity, known) or "" for quantity in problem.quantities]
 
 
 def _relative_margin(limit: Limit, margin: float, first: float) -> float:

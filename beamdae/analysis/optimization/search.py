@@ -18,8 +18,10 @@ from beamdae.errors import (
     call_progress,
     format_count,
     format_exception,
+    list_first,
 )
 from beamdae.interrupts import acknowledge
+from beamdae.model_parameters import format_with_unit
 from beamdae.results.outcome import Status
 
 Array = np.ndarray
@@ -45,8 +47,8 @@ _MIN_DECREASE = 0.1
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
 _NO_DECREASE = "no step along the search direction reduces the objective"
 _CONTRADICTION = (
-    "the search is local, start it from other parameters=; otherwise the constraints may "
-    "contradict each other or the bounds"
+    "the search is local, start it from other values (parameters={name: value}); otherwise the "
+    "constraints may contradict each other or the bounds"
 )
 _ADAPTIVE_STEPS = (
     "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "
@@ -70,6 +72,7 @@ _RESTING = "designs hardly differ"
 # with another ratio of both; largest number of such searches.
 _MAX_EXCESS = 1e-3
 _MAX_CORRECTIONS = 5
+_MAX_NAMES = 3  # of numbers at a bound in a sentence
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
 
@@ -300,14 +303,7 @@ class Search:
             end = "" if status.success else f"; {status.sentence}"
             if status.success or _NO_DECREASE in end or _RESTING in end:
                 end += f"; {_CONTRADICTION}"
-            problem = self._problem
-            worst = int(np.argmin(self._margins(best.values)))
-            status = Status(
-                kind,
-                "no evaluated design satisfies the constraints, the best one violates "
-                f"{problem.limits[worst].label} most, by {best.violation:.2g} relative to the "
-                f"limit{end}",
-            )
+            status = Status(kind, f"{self._describe_violation(best)}{end}")
         is_far = stationarity is not None and stationarity.residual > _MAX_RESIDUAL
         if status.success and is_feasible and is_far:
             has_failures = any(x.failure for x in trials)
@@ -332,6 +328,26 @@ class Search:
                 status.kind, f"{status.sentence}; {count} analyses failed, the last one: {last}"
             )
         return self._result(best, status, stationarity)
+
+    def _describe_violation(self, best: Trial) -> str:
+        """Return a sentence with the value and the limit of the most violated constraint."""
+        problem, margins = self._problem, self._margins(best.values)
+        worst = int(np.argmin(margins))
+        limit, unit = problem.limits[worst], problem.units_of(self._first_analyses)[1 + worst]
+        value = float(self._ratios[worst] * best.values[1 + worst])
+        # Enough digits to tell the value from the limit.
+        digits = next((n for n in (4, 6, 9) if f"{value:.{n}g}" != f"{limit.bound:.{n}g}"), 12)
+        allowed, actual = (format_with_unit(f"{x:.{digits}g}", unit) for x in (limit.bound, value))
+        at_bound = np.any(find_active_bounds(problem, best.numbers), axis=0)
+        names = np.array(problem.names)[at_bound].tolist()
+        where = f", with {list_first(names, _MAX_NAMES)} at a bound," if names else ","
+        others = int(np.sum(margins < -FEASIBILITY_TOLERANCE)) - 1
+        more = f" ({format_count(others, 'further limit')} violated)" if others > 0 else ""
+        return (
+            f"no evaluated design satisfies the constraints; in the best one{where} "
+            f"{limit.quantity.label} is {actual}, but the limit is at "
+            f"{'most' if limit.sign > 0 else 'least'} {allowed}{more}"
+        )
 
     def _is_stuck(self, best: Trial, status: Status) -> bool:
         """Return True if a search ended, or made no progress in its second half."""
