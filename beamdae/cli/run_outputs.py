@@ -141,8 +141,9 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
             "run: --plot and --data require the picture or the page; omit --no-picture or "
             "--no-page."
         )
+    from beamdae.analysis.fit.data import UnmatchedDataError
     from beamdae.equations.measures import LEDGER_COLUMNS, TIME
-    from beamdae.report.pictures.time_plots import UnplottedDataError, select_plot
+    from beamdae.report.pictures.time_plots import select_plot
     from beamdae.results.run_data import coordinate_headers
     from beamdae.simulation import as_equations
 
@@ -153,7 +154,7 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
     columns, x, data = run.plot
     try:
         selection = select_plot(list(headers), in_table, columns, x, data)
-    except UnplottedDataError as problem:
+    except UnmatchedDataError as problem:
         warn_user(str(problem))
         run.plot = run.plot._replace(data=None)
         return select_charts(run, is_drawn, has_page, is_resumed)

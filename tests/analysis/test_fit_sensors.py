@@ -8,7 +8,7 @@ import pytest
 from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
-from beamdae.analysis.fit.data import read_series
+from beamdae.analysis.fit.data import read_measurements
 from beamdae.analysis.fit.problem import FitProblem, column_rates
 from beamdae.cli.commands.fit import _json_results
 from beamdae.report.terminal.text_tables import estimates_table
@@ -281,7 +281,7 @@ LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"data": {"t [s]": [1.0], "mass.x": [1.0], "mass.x [m]": [1.0]}}, "are the same observed"),
+        ({"data": {"t [s]": [1.0], "mass.x": [1.0], "mass.x [m]": [1.0]}}, "are the same column"),
         ({"data": {"t [s]": [1.0], "mass.x [kg]": [1.0]}}, "is in kg, but the model .* in m"),
         (
             {"data": {"t [m]": [1.0], "mass.x": [1.0]}},
@@ -432,6 +432,6 @@ def test_regression_durations_are_rejected(times):
 def test_regression_only_columns_with_a_unit_of_time_are_times(name):
     """The columns were "both times"."""
     table = {name: TIMES, "t [ms]": 1e3 * TIMES, "mass.x": TIMES}
-    series = read_series("plot", table, ["mass.x [m]"])
-    assert [x.column for x in series if len(x.values)] == ["mass.x"]
+    series = read_measurements("plot", table).series
+    assert [x.column for x in series] == [name, "mass.x"]
     np.testing.assert_allclose(series[-1].times, TIMES, rtol=1e-15)

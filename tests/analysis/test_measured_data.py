@@ -6,7 +6,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.fit.data import convert_units, read_data, read_series
+from beamdae.analysis.fit.data import (
+    convert_units,
+    match_columns,
+    read_fit_data,
+    read_measurements,
+)
 from beamdae.model_parameters import split_unit, standardize_header
 from beamdae.results.columns import Header, remove_unit
 
@@ -53,6 +58,13 @@ REJECTED = {
     "empty": ("# nothing\n\n", "is empty"),
     "bytes": ("\0\1,\2\n", "not a text file"),
 }
+
+
+def read_data(data, sigma=None):
+    """Return the data of a fit of a model that observes all columns, in the units of the data."""
+    measured = read_measurements("fit", data)
+    headers = [series.column for series in measured.series]
+    return read_fit_data(measured, dict.fromkeys(measured.experiments, headers), sigma)
 
 
 @pytest.fixture
@@ -103,18 +115,17 @@ def test_regression_accelerations_may_be_in_g():
     """The unit was known as gram only."""
     data = {"t [s]": [0.0, 1.0], "tip.x_ddot [g]": [1.0, 2.0], "tip.y_ddot [mg]": [1.0, 2.0]}
     for series, factor in zip(read_data(data, 1.0).series, (9.80665, 9.80665e-3), strict=True):
-        converted = convert_units("fit", series, ["tip.x_ddot [m/s^2]", "tip.y_ddot [m/s^2]"])
+        converted = convert_units("fit", series, f"{split_unit(series.column)[0]} [m/s^2]")
         assert_allclose(converted.values, [factor, 2.0 * factor], rtol=1e-14)
     with pytest.raises(bd.BeamdaeError, match=r"is in kn \(did you mean 'kN'\?\), but the model o"):
-        convert_units("fit", read_data({"t [s]": [0.0], "F [kn]": [1.0]}).series[0], ["F [N]"])
+        convert_units("fit", read_data({"t [s]": [0.0], "F [kn]": [1.0]}).series[0], "F [N]")
 
 
 def test_regression_strains_may_be_in_microstrain_and_times_name_their_unit():
     data = {"t [s]": [0.0, 1.0], "gauge [microstrain]": [100.0, 200.0], "top (ppm)": [1.0, 2.0]}
-    converted = [
-        convert_units("fit", x, ["gauge [-]", "top [-]"]) for x in read_data(data, 1).series
-    ]
-    assert_allclose([x.values for x in converted], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
+    headers = {"": ["gauge [-]", "top [-]"]}
+    series = read_fit_data(read_measurements("fit", data), headers, 1.0).series
+    assert_allclose([x.values for x in series], [[1e-4, 2e-4], [1e-6, 2e-6]], rtol=1e-14)
     with pytest.raises(bd.BeamdaeError, match=r"got Milliseconds \(did you mean 'ms'\?\)\."):
         read_data({"t (Milliseconds)": [0.0, 1.0], "gauge": [1.0, 2.0]})
 
@@ -154,7 +165,9 @@ def test_regression_sigma_may_omit_the_unit_of_the_column(name):
     data = {"t [s]": [0.0, 1.0], "tip.y (mm)": [1.0, 2.0], "tip.x [m]": [1.0, 2.0]}
     y, x = read_data(data, {name: "20 µm", "tip.x": 0.5}).series
     assert_allclose((y.sigma, x.sigma), ([0.02, 0.02], [0.5, 0.5]), rtol=1e-12)
-    with pytest.raises(bd.BeamdaeError, match=r"^fit: sigma must name the columns tip\.y \[mm\]"):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^fit: sigma must name the observed columns of data, tip\.y \[mm\]"
+    ):
         read_data(data, {name: 1.0})
     with pytest.raises(bd.BeamdaeError, match=r"sigma of tip\.y .*measures another quantity"):
         read_data(data, {name: "2 s", "tip.x": 0.5})
@@ -165,8 +178,37 @@ def test_regression_sigma_may_omit_the_unit_of_the_column(name):
 
 def test_plots_read_the_same_files(write):
     data = write("t (ms);tip.y (mm);remark\n0;1,5;start\n100;2,5;\n")
-    series = read_series("plot", data, ["tip.y [m]"])
-    assert [len(x.values) for x in series] == [2, 0]
+    matched, unknown = match_columns("plot", read_measurements("plot", data), {"": ["tip.y [m]"]})
+    assert [len(x.series.values) for x in matched] == [2]
+    assert unknown == ["'remark'"]
+
+
+def test_regression_fits_omit_columns_that_the_model_does_not_observe(write):
+    """sigma was required for the other column, then the column was rejected, then its texts."""
+    data = write("t [s],tip.y [mm],gauge [V],remark\n0,1,5,start\n0.1,2,6,\n")
+    observed = {"": ["tip.x [m]", "tip.y [m]"]}
+    with pytest.warns(
+        bd.BeamdaeWarning, match=r"^fit: .* contains 'gauge \[V\]', 'remark', which t"
+    ):
+        (series,) = read_fit_data(read_measurements("fit", data), observed).series
+    assert_allclose(series.values, [1e-3, 2e-3])
+    with pytest.raises(bd.BeamdaeError, match=r"sigma must name the observed columns of data, tip"):
+        read_fit_data(read_measurements("fit", data), observed, {"tip.y": 1.0, "gauge": 1.0})
+    for header, hint in [
+        ("tip.z [mm]", r"got 'tip\.z \[mm\]' \(did you mean 'tip\.[xy]'\?\), 'remark'; name them"),
+        ("tip", r"got 'tip' \(name one of tip\.x \[m\], tip\.y \[m\]\), 'remark'; name them as in"),
+    ]:
+        data = write(f"t [s],{header},remark\n0,1,start\n0.1,2,\n")
+        with pytest.raises(bd.BeamdaeError, match=hint):
+            read_fit_data(read_measurements("fit", data), observed)
+
+
+def test_values_without_a_time_in_other_columns_are_ignored(write):
+    data = write("t [s],tip.y [m],room [K]\n0,1,5\n,,6\n0.1,2,\n")
+    measured = read_measurements("plot", data)
+    assert [len(x.values) for x in measured.series] == [2, 0]
+    with pytest.raises(bd.BeamdaeError, match="but row 2 has no time"):
+        match_columns("plot", measured, {"": ["room [K]"]})
 
 
 def test_regression_long_files_are_rejected_not_cut(write, monkeypatch):

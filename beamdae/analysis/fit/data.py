@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from beamdae.errors import (
     as_real,
     as_text,
     is_valid_path,
+    list_first,
     path_as_text,
     require_iterable,
     require_mapping,
     require_positive,
     short_repr,
+    suggest,
     warn_user,
 )
 from beamdae.model_parameters import (
@@ -31,6 +33,7 @@ from beamdae.model_parameters import (
     suggest_unit,
 )
 from beamdae.read_only import read_only_data
+from beamdae.results.columns import Header, remove_unit
 from beamdae.results.storage.files import unescape_cell
 
 Array = np.ndarray
@@ -44,12 +47,18 @@ _LONG_COLUMNS = (_EXPERIMENT, _OBSERVABLE, *_TIME_NAMES, _VALUE, _SIGMA)
 _MAX_DATA = 1_000_000
 # Squares of larger values, relative to their standard deviations, could overflow.
 _MAX_MAGNITUDE = 1e75
+_MAX_LISTED_COLUMNS = 5  # in a message
 # Data without a name of their experiment.
 ONLY_EXPERIMENT = ""
+_TIME_RULE = "{part}: the times of {name} must be finite and ascend, from 0 s or later"
 _ALLOWED = (
     "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
     "the path of a CSV file"
 )
+
+
+class UnmatchedDataError(BeamdaeError):
+    """Error of measured data that contain none of the needed columns."""
 
 
 @read_only_data
@@ -71,6 +80,9 @@ class Series:
         Standard deviations (k,) of the errors of the values.
     name_in_data
         Name of the column in the data, if `convert_units` has changed it; otherwise "".
+    problem
+        Error message if the column cannot be read, for example because it contains text; its series
+        is empty then. "" otherwise.
     """
 
     experiment: str
@@ -79,6 +91,7 @@ class Series:
     values: Array
     sigma: Array
     name_in_data: str = ""
+    problem: str = ""
 
     @property
     def label(self) -> str:
@@ -86,11 +99,55 @@ class Series:
         return label_series(self.column, self.experiment)
 
 
-@dataclass(frozen=True, eq=False)
-class FitData:
-    """Measured series, and True for `is_sigma_known` if their standard deviations are known."""
+class Measurements(NamedTuple):
+    """All columns of measured data.
+
+    Attributes
+    ----------
+    series
+        The series, in the units of the data.
+    has_sigma
+        True if the data contain the standard deviations of the values.
+    name
+        The path of the file, or "data".
+    is_file
+        True if the data were read from a file.
+    """
 
     series: tuple[Series, ...]
+    has_sigma: bool
+    name: str
+    is_file: bool
+
+    @property
+    def experiments(self) -> tuple[str, ...]:
+        """Names of the experiments, in the order of the data."""
+        return tuple(dict.fromkeys(x.experiment for x in self.series))
+
+
+class MeasuredColumn(NamedTuple):
+    """A series of measured values in the units of the data, and the header of its column."""
+
+    series: Series
+    header: str
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """Measured series of a fit in the units of the observed columns.
+
+    Attributes
+    ----------
+    series
+        The series; each has at least one value.
+    headers
+        Header of the observed column of each series.
+    is_sigma_known
+        True if the standard deviations of the values are known.
+    """
+
+    series: tuple[Series, ...]
+    headers: tuple[str, ...]
     is_sigma_known: bool
 
     @property
@@ -109,13 +166,104 @@ def label_series(column: str, experiment: str) -> str:
     return f"{column} in {experiment}" if experiment else column
 
 
-def read_data(data: Any, sigma: Any = None) -> FitData:
+def match_columns(
+    part: str, measured: Measurements, headers: Mapping[str, Sequence[str]]
+) -> tuple[list[MeasuredColumn], list[str]]:
+    """Return the measured columns that a run contains, and the names of the others.
+
+    Parameters
+    ----------
+    part
+        The calling function, for messages.
+    measured
+        The measured data. Their columns may be named with any unit, without one, or by an
+        observable with a single column.
+    headers
+        Headers of the columns of the run, by experiment.
+
+    Raises
+    ------
+    BeamdaeError
+        If such a column cannot be read, or two columns of an experiment are the same one.
+    UnmatchedDataError
+        If the run contains none of the columns, or these have no values.
+    """
+    matched, unknown = [], {}
+    names: dict[tuple[str, str], str] = {}
+    for series in measured.series:
+        known = headers[series.experiment]
+        header = _find_header(series.column, known)
+        if header is None:
+            unknown[series.column] = _describe_unknown(series.column, known)
+            continue
+        if series.problem:
+            raise BeamdaeError(series.problem)
+        other = names.setdefault((series.experiment, header), series.column)
+        if other != series.column:
+            raise BeamdaeError(
+                f"{part}: the columns {other!r} and {series.column!r} of data are the same column "
+                "of the run; remove one."
+            )
+        matched.append(MeasuredColumn(series, header))
+    if matched and not any(len(x.series.values) for x in matched):
+        raise UnmatchedDataError(
+            f"{part}: {measured.name} contains no values; fill in measured values."
+        )
+    if not matched:
+        listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
+        example = next(
+            (x for xs in headers.values() for x in xs if x != measures.TIME), "tip.y [m]"
+        )
+        raise UnmatchedDataError(
+            f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
+            f"name them as in the table of the run, such as {example!r}."
+        )
+    return matched, list(unknown.values())
+
+
+def warn_of_unknown_columns(part: str, measured: Measurements, unknown: Sequence[str]) -> None:
+    """Warn of columns that a run does not contain, see `match_columns`."""
+    if unknown:
+        warn_user(
+            f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
+            f"the run does not have and {part} omits; name columns as in the table of the run, or "
+            "remove them."
+        )
+
+
+def _find_header(column: str, headers: Sequence[str]) -> str | None:
+    """Return the header that a column of data names, or None."""
+    if column in headers:
+        return column
+    names = (column, split_unit(column)[0])
+    matches = [x for x in headers if remove_unit(x) in names]
+    of_observable = [x for x in headers if Header.of(x).name in names]
+    if not matches and len(of_observable) > 1:
+        return None
+    # Coordinates follow the observed columns.
+    return next(iter(matches or of_observable), None)
+
+
+def _describe_unknown(column: str, headers: Sequence[str]) -> str:
+    """Return the name of a column that is not in `headers`, with a hint if possible."""
+    name = remove_unit(column)
+    several = [x for x in headers if Header.of(x).name == name]
+    if several:
+        return f"{column!r} (name one of {list_first(several, _MAX_LISTED_COLUMNS)})"
+    return f"{column!r}{suggest(name, map(remove_unit, headers))}"
+
+
+def read_fit_data(
+    measured: Measurements, headers: Mapping[str, Sequence[str]], sigma: Any = None
+) -> FitData:
     """Return the data of a fit.
 
     Parameters
     ----------
-    data
-        Wide table, long table, wide tables by experiment, or path of a CSV file; see `fit`.
+    measured
+        The measured data. Columns that are not observed are omitted with a warning.
+    headers
+        Headers of the observed columns by experiment.
     sigma
         Standard deviation of all data, or standard deviations by column; None if they are unknown
         or contained in a long table.
@@ -123,46 +271,49 @@ def read_data(data: Any, sigma: Any = None) -> FitData:
     Raises
     ------
     BeamdaeError
-        If the data are incomplete, contain text, do not ascend in time, or contradict `sigma`.
+        If no column is observed, observed columns contain text, too many or no values, or the
+        wrong units, or the data contradict `sigma`.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If columns are omitted.
     """
-    series, has_sigma, name = _read_series("fit", data)
-    count = sum(len(x.values) for x in series)
+    columns, unknown = match_columns("fit", measured, headers)
+    count = sum(len(x.series.values) for x in columns)
     if count > _MAX_DATA:
         raise BeamdaeError(
             f"fit: {count} data are more than {_MAX_DATA}; average or omit some of them."
         )
-    present = [x for x in series if len(x.values)]
-    if not present:
-        raise BeamdaeError(f"fit: {name} contains no values; fill in measured values.")
-    if not has_sigma:
-        return _with_sigma(series, present, sigma)
-    if sigma is not None:
+    if measured.has_sigma and sigma is not None:
         raise BeamdaeError(
-            f"fit: sigma is given twice, as an argument and as a column of {name}; omit one."
+            f"fit: sigma is given twice, as an argument and as a column of {measured.name}; omit "
+            "one."
         )
-    return FitData(tuple(present), True)
+    if not measured.has_sigma:
+        columns = _with_sigma(columns, sigma)
+    is_sigma_known = measured.has_sigma or sigma is not None
+    warn_of_unknown_columns("fit", measured, unknown)
+    columns = [x for x in columns if len(x.series.values)]
+    experiments = {x.series.experiment for x in columns}
+    empty = next((x for x in measured.experiments if x not in experiments), None)
+    if empty is not None:
+        raise BeamdaeError(
+            f"fit: the experiment {empty!r} contains no values of observed columns; fill in "
+            "measured values, or remove it from the data."
+        )
+    series = []
+    for given, header in columns:
+        converted = convert_units("fit", given, header)
+        # Unknown standard deviations are 1, whatever the units of the data.
+        series.append(converted if is_sigma_known else replace(converted, sigma=given.sigma))
+    return FitData(tuple(series), tuple(x.header for x in columns), is_sigma_known)
 
 
-def read_series(part: str, data: Any, headers: Iterable[str]) -> list[Series]:
-    """Return the measured series of data as in `fit`; `part` is the calling function.
+def convert_units(part: str, series: Series, header: str) -> Series:
+    """Return a series in the unit of the column `header`.
 
-    In wide tables, columns that do not belong to one of the `headers` may contain anything; their
-    series are empty.
-
-    Raises
-    ------
-    BeamdaeError
-        If the data are incomplete, contain text or do not ascend in time.
-    """
-    known = {name for header in headers for name in (header, split_unit(header)[0])}
-    series, _, _ = _read_series(part, data, known)
-    return series
-
-
-def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
-    """Return a series in the unit of the observed column of the same name.
-
-    Series without a unit, or of other columns, are returned unchanged.
+    Series without a unit are returned unchanged.
 
     Parameters
     ----------
@@ -170,80 +321,85 @@ def convert_units(part: str, series: Series, headers: Iterable[str]) -> Series:
         The calling function, for messages.
     series
         The series. A name such as "tip.y [mm]" contains the unit.
-    headers
-        Headers of the observed columns.
+    header
+        Header of the column.
 
     Raises
     ------
     BeamdaeError
-        If the unit is unknown or measures another quantity than the observed column.
+        If the unit is unknown or measures another quantity than the column.
     """
     name = series.column
-    headers = list(headers)
-    column, unit = split_unit(name)
-    if name in headers or not unit:
+    if name in (header, remove_unit(header)):
         return series
-    for header in headers:
-        observed, observed_unit = split_unit(header)
-        if column != observed:
-            continue
-        factor = conversion_factor(unit, observed_unit)
-        if factor is None:
-            hint = suggest_unit(unit, observed_unit) if parse_unit(unit) is None else ""
-            raise BeamdaeError(
-                f"{part}: the column {column!r} of data is in {unit}{hint}, but the model observes "
-                f"it in {observed_unit}; convert the values and name the column {header!r}."
-            )
-        return replace(
-            series,
-            column=header,
-            name_in_data=name,
-            values=series.values * float(factor),
-            sigma=series.sigma * float(factor),
+    column, unit = split_unit(name)
+    if not unit:
+        return series
+    observed_unit = split_unit(header)[1]
+    factor = conversion_factor(unit, observed_unit)
+    if factor is None:
+        hint = suggest_unit(unit, observed_unit) if parse_unit(unit) is None else ""
+        raise BeamdaeError(
+            f"{part}: the column {column!r} of data is in {unit}{hint}, but the model observes "
+            f"it in {observed_unit}; convert the values and name the column {header!r}."
         )
-    return series
+    return replace(
+        series,
+        column=header,
+        name_in_data=name,
+        values=series.values * float(factor),
+        sigma=series.sigma * float(factor),
+    )
 
 
 def warn_of_missing_units(
-    part: str, data: Any, series: Iterable[Series], headers: Iterable[str]
+    part: str, measured: Measurements, columns: Iterable[MeasuredColumn]
 ) -> None:
-    """Warn of columns of a CSV file without a unit that belong to one of the `headers`.
+    """Warn of columns of a CSV file that are named without their units.
 
     Tables that are not read from files are written in code, where values are in SI units.
     """
-    path = None if isinstance(data, Mapping) else path_as_text(data)
-    columns = {x.column for x in series if len(x.values)}
-    units = {name: unit for name, unit in map(split_unit, headers) if name in columns}
-    missing = {name: unit for name, unit in units.items() if unit not in ("", "-")}
-    if path is None or not missing:
+    missing = {
+        series.column: unit
+        for series, header in columns
+        if len(series.values) and series.column != header
+        for name, unit in [split_unit(header)]
+        if series.column == name and unit not in ("", "-")
+    }
+    if not (measured.is_file and missing):
         return
     name, unit = next(iter(missing.items()))
     taken = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
     warn_user(
-        f"{part}: values of {path} without a unit are taken as in the model, {taken}; write units "
-        f"in the header, such as '{name} [{unit}]'."
+        f"{part}: values of {measured.name} without a unit are taken as in the model, {taken}; "
+        f"write units in the header, such as '{name} [{unit}]'."
     )
 
 
-def _read_series(
-    part: str, data: Any, known: Set[str] | None = None
-) -> tuple[list[Series], bool, str]:
-    """Return the series, True if their standard deviations are known, and the name of the data.
+def read_measurements(part: str, data: Any) -> Measurements:
+    """Return all columns of data as in `fit`; `part` is the calling function.
 
-    Series of wide tables are empty if neither their names nor these without units are `known`.
+    Series of columns that contain text or no finite numbers are empty and state the problem.
+
+    Raises
+    ------
+    BeamdaeError
+        If the data are no table, their times are missing or do not ascend, or a long table is
+        incomplete.
     """
     path = None if isinstance(data, Mapping) else path_as_text(data)
     if path is not None and not (is_valid_path(path) and path.strip()):
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
-    name = "data" if path is None else path
+    name, is_file = ("data", False) if path is None else (path, True)
     texts = (_EXPERIMENT, _OBSERVABLE)
     given = data if path is None else _read_file(part, path, texts)
     table = _as_columns(part, given, name)
+    series: list[Series] = []
+    has_sigma = False
     if _OBSERVABLE in table and _VALUE in table:
         table = _standardize_headers(part, table, name)
-        return _read_long_table(part, table, name), _SIGMA in table, name
-    if table and all(_is_table(x) for x in table.values()):
-        series = []
+        series, has_sigma = _read_long_table(part, table, name), _SIGMA in table
+    elif table and all(_is_table(x) for x in table.values()):
         for experiment, columns in table.items():
             if not (experiment.strip() and experiment.isprintable()):
                 raise BeamdaeError(
@@ -252,9 +408,12 @@ def _read_series(
                 )
             place = f"the experiment {experiment!r}"
             columns = _as_columns(part, columns, place)
-            series += _read_wide_table(part, columns, place, experiment, known)
-        return series, False, name
-    return _read_wide_table(part, table, name, ONLY_EXPERIMENT, known), False, name
+            series += _read_wide_table(part, columns, place, experiment)
+    else:
+        series = _read_wide_table(part, table, name, ONLY_EXPERIMENT)
+    if not series:
+        raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
+    return Measurements(tuple(series), has_sigma, name, is_file)
 
 
 def _read_file(part: str, path: str, texts: tuple[str, ...]) -> dict[str, Any]:
@@ -347,7 +506,7 @@ def _describe_text(part: str, values: Any, column: str, name: str) -> str:
 
 def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
     """Reject missing and negative times of the given rows."""
-    rule = f"{part}: the times of {name} must be finite and ascend, from 0 s or later"
+    rule = _TIME_RULE.format(part=part, name=name)
     if not times.size:
         raise BeamdaeError(f"{rule}; fill in measured values.")
     if not np.isfinite(times).all():
@@ -408,7 +567,7 @@ def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Ar
 
 
 def _read_wide_table(
-    part: str, table: Mapping[str, Any], name: str, experiment: str, known: Set[str] | None
+    part: str, table: Mapping[str, Any], name: str, experiment: str
 ) -> list[Series]:
     """Return the series of a table with a column of times and one column per observed column."""
     table = _standardize_headers(part, table, name)
@@ -421,22 +580,8 @@ def _read_wide_table(
             f"{', '.join(map(repr, table)) or 'none'}."
         )
     times = _read_times(part, table, time, name)
-    series: list[Series] = []
-    numbers: dict[str, Array] = {}
-    for column in columns:
-        if known is not None and not known & {column, split_unit(column)[0]}:
-            numbers[column] = np.full(len(times), np.nan)
-            continue
-        values = _as_numbers(part, table[column], column, name)
-        if values.shape != times.shape:
-            raise BeamdaeError(
-                f"{part}: the column {column!r} of {name} must have one finite number or NaN per "
-                f"time, got {len(values)} for {len(times)} times."
-            )
-        numbers[column] = values
-    has_values = np.any([np.isfinite(x) for x in numbers.values()], axis=0)
-    # Rows without a time and values are empty lines.
-    rows = np.flatnonzero(np.isfinite(times) | has_values)
+    # Rows without a time are empty, unless a column has a value there.
+    rows = np.flatnonzero(np.isfinite(times))
     used = times[rows]
     _require_times(part, used, rows, name)
     if np.any(np.diff(used) <= 0.0):
@@ -445,9 +590,24 @@ def _read_wide_table(
             f"{part}: the times of {name} must be finite and ascend, got {used[k + 1]:g} s after "
             f"{used[k]:g} s in row {rows[k + 1] + 1}; sort the rows and average repeated ones."
         )
-    for column, values in numbers.items():
-        present = np.isfinite(values)
-        ones = np.ones(int(present.sum()))
+    series: list[Series] = []
+    for column in columns:
+        try:
+            values = _as_numbers(part, table[column], column, name)
+            if values.shape != times.shape:
+                raise BeamdaeError(
+                    f"{part}: the column {column!r} of {name} must have one finite number or NaN "
+                    f"per time, got {len(values)} for {len(times)} times."
+                )
+            present = np.flatnonzero(np.isfinite(values))
+            if present.size:
+                _require_times(part, times[present], present, name)
+        except BeamdaeError as problem:
+            # Columns that a run does not have may contain anything.
+            empty = np.empty(0)
+            series.append(Series(experiment, column, empty, empty, empty, problem=str(problem)))
+            continue
+        ones = np.ones(len(present))
         series.append(Series(experiment, column, times[present], values[present], ones))
     return series
 
@@ -513,24 +673,27 @@ def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
     return texts
 
 
-def _with_sigma(series: list[Series], present: list[Series], sigma: Any) -> FitData:
-    """Return the data with the standard deviations of the argument `sigma`; 1 if it is None."""
-    columns = list(dict.fromkeys(x.column for x in series))
+def _with_sigma(columns: list[MeasuredColumn], sigma: Any) -> list[MeasuredColumn]:
+    """Return columns with the standard deviations of the argument `sigma`; 1 if it is None."""
+    names = list(dict.fromkeys(x.series.column for x in columns))
     if sigma is None:
         # The same column may be in different units in different experiments.
-        if len({split_unit(column)[0] for column in columns}) > 1:
+        if len({split_unit(name)[0] for name in names}) > 1:
             raise BeamdaeError(
                 "fit: sigma is required for several columns, because it determines their weights; "
                 "pass sigma={name: standard deviation}, or a long table with the column sigma."
             )
-        return FitData(tuple(present), False)
+        return columns
     if isinstance(sigma, Mapping):
         sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-        given = _sigma_by_column(sigma, columns)
+        given = _sigma_by_column(sigma, names)
     else:
-        given = dict.fromkeys(columns, sigma)
-    values = {x: _read_sigma(x, given[x], isinstance(sigma, Mapping)) for x in columns}
-    return FitData(tuple(replace(x, sigma=x.sigma * values[x.column]) for x in present), True)
+        given = dict.fromkeys(names, sigma)
+    values = {x: _read_sigma(x, given[x], isinstance(sigma, Mapping)) for x in names}
+    return [
+        x._replace(series=replace(x.series, sigma=x.series.sigma * values[x.series.column]))
+        for x in columns
+    ]
 
 
 def _sigma_by_column(sigma: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
@@ -544,7 +707,7 @@ def _sigma_by_column(sigma: Mapping[str, Any], columns: Sequence[str]) -> dict[s
     count = sum(len(x) for x in matches.values())
     if not all(matches.values()) or set(deviations) != set(columns) or count > len(columns):
         raise BeamdaeError(
-            f"fit: sigma must name the columns {', '.join(columns)} of data, got "
+            f"fit: sigma must name the observed columns of data, {', '.join(columns)}, got "
             f"{', '.join(sigma) or 'none'}."
         )
     return deviations

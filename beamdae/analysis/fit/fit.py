@@ -80,9 +80,10 @@ def fit(
         names of observed columns, such as "tip.y [m]" or "tip.y"; missing values are NaN. A long
         table contains one value per row: the columns "observable" (name of an observed column),
         "t [s]", "value", and optionally "experiment" and "sigma". Columns in other units, such as
-        "t [ms]" or "tip.y (mm)", are converted; their results are in the units of the model. CSV
-        files may be separated by commas, semicolons or tabs, the last two also with decimal commas;
-        lines that begin with "#", "%" or "//" are comments, and empty rows and columns are skipped.
+        "t [ms]" or "tip.y (mm)", are converted; their results are in the units of the model.
+        Columns that the model does not observe are omitted with a warning. CSV files may be
+        separated by commas, semicolons or tabs, the last two also with decimal commas; lines that
+        begin with "#", "%" or "//" are comments, and empty rows and columns are skipped.
     by
         Names of the parameters to estimate. They must be floats.
     integrator

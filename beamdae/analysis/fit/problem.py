@@ -5,16 +5,16 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from beamdae.analysis.fit.data import (
     FitData,
-    Series,
-    convert_units,
-    read_data,
+    MeasuredColumn,
+    read_fit_data,
+    read_measurements,
     warn_of_missing_units,
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
@@ -36,7 +36,6 @@ from beamdae.errors import (
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
 from beamdae.model_parameters import convert_text, format_with_unit
-from beamdae.results.columns import select_observed_columns
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
@@ -106,8 +105,6 @@ class FitProblem:
         Names of the parameters of the model.
     data
         The data.
-    headers
-        Header of the observed column of each series of `data`.
     sensors
         Unknown properties of sensors.
     first_values
@@ -134,13 +131,14 @@ class FitProblem:
         self.model, self.start = model, start
         self.integrator = require_integrator("fit", Radau() if integrator is None else integrator)
         self.parameters = complete_parameters("fit", model, parameters)
-        self.data: FitData = read_data(data, sigma)
-        self._settings = self._read_experiments(experiments)
+        measured = read_measurements("fit", data)
+        self._settings = self._read_experiments(experiments, measured.experiments)
         self.build_warnings: set[str] = set()
-        self.data, self.headers = self._match_columns()
+        self.data: FitData = read_fit_data(measured, self._observed_headers(), sigma)
         self.sensors: Sensors = read_sensors(self.data.series, self.headers, scale, offset, shift)
         if not self.sensors.scales:
-            warn_of_missing_units("fit", data, self.data.series, self.headers)
+            pairs = zip(self.data.series, self.headers, strict=True)
+            warn_of_missing_units("fit", measured, [MeasuredColumn(*x) for x in pairs])
         self.first_values = np.array(
             [self.parameters[name] for name in self.names]
             + [float(np.clip(0.0, *shift.bounds)) for shift in self.sensors.shifts]
@@ -156,6 +154,11 @@ class FitProblem:
                 "or fit fewer parameters."
             )
         self._t_end = self._latest_times()
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Header of the observed column of each series of `data`."""
+        return self.data.headers
 
     @property
     def weighted_square(self) -> float:
@@ -181,13 +184,14 @@ class FitProblem:
     def _linear(self) -> tuple[Sensor, ...]:
         return (*self.sensors.scales, *self.sensors.offsets)
 
-    def _read_experiments(self, experiments: Any) -> dict[str, dict[str, Any]]:
+    def _read_experiments(
+        self, experiments: Any, known: tuple[str, ...]
+    ) -> dict[str, dict[str, Any]]:
         """Return the values of parameters that each experiment changes."""
         what = "a dict of values of parameters by experiment"
         given = require_mapping(
             "fit", "experiments", {} if experiments is None else experiments, what
         )
-        known = self.data.experiments
         for name, values in given.items():
             if name not in known:
                 raise BeamdaeError(
@@ -204,38 +208,15 @@ class FitProblem:
             given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
         return {name: given.get(name, {}) for name in known}
 
-    def _match_columns(self) -> tuple[FitData, tuple[str, ...]]:
-        """Return the data in observed units, and the header of the column of each series."""
+    def _observed_headers(self) -> dict[str, list[str]]:
+        """Return the headers of the observed columns by experiment."""
         observed: dict[str, list[str]] = {}
         for experiment, values in self._settings.items():
             mechanism = self.model(**{**self.parameters, **values})
             equations = as_equations("fit", mechanism, self.start)
             self.build_warnings.update(map(kind_of_message, equations.build_warnings))
             observed[experiment] = equations.observed_headers
-        headers: list[str] = []
-        names_in_data: dict[tuple[str, str], str] = {}
-        matched: list[Series] = []
-        for given in self.data.series:
-            name, present = given.column, observed[given.experiment]
-            series = convert_units("fit", given, present)
-            if not self.data.is_sigma_known:
-                # All weights are equal.
-                series = replace(series, sigma=given.sigma)
-            matched.append(series)
-            selected = select_observed_columns("fit", [series.column], present)
-            if len(selected) > 1:
-                raise BeamdaeError(
-                    f"fit: the column {name!r} of data stands for several observed columns; name "
-                    f"one of {', '.join(selected)}."
-                )
-            other = names_in_data.setdefault((series.experiment, selected[0]), name)
-            if other != name:
-                raise BeamdaeError(
-                    f"fit: the columns {other!r} and {name!r} of data are the same observed "
-                    "column; remove one."
-                )
-            headers += selected
-        return replace(self.data, series=tuple(matched)), tuple(headers)
+        return observed
 
     def _latest_times(self) -> dict[str, float]:
         """Return the last time at which the run of each experiment may be compared [s]."""

@@ -14,13 +14,9 @@ import numpy as np
 from beamdae.equations.measures import LEDGER_COLUMNS, TIME
 from beamdae.errors import (
     BeamdaeError,
-    list_first,
-    path_as_text,
     require_sequence,
     short_repr,
-    suggest,
     unbox_scalar,
-    warn_user,
 )
 from beamdae.report.pictures.figures import (
     COLORS,
@@ -45,7 +41,6 @@ from beamdae.results.columns import (
     is_derivative,
     merge_columns,
     observed_columns,
-    remove_unit,
     require_one_column,
     select_columns,
 )
@@ -70,11 +65,6 @@ _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
 _MARGIN_OF_DATA = 0.25  # of their duration, before and after them
 _DATA_MARKERS = "osD^v"  # of experiments
-_MAX_LISTED_COLUMNS = 5  # of a file that do not belong to the run
-
-
-class UnplottedDataError(BeamdaeError):
-    """Error of measured data that contain none of the plotted columns."""
 
 
 def plot(
@@ -283,6 +273,7 @@ def select_plot(
         If a name selects no column, no column is left, `x` selects several columns, or the data
         cannot be read or contain none of the plotted columns.
     """
+    from beamdae.analysis.fit.data import UnmatchedDataError
 
     def select(name: str) -> list[str]:
         return select_columns(headers, name, observed=observed, part="plot")
@@ -296,7 +287,7 @@ def select_plot(
     points = {column: _pair_with(abscissa, column, measured) for column in columns if measured}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
-        raise UnplottedDataError(
+        raise UnmatchedDataError(
             f"plot: data must contain {plotted}"
             f"{'' if abscissa == TIME else f' and {abscissa} at the same times'}; the data contain "
             f"{', '.join(dict.fromkeys(s.column for s in measured))}."
@@ -311,47 +302,20 @@ def select_plot(
 
 def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
     """Return the measured series whose columns a run contains, in the units of the run."""
-    from beamdae.analysis.fit.data import convert_units, read_series, warn_of_missing_units
+    from beamdae.analysis.fit import data as fit_data
 
-    measured, unknown = [], []
-    names: dict[tuple[str, str], str] = {}
-    given = read_series("plot", data, headers)
-    for series in given:
-        converted = convert_units("plot", series, headers)
-        selected = [c for c in headers if converted.column in (c, remove_unit(c))]
-        if selected and len(series.values):
-            other = names.setdefault((series.experiment, selected[0]), series.column)
-            if other != series.column:
-                raise BeamdaeError(
-                    f"plot: the columns {other!r} and {series.column!r} of data are the same "
-                    "column of the run; remove one."
-                )
-            measured.append(replace(converted, column=selected[0]))
-        elif not selected:
-            unknown.append(series.column)
-    path = path_as_text(data)
-    if path is not None and measured:
-        warn_of_missing_units("plot", path, given, headers)
-        _warn_of_unknown_columns(path, list(dict.fromkeys(unknown)), headers)
-    if not measured:
-        raise UnplottedDataError(
-            "plot: data must contain values of a column of the run, got the columns "
-            f"{', '.join(dict.fromkeys(s.column for s in given))}; name them as in the table of "
-            "the run, such as 'tip.y [mm]'."
-        )
-    return measured
-
-
-def _warn_of_unknown_columns(path: str, unknown: Sequence[str], headers: Sequence[str]) -> None:
-    if not unknown:
-        return
-    names = [remove_unit(header) for header in headers]
-    described = [f"{x!r}{suggest(remove_unit(x), names)}" for x in unknown]
-    columns = list_first(described, _MAX_LISTED_COLUMNS)
-    warn_user(
-        f"plot: {path} contains {columns}, which the run does not have and the plot omits; name "
-        "columns as in the table of the run, or remove them."
+    measured = fit_data.read_measurements("plot", data)
+    columns, unknown = fit_data.match_columns(
+        "plot", measured, dict.fromkeys(measured.experiments, headers)
     )
+    if measured.is_file:
+        fit_data.warn_of_missing_units("plot", measured, columns)
+        fit_data.warn_of_unknown_columns("plot", measured, unknown)
+    converted = (
+        replace(fit_data.convert_units("plot", series, header), column=header)
+        for series, header in columns
+    )
+    return [series for series in converted if len(series.values)]
 
 
 def _pair_with(
