@@ -36,6 +36,7 @@ from beamdae.parts.part import Part
 from beamdae.parts.rotation import Rotation
 from beamdae.parts.signals import Input, Sensor, State
 from beamdae.read_only import ReadOnlyDict, read_only, read_only_copy
+from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.statements import Quantity
 
 AS_DRAWN, EQUILIBRIUM = "as drawn", "equilibrium"
@@ -102,6 +103,8 @@ class Mechanism(HasOrigin):
         Names of the parts that are inactive at the start.
     inputs
         Inputs added by `input`, by name.
+    outputs
+        Formulas of the outputs of `pid` controllers, by name.
     removed
         Names of the parts that an analysis has removed, whose measured loads are zero.
 
@@ -142,6 +145,7 @@ class Mechanism(HasOrigin):
         self.events: list[Event] = []
         self.inactive: set[str] = set()
         self.inputs: dict[str, Input] = {}
+        self.outputs: dict[str, SX] = {}
         self._has_sensors = False
         self.removed: frozenset[str] = frozenset()
 
@@ -506,7 +510,7 @@ class Mechanism(HasOrigin):
         other.parts, other.observables = ReadOnlyDict(self.parts), ReadOnlyDict(self.observables)
         collections: Any = tuple(self.events), frozenset(self.inactive)
         other.events, other.inactive = collections
-        other.inputs = ReadOnlyDict(self.inputs)
+        other.inputs, other.outputs = ReadOnlyDict(self.inputs), ReadOnlyDict(self.outputs)
         return other
 
     def deactivate(self, *parts: Part) -> None:

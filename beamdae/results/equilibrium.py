@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.table_arguments import list_arguments_outside
@@ -438,6 +439,16 @@ class Equilibrium(HasPage):
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
         meshes = mesh_error_warnings(self.equations, self.columns, self._select_loaded_state)
+        limits: Iterable[str] = ()
+        if self.status.success:
+            limits = limit_warnings(
+                self.equations,
+                np.full(2, self.t),
+                self.q[-1],
+                np.zeros_like(self.q[-1]),
+                "so this equilibrium is that of the limit, not of the loop; enlarge the limits, or "
+                "change the target or the load.",
+            )
         of_model = self.equations.build_warnings
         found = (
             *of_model,
@@ -448,6 +459,7 @@ class Equilibrium(HasPage):
             *strains,
             *meshes,
             *outside,
+            *limits,
         )
         return tuple(filter(None, found))
 

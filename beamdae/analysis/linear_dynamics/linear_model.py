@@ -93,8 +93,8 @@ class LinearModel(HasPage):
     about
         Description of the state.
     warnings
-        Warnings if the state is at rest but not an equilibrium, or if it is the end of an
-        equilibrium path or a run that ended early.
+        Warnings if the state is at rest but not an equilibrium, if it is the end of an equilibrium
+        path or a run that ended early, or if the command of a controller has reached its limit.
     """
 
     A: Array

@@ -20,6 +20,7 @@ from beamdae.analysis.eigenproblems.eigensolution import massless_error
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.analysis.eigenproblems.turning import find_turning
 from beamdae.analysis.statics.load_scaling import LoadedEquations, build_loading
+from beamdae.equations.commands import limit_warnings
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -60,6 +61,7 @@ _UNBALANCED_FORCE_RATIO = 1e-6
 _ZERO_SQUARE_RATIO = 1e-6
 # Step, in natural sizes, of the finite differences of the mass matrix.
 _MASS_DIFFERENCE_STEP = 1e-3
+_NO_LIMIT = "linearize about a state with a command between its limits, or omit the limits."
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Linearization:
     warnings
         Warnings that name the coordinate with the largest acceleration if the state is at rest but
         not an equilibrium, that the state is the end of an equilibrium path or a run that ended
-        early, and of errors of the strains of deformed beams.
+        early, of errors of the strains of deformed beams, and of commands at their limits.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
@@ -137,12 +139,19 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)
+    limits = limit_warnings(
+        lin.equations,
+        lin.time,
+        *lin.state[:2],
+        f"so the linear model contains no feedback through it; {_NO_LIMIT}",
+        f"so the linear model contains half of the feedback through it; {_NO_LIMIT}",
+    )
     whole = lin.full_equations
     if whole.configurations is not None:
         now = about.configuration if isinstance(about, Instant) else None
         inactive = whole.configurations.initially_inactive if now is None else now.inactive
         whole = whole.without_loads_of(inactive)
-    warnings = (*lin.equations.build_warnings, *lin.warnings, *outside)
+    warnings = (*lin.equations.build_warnings, *lin.warnings, *outside, *limits)
     return replace(lin, full_equations=whole, warnings=warnings)
 
 

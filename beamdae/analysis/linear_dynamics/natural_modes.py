@@ -91,9 +91,9 @@ class Modes(HasModeShapes):
         Mechanism for pictures of the modes; None if the model is not a `Mechanism`.
     warnings
         Warnings that the state is unstable, not an equilibrium, or the end of an equilibrium path
-        or a run that ended early, that there are no modes, that rounding errors of the stiffness
-        hide slow modes, or that the elements of a beam are too long for modes (estimated errors of
-        frequencies above 0.7 %).
+        or a run that ended early, that the command of a controller has reached its limit, that
+        there are no modes, that rounding errors of the stiffness hide slow modes, or that the
+        elements of a beam are too long for modes (estimated errors of frequencies above 0.7 %).
     """
 
     about: str

@@ -351,4 +351,5 @@ def pid(
         integral.follows(error + (clipped - output) / gain)
     elif integral is not None:
         integral.follows(error)
+    mechanism.outputs[name] = clipped
     return clipped

@@ -1,0 +1,174 @@
+"""Commands of continuous controllers and their limits, evaluated for many states at once.
+
+A command is the output of a `pid` controller, or a value between two limits, such as
+`casadi.fmin(casadi.fmax(u, -15.0), 15.0)`, in a law of a part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
+from beamdae.equations.assembly.coordinate_map import map_coordinates
+from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.parts.mechanism import Mechanism
+from beamdae.symbolic.local_symbols import SX
+from beamdae.symbolic.signals import Signal, find_signals
+from beamdae.symbolic.statements import Quantity, Variable
+
+Array = np.ndarray
+
+# Distance from a limit, relative to the distance between both, that is a rounding error.
+_ROUNDING = 1e-9
+# Operations of a formula that is a sum of commands with constant factors.
+_SUMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE)
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """Command of a continuous controller that depends on the motion.
+
+    Attributes
+    ----------
+    name
+        Description: the controller, or the part in whose law the limits are.
+    low, high
+        Limits; infinite if there are none.
+    observable, numbers
+        Compiled values of the command before its limits and of the signals on which it depends,
+        and the numbers to which they refer.
+    """
+
+    name: str
+    low: float
+    high: float
+    observable: Observable
+    numbers: Array
+
+    @property
+    def has_limits(self) -> bool:
+        """True if there are two finite limits."""
+        return bool(np.isfinite([self.low, self.high]).all())
+
+    def evaluate(self, times: Array, state: State) -> Array:
+        """Return the command before its limits, and its signals, at rows of (t, branch)."""
+        no_multipliers = np.zeros((len(times), 0))
+        return self.observable.evaluate(self.numbers, times, state.q, state.v, no_multipliers)
+
+    def excess(self, time: Array, q: Array, v: Array) -> tuple[float, float, float]:
+        """Return the command in a state, the nearest limit, and the distance beyond this limit.
+
+        Distances that are rounding errors are zero.
+        """
+        none = np.zeros((1, 0))
+        value = float(self.evaluate(time[None], State(q[None], v[None], none, none))[0, 0])
+        distances = {self.low: self.low - value, self.high: value - self.high}
+        limit = max(distances, key=lambda x: distances[x])
+        is_rounding = abs(distances[limit]) <= _ROUNDING * (self.high - self.low)
+        return value, limit, 0.0 if is_rounding else distances[limit]
+
+
+def compile_commands(equations: EquationsOfMotion) -> list[Command]:
+    """Return the commands of a mechanism that depend on the motion."""
+    mechanism = equations.mechanism
+    if mechanism is None or not mechanism.has_coordinate_signals:
+        return []
+    commands = []
+    coordinate_map = map_coordinates(mechanism)
+    laws = select_input_laws(mechanism.inputs)
+    for name, formula, low, high in _find_formulas(mechanism):
+        signals = find_signals(formula)
+        if not any(x.rows for x in signals):
+            continue
+        numbers = NumberStore()
+        quantity = _as_quantity(formula, signals)
+        observable = build_observable(name, quantity, coordinate_map, numbers, {}, laws)
+        commands.append(Command(name, low, high, observable, numbers.all(mechanism.inputs)))
+    return commands
+
+
+def limit_warnings(
+    equations: EquationsOfMotion, time: Array, q: Array, v: Array, consequence: str, at: str = ""
+) -> Iterator[str]:
+    """Yield a warning for each command that is beyond or at a limit in a state.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    time, q, v
+        (t, branch), coordinates and velocities of the state.
+    consequence, at
+        Clauses about the result and the remedy, for commands beyond and at a limit. Without `at`,
+        the latter have no warning.
+    """
+    for command in compile_commands(equations):
+        if not command.has_limits:
+            continue
+        value, limit, distance = command.excess(time, q, v)
+        if distance > 0.0:
+            yield f"{command.name} {value:.4g} is beyond its limit {limit:.4g}, {consequence}"
+        elif at and distance == 0.0:
+            yield f"{command.name} {value:.4g} is at its limit, {at}"
+
+
+def _find_formulas(mechanism: Mechanism) -> Iterator[tuple[str, SX, float, float]]:
+    """Yield description, formula before the limits, and limits of all commands."""
+    known = set()
+    for name, output in mechanism.outputs.items():
+        known.add(output.element_hash())
+        yield (f"{name}: the command", *(_split_limits(output) or (output, -np.inf, np.inf)))
+    time = SX.sym("t", 2)
+    for part in mechanism.parts.values():
+        for law in part.laws:
+            # Commands have no breakpoints; tables of time may have thousands.
+            if len(law.pieces) > 1:
+                continue
+            for term in _list_terms(law(time)):
+                parts = _split_limits(term)
+                if parts is not None and term.element_hash() not in known:
+                    known.add(term.element_hash())
+                    yield (f"{part.name}: the limited value", *parts)
+
+
+def _list_terms(formula: SX) -> Iterator[SX]:
+    """Yield the formula and all terms that it contains with a constant factor."""
+    pending = [formula]
+    while pending:
+        term = pending.pop()
+        yield term
+        operands = [term.dep(k) for k in range(term.n_dep())]
+        is_scaled = len(operands) > 1 and (
+            (term.is_op(ca.OP_MUL) and any(x.is_constant() for x in operands))
+            or (term.is_op(ca.OP_DIV) and operands[1].is_constant())
+        )
+        if is_scaled or any(term.is_op(x) for x in _SUMS):
+            pending += operands
+
+
+def _split_limits(formula: SX) -> tuple[SX, float, float] | None:
+    """Return the value and the limits of a formula that limits a value, or None."""
+    limits = {ca.OP_FMIN: np.inf, ca.OP_FMAX: -np.inf}
+    value = formula
+    for _ in limits:
+        operation = next((x for x in limits if value.is_op(x)), None)
+        if operation is None:
+            break
+        operands = [value.dep(k) for k in range(2)]
+        constants = [x for x in operands if x.is_constant()]
+        if len(constants) != 1 or np.isfinite(limits[operation]):
+            break
+        limits[operation] = float(constants[0])
+        (value,) = (x for x in operands if not x.is_constant())
+    low, high = limits[ca.OP_FMAX], limits[ca.OP_FMIN]
+    return (value, low, high) if np.isfinite([low, high]).all() and low < high else None
+
+
+def _as_quantity(formula: SX, signals: tuple[Signal, ...]) -> Quantity:
+    values = [formula, *(x.value_symbol for x in signals if x.size == 1)]
+    columns = tuple(Variable(f"value {k}", "-") for k in range(len(values)))
+    return Quantity(columns, (), lambda local: ca.vertcat(*values))
