@@ -143,6 +143,10 @@ Starts = Annotated[
         autocompletion=lambda: ["equilibrium"],
     ),
 ]
+StartCount = Annotated[
+    int, typer.Option(help="Number of searches; all but the first begin at random points.")
+]
+StartSeed = Annotated[int, typer.Option(help="Seed of the random points.")]
 Bounds = Annotated[
     list[str] | None,
     typer.Option(

@@ -66,6 +66,7 @@ def build_optimization_page(result: Optimization, title: str) -> PageContent:
         {"title": "Optimization", "rows": list(describe_optimization(result).items())},
         _constraints_table(result),
         _parameters_table(result),
+        _starts_table(result),
     ]
     return {
         "title": title,
@@ -94,11 +95,13 @@ def describe_optimization(result: Optimization) -> dict[str, str]:
     values = (format_number(x, _DIGITS) for x in (first, result.objective))
     failures = int((history["failure"] != "").sum())
     count = f"{result.evaluations} of at most {result.max_evaluations}"
+    searches = result.describe_starts()
     return {
         "status": result.status.sentence,
         "objective": f"{result.objective_label}{f' [{unit}]' if unit else ''}",
         "first and last value": " and ".join(values),
         "designs": count + (f", {failures} failed" if failures else ""),
+        **({"searches": searches} if searches else {}),
         "at a bound": ", ".join(result.at_bounds) or "none",
     }
 
@@ -140,6 +143,15 @@ def _parameters_table(result: Optimization) -> PageTable:
     ]
     # The unit is part of the name.
     return {"title": "Parameters", "head": ["parameter", *map(str, list(table)[:-1])], "rows": rows}
+
+
+def _starts_table(result: Optimization) -> PageTable:
+    """Return the searches from several starts."""
+    table, headers = result.starts, format_headers(result.units)
+    columns = ["objective", "violation", "evaluations", *map(str, result.table().index), "status"]
+    rows = [] if table is None else table[columns].to_numpy().tolist()
+    texts = [[*(format_number(x, _DIGITS) for x in row[:-1]), row[-1]] for row in rows]
+    return {"title": "Searches", "head": [headers.get(x, x) for x in columns], "rows": texts}
 
 
 def _list_headers(result: Optimization) -> list[str]:

@@ -15,6 +15,7 @@ import pandas as pd
 
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import robust_search
+from beamdae.analysis.start_points import spread_starts
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial
@@ -120,7 +121,8 @@ def run_starts(
     path = None if folder is None else require_folder("fit", folder)
     serial = as_real(jobs) == 1.0
     executor = SerialPool() if serial else create_executor("fit", "", jobs, None)
-    points = [problem.first_values, *_spread_starts(scaling, starts - 1, seed)]
+    spread = spread_starts(*scaling.limits, starts - 1, seed)
+    points = [problem.first_values, *map(scaling.values, spread)]
     settings = [dict(zip(problem.names, point.tolist(), strict=False)) for point in points]
     defaults = problem.model.parameters
     changed = {
@@ -168,15 +170,6 @@ def _run(
             # Raised by `progress`. Finished searches are no fit yet.
             attach_partial(problem, None)
         raise
-
-
-def _spread_starts(scaling: Scaling, count: int, seed: int) -> list[Array]:
-    """Return values at points of a Latin hypercube between the bounds."""
-    generator = np.random.default_rng(seed)
-    lower, upper = scaling.limits
-    cells = [generator.permutation(count) for _ in lower]
-    shares = (np.array(cells).T + generator.uniform(size=(count, len(lower)))) / max(count, 1)
-    return [scaling.values(lower + share * (upper - lower)) for share in shares]
 
 
 def _tabulate(

@@ -307,7 +307,15 @@ LONG = {"observable": ["mass.x"] * 3, "t [s]": [0.1, 0.2, 0.3], "value": [1.0, 1
         ({"scale": 3}, "scale must be a list of names"),
         ({"shift": {"mass.x": (0.2, 0.1)}}, "must be \\(lower, upper\\) in seconds"),
         ({"shift": {"mass.x": (0.0, 0.5)}}, "at most the first time of its data, 0.1 s"),
-        ({"starts": 3}, "several starts need bounds of all parameters, but stiffness have none"),
+        ({"starts": 3}, "several starts need finite bounds of all parameters; pass those of stiff"),
+        (
+            {"starts": 3, "bounds": {"stiffness": (1.0, np.inf)}},
+            "need finite bounds .* of stiffness",
+        ),
+        (
+            {"starts": 3, "bounds": {"stiffness": (0.0, 90.0)}, "log": ["stiffness"]},
+            "need finite bounds of all parameters, above 0 for those in log; pass those of stiff",
+        ),
         ({"starts": 0}, "starts must be a whole number"),
     ],
 )

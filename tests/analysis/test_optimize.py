@@ -1,5 +1,6 @@
 """Optimization: closed forms, gradients against differences, failures, limits and interrupts."""
 
+import signal
 import warnings
 
 import numpy as np
@@ -880,3 +881,136 @@ def test_regression_line_searches_that_noise_misleads_are_counted():
     trials = [Trial(np.zeros(1), np.array([x]), violation) for x, violation in values]
     trials.insert(5, Trial(np.zeros(1), np.array([np.nan]), np.nan, "failed"))
     assert count_idle_trials(trials) == 19
+
+
+def waves(width, load):
+    """Three minima over the width, the lowest of them beside the upper bound."""
+    return (load - 40.0) ** 2 / 100.0 + np.cos(2.0 * width) * (1.0 + 0.1 * width)
+
+
+WAVES = {
+    "objective": bd.ParameterFunction(waves, "waves", "J"),
+    "by": ["width", "load"],
+    "bounds": {"width": (1.0, 10.0), "load": (10.0, 90.0)},
+    "parameters": {"width": 2.0},
+}
+
+
+def test_several_starts_find_the_lowest_of_several_minima(tmp_path):
+    single = bd.optimize(cantilever, **WAVES)
+    assert single.parameters["width"] == pytest.approx(np.pi / 2.0, rel=0.05)
+    assert (single.starts, single.describe_starts()) == (None, "")
+    result = bd.optimize(cantilever, **WAVES, starts=8)
+    assert result.parameters["width"] == pytest.approx(2.5 * np.pi, rel=0.05)
+    table = result.starts
+    assert len(table) == 8
+    assert table.loc[0, "objective"] == single.objective
+    assert table["objective"].min() == result.objective < single.objective
+    assert table["first width"].between(1.0, 10.0).all()
+    # A Latin hypercube has one point in each of seven intervals.
+    cells = np.floor((table["first load"][1:] - 10.0) / (80.0 / 7.0))
+    assert sorted(cells) == list(range(7))
+    count = int((table["objective"] < result.objective + 1e-3).sum())
+    assert f"{count} of 8 searches end at this objective; the next" in result.describe_starts()
+    # The result is that of the best search.
+    best = table.loc[table["objective"].idxmin()]
+    assert result.evaluations == best["evaluations"] == len(result.history())
+    assert result.table().loc["width", "first value"] == best["first width"]
+    page = result.page(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "searches end at this objective" in page
+
+
+def test_starts_are_reproducible_by_their_seed():
+    first, again, other = (
+        bd.optimize(cantilever, **WAVES, starts=3, seed=seed).starts for seed in (1, 1, 2)
+    )
+    assert first.equals(again)
+    assert not first.equals(other)
+    assert first.loc[0].equals(other.loc[0])
+
+
+def test_feasible_designs_are_better_than_lower_objectives():
+    def ridge(width):
+        # The derivative is zero at the first width.
+        return np.cos(2.0 * (width - 1.0))
+
+    limit = bd.at_most(bd.ParameterFunction(ridge, "ridge"), -0.95)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        bounds = {"width": (0.9, 2.6), "load": (10.0, 90.0)}
+        start = {"width": 1.0}
+        width = bd.ParameterFunction(lambda width: width, "width")
+        arguments = (cantilever, width, ["width", "load"], limit, bounds)
+        single = bd.optimize(*arguments, parameters=start)
+        result = bd.optimize(*arguments, parameters=start, starts=4)
+    assert single.constraints[0].margin < -1.0
+    assert result.constraints[0].margin == pytest.approx(0.0, abs=1e-6)
+    assert result.objective == pytest.approx(1.0 + np.arccos(-0.95) / 2.0)
+
+
+def fails_above(limit):
+    def value(width, load):
+        if width > limit:
+            raise ValueError(f"a width of {width:.3g} is too large")
+        return waves(width, load)
+
+    return bd.ParameterFunction(value, "waves")
+
+
+def test_failed_starts_are_listed_and_the_others_are_used():
+    arguments = WAVES | {"objective": fails_above(5.0)}
+    table = bd.optimize(cantilever, **arguments, starts=6).starts
+    is_failed = table["first width"] > 5.0
+    assert 0 < is_failed.sum() < 6
+    assert (table["status"][is_failed] == "failed").all()
+    assert table["reason"][is_failed].str.contains("is too large").all()
+    assert table["objective"][is_failed].isna().all()
+    assert table["objective"][~is_failed].notna().all()
+    arguments["objective"] = fails_above(0.0)
+    message = "optimize: the first designs of all 3 searches failed; the first one: .*too large"
+    with pytest.raises(bd.BeamdaeError, match=message):
+        bd.optimize(cantilever, **arguments, starts=3)
+
+
+@pytest.mark.parametrize(
+    "bounds", [{}, {"width": (1.0, 10.0)}, WAVES["bounds"] | {"load": (0, np.inf)}]
+)
+def test_several_starts_need_finite_bounds(bounds):
+    with pytest.raises(
+        bd.BeamdaeError, match=r"finite bounds of all parameters; pass those of .*load"
+    ):
+        bd.optimize(cantilever, **WAVES | {"bounds": bounds}, starts=2)
+
+
+@pytest.mark.parametrize("partial", ["raise", "return"])
+def test_interrupts_of_later_searches_return_the_best_design_so_far(partial):
+    counts = []
+
+    def interrupt(count, objective, violation):
+        counts.append(count)
+        if count == 30:
+            signal.raise_signal(signal.SIGINT)
+
+    arguments = {**WAVES, "starts": 8, "progress": interrupt, "partial": partial}
+    if partial == "raise":
+        with pytest.raises(bd.Interrupted) as caught:
+            bd.optimize(cantilever, **arguments)
+        result = caught.value.partial
+    else:
+        result = bd.optimize(cantilever, **arguments)
+    assert counts == list(range(1, 31))
+    assert result.status.kind == "interrupted"
+    assert 1 < len(result.starts) < 8
+    assert result.starts["objective"].min() == result.objective
+
+
+def test_exceptions_of_progress_in_later_searches_have_the_best_design_so_far():
+    def fail(count, objective, violation):
+        if count == 30:
+            raise RuntimeError("no display")
+
+    with pytest.raises(RuntimeError, match=r"^no display$") as caught:
+        bd.optimize(cantilever, **WAVES, starts=8, progress=fail)
+    result = caught.value.partial
+    assert result.status.kind == "failed"
+    assert result.starts["objective"].min() == result.objective

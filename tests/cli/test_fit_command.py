@@ -111,7 +111,7 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
         (["--by", "stiffness", "--shift", "mass.x=a"], "must have the form LOW:HIGH"),
         (["--by", "stiffness", "--shift", "mass.x=-5:5ms"], "one end has a unit"),
         (["--by", "stiffness", "--shift", "mass.x=-5mm:5mm"], "the unit mm measures another"),
-        (["--by", "stiffness", "--starts", "2"], "several starts need bounds"),
+        (["--by", "stiffness", "--starts", "2"], "several starts need finite bounds"),
         (["--by", "stiffness", "--integrator", "ida"], "--step is not supported by ida"),
     ],
 )

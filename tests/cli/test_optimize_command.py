@@ -125,6 +125,23 @@ def test_time_without_an_equilibrium_is_rejected(here):
     assert "--t 1: no quantity is of the kind equilibrium:COLUMN" in " ".join(result.output.split())
 
 
+@pytest.mark.slow(reason="a second")
+def test_several_starts_have_a_table(here):
+    by = ["--by", "mass,stiffness", "--minimize", "mass", "--at-least", "stiffness=30"]
+    bounds = ["--bounds", "mass=500g:3kg", "--bounds", "stiffness=20:50"]
+    result = run(*by, *bounds, "--starts", "3", "--seed", "1", "--no-page")
+    assert result.exit_code == 0, result.output
+    assert "3 of 3 searches end at this objective" in " ".join(result.stdout.split())
+    table = pd.read_csv("results/oscillator_design_starts.csv")
+    assert list(table["first mass"].between(0.5, 3.0)) == [True] * 3
+    result = run(*by, *bounds, "--starts", "3", "--seed", "1", "--no-page", "--json")
+    searches = json.loads(result.stdout)["searches"]
+    assert [x["first mass"] for x in searches] == pytest.approx(list(table["first mass"]))
+    result = run(*by, "--starts", "3")
+    assert result.exit_code == 2
+    assert "pass those of mass, stiffness in --bounds NAME=LOW:HIGH" in result.stderr
+
+
 def test_regression_searches_without_a_feasible_design_state_value_and_limit(here):
     """They stated a relative violation only, and the advice named an argument of Python."""
     options = ["--at-most", "frequency:1:equilibrium=0.1 Hz", "--bounds", "mass=500g:3kg"]

@@ -14,7 +14,8 @@ from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, robust_search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.errors import BeamdaeError, kind_of_message, require_choice, require_count, warn_user
+from beamdae.analysis.start_points import MAX_SEED, MAX_STARTS, require_start_bounds
+from beamdae.errors import kind_of_message, require_choice, require_count, warn_user
 from beamdae.integrators import Integrator
 from beamdae.interrupts import (
     PARTIAL_RESULTS,
@@ -28,8 +29,6 @@ from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
 
-_MAX_STARTS = 10_000
-_MAX_SEED = 2**32 - 1
 # Ratio of the ranges of a column in the first run and in the data from which a fit warns, and
 # correlation of consecutive data up to which these may be noise.
 _MAX_RANGE_RATIO = 100.0
@@ -182,20 +181,16 @@ def fit(
     """
     require_choice("fit", "partial", partial, PARTIAL_RESULTS)
     max_evaluations = require_count("fit", "max_evaluations", max_evaluations)
-    starts = require_count("fit", "starts", starts, most=_MAX_STARTS)
-    seed = require_count("fit", "seed", seed, least=0, most=_MAX_SEED)
+    starts = require_count("fit", "starts", starts, most=MAX_STARTS)
+    seed = require_count("fit", "seed", seed, least=0, most=MAX_SEED)
     problem = FitProblem(
         model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
     )
     scaling = Scaling(problem, bounds, log)
     first, table, is_interrupted = scaling.first, None, False
     if starts > 1:
-        if not all(name in (bounds or {}) for name in problem.names):
-            missing = [name for name in problem.names if name not in (bounds or {})]
-            raise BeamdaeError(
-                f"fit: several starts need bounds of all parameters, but {', '.join(missing)} "
-                "have none; pass bounds={name: (lower, upper)}."
-            )
+        condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
+        require_start_bounds("fit", problem.variables, *scaling.limits, condition)
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress

@@ -17,7 +17,9 @@ from beamdae.analysis.optimization.result import (
     list_warnings,
 )
 from beamdae.analysis.optimization.search import METHODS, Method, Search
+from beamdae.analysis.optimization.starts import search_from_starts
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
+from beamdae.analysis.start_points import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     kind_of_message,
     list_first,
@@ -55,6 +57,8 @@ def optimize(
     method: Method = "SLSQP",
     max_evaluations: int = 200,
     tolerance: float = 1e-7,
+    starts: int = 1,
+    seed: int = 0,
     progress: Callable[[int, float, float], object] | None = None,
     partial: PartialResult = "raise",
 ) -> Optimization:
@@ -68,7 +72,7 @@ def optimize(
     by its first value. To maximize a quantity, minimize -quantity.
 
     If an analysis fails, for example because a design has no equilibrium, the search shortens its
-    step. The search is local: repeat it from other `parameters` to look for better designs.
+    step. The search is local: use several `starts` to look for better designs.
 
     Parameters
     ----------
@@ -102,11 +106,17 @@ def optimize(
         trust-region interior-point method (Byrd, Hribar & Nocedal, SIAM J. Optim. 9 (1999) 877,
         doi:10.1137/S1052623497325107), which usually needs more evaluations.
     max_evaluations
-        Maximum number of evaluated designs.
+        Maximum number of evaluated designs of a search.
     tolerance
         SLSQP ends if the scaled objective changes by less than this. trust-constr ends if its trust
         region and barrier parameter are smaller or, without constraints and bounds, if the scaled
         gradient is.
+    starts
+        Number of searches. The first one begins with the values in `parameters`, and the others at
+        points of a Latin hypercube between the bounds, which all parameters need. The result is
+        that of the search with the best design; `Optimization.starts` lists all searches.
+    seed
+        Seed of the points.
     progress
         Function that is called after each analyzed design with the number of designs, the value of
         the objective, and the largest violation of a limit, relative to the limit.
@@ -123,8 +133,8 @@ def optimize(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, an analysis of the first design fails, or its quantities cannot
-        be differentiated.
+        If an argument is invalid, an analysis of the first design (with several `starts`, of all
+        first designs) fails, or its quantities cannot be differentiated.
     Interrupted
         If Ctrl-C ends the call; `Interrupted.partial` contains the best design so far, or None
         during the first analysis.
@@ -158,11 +168,20 @@ def optimize(
     require_choice("optimize", "partial", partial, PARTIAL_RESULTS)
     max_evaluations = require_count("optimize", "max_evaluations", max_evaluations)
     tolerance = require_positive("optimize", "tolerance", tolerance)
+    starts = require_count("optimize", "starts", starts, most=MAX_STARTS)
+    seed = require_count("optimize", "seed", seed, least=0, most=MAX_SEED)
     require_progress("optimize", progress, 3)
     settings = RunSettings(integrator, t_end, start)
     problem = DesignProblem(model, objective, by, subject_to, bounds, parameters, settings)
-    search = Search(problem, method, max_evaluations, tolerance, progress).run()
-    result = create_optimization(problem, search)
+    rows = None
+    if starts == 1:
+        search = Search(problem, method, max_evaluations, tolerance, progress).run()
+    else:
+        best = search_from_starts(
+            problem, method, max_evaluations, tolerance, progress, starts, seed
+        )
+        problem, search, rows = best.problem, best.search, best.rows
+    result = create_optimization(problem, search, rows)
     if search.progress_error is not None:
         attach_partial(search.progress_error, result)
         raise search.progress_error

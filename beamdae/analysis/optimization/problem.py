@@ -210,6 +210,14 @@ class DesignProblem:
         leaves = (leaf for quantity in self.quantities for leaf in quantity.leaves)
         return method.accuracy.name == "rtol" and any(isinstance(x, RunQuantity) for x in leaves)
 
+    def starting_at(self, values: Array) -> DesignProblem:
+        """Return the problem with other first values (k,) of the numbers."""
+        other = self.without_designs()
+        other.flat = replace(self.flat, parameters=self.parameters(values))
+        other.first = values
+        other.sizes = other._choose_sizes()
+        return other
+
     def without_designs(self) -> DesignProblem:
         """Return the problem without stored analyses, which need much memory."""
         other = copy.copy(self)

@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 _MAX_STEP_ERROR = 0.01
 # Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
 _MAX_BOUND_EXCESS = 5e-3
+# Relative difference of objectives up to which several searches end at the same one.
+_EQUAL_OBJECTIVES = 1e-3
 # Relative excess for which an exponent is recommended.
 _RECOMMENDED_BOUND_EXCESS = 0.01
 
@@ -140,7 +142,7 @@ class Optimization:
     at_bounds
         Names of the numbers at a bound, such as "thickness[3]".
     evaluations
-        Number of evaluated designs, including those whose analyses failed.
+        Number of evaluated designs of the best search, including those whose analyses failed.
     residual
         Norm of the gradient of the Lagrange function, relative to that of the objective and at
         least to the first value of the objective per size of a parameter. It is 0 at an exact
@@ -174,6 +176,7 @@ class Optimization:
     _history: Mapping[str, Any] = field(repr=False)
     _problem: DesignProblem = field(repr=False)
     _search: SearchResult = field(repr=False)
+    _starts: list[dict[str, Any]] | None = field(repr=False)
 
     def __repr__(self) -> str:
         bounds = f"; at a bound: {', '.join(self.at_bounds)}" if self.at_bounds else ""
@@ -233,6 +236,40 @@ class Optimization:
         import pandas as pd
 
         return pd.DataFrame(dict(self._history))
+
+    @property
+    def starts(self) -> pd.DataFrame | None:
+        """Table of all searches with first and last values, objective, violation and status.
+
+        None without the argument `starts` of `optimize`.
+        """
+        import pandas as pd
+
+        if self._starts is None:
+            return None
+        names = list(self._numbers)
+        columns = ["status", "reason", "objective", "violation", "evaluations", *names]
+        return pd.DataFrame(self._starts, columns=[*(f"first {x}" for x in names), *columns])
+
+    def describe_starts(self) -> str:
+        """Return how many of several searches end at the best objective, or "" of one search.
+
+        Others have an objective that differs by over 0.1 %, or violate a constraint.
+        """
+        table = self.starts
+        if table is None:
+            return ""
+        is_feasible = table["violation"] <= FEASIBILITY_TOLERANCE
+        objectives = table["objective"][is_feasible].to_numpy(float)
+        if not len(objectives):
+            return f"none of {len(table)} searches ends at a design that satisfies the constraints"
+        limit = objectives.min() + _EQUAL_OBJECTIVES * np.abs(objectives).max()
+        text = f"{np.sum(objectives <= limit)} of {len(table)} searches end at this objective"
+        worse = objectives[objectives > limit]
+        if len(worse):
+            unit = self.units["objective"]
+            text += f"; the next best objective is {format_with_unit(float(worse.min()), unit)}"
+        return text
 
     @property
     def objective_label(self) -> str:
@@ -306,8 +343,13 @@ class Optimization:
         return write_escaped_table(path, self.history())
 
 
-def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimization:
-    """Return the result of a search, with the analyses of its best design."""
+def create_optimization(
+    problem: DesignProblem, search: SearchResult, starts: list[dict[str, Any]] | None
+) -> Optimization:
+    """Return the result of a search, with the analyses of its best design.
+
+    `starts` are the rows of the table of several searches, of which this is the best one.
+    """
     best, trials = search.best, search.trials
     design = problem.design(best.numbers)
     stationarity = search.stationarity
@@ -360,6 +402,7 @@ def create_optimization(problem: DesignProblem, search: SearchResult) -> Optimiz
         columns,
         problem.without_designs(),
         search,
+        starts,
     )
 
 

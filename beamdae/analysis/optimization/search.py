@@ -47,8 +47,8 @@ _MIN_DECREASE = 0.1
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
 _NO_DECREASE = "no step along the search direction reduces the objective"
 _CONTRADICTION = (
-    "the search is local, start it from other values (parameters={name: value}); otherwise the "
-    "constraints may contradict each other or the bounds"
+    "the search is local, start it from other values (parameters={name: value}) or increase "
+    "starts=; otherwise the constraints may contradict each other or the bounds"
 )
 _ADAPTIVE_STEPS = (
     "values of runs with adaptive steps change abruptly between designs, use a fixed step such as "

@@ -19,7 +19,9 @@ from beamdae.cli.options import (
     Picture,
     RelativeTolerance,
     Settings,
+    StartCount,
     Starts,
+    StartSeed,
     create_integrator,
     load_configured_model,
     parse_assignments,
@@ -110,10 +112,8 @@ def fit_command(
     rtol: RelativeTolerance = None,
     step: FixedStep = None,
     start: Starts = None,
-    starts: Annotated[
-        int, typer.Option(help="Number of searches; all but the first begin at random points.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(help="Seed of the random points.")] = 0,
+    starts: StartCount = 1,
+    seed: StartSeed = 0,
     jobs: Jobs = None,
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of runs with derivatives of a search.")

@@ -17,7 +17,9 @@ from beamdae.cli.options import (
     Out,
     Page,
     Settings,
+    StartCount,
     Starts,
+    StartSeed,
     load_configured_model,
     parse_bounds,
     parse_start,
@@ -75,6 +77,8 @@ def optimize_command(
     max_evaluations: Annotated[
         int, typer.Option(help="Maximum number of evaluated designs.")
     ] = 200,
+    starts: StartCount = 1,
+    seed: StartSeed = 0,
     page: Page = True,
     out: Out = Path("results"),
 ) -> None:
@@ -88,9 +92,12 @@ def optimize_command(
     if (minimize is None) == (maximize is None):
         raise BeamdaeError("optimize: pass either --minimize or --maximize.")
     model = load_configured_model(ModelFile(path), model_name, settings)
-    table_path, history_path = (out / f"{model.name}_{name}.csv" for name in ("design", "designs"))
+    table_path, history_path, starts_path = (
+        out / f"{model.name}_{name}.csv" for name in ("design", "designs", "design_starts")
+    )
     page_path = out / f"{model.name}_design.html"
-    require_writable(("--out", [table_path, history_path, *[page_path] * page]))
+    planned = [table_path, history_path, *[starts_path] * (starts > 1), *[page_path] * page]
+    require_writable(("--out", planned))
     from beamdae.analysis.optimization.optimize import optimize
     from beamdae.integrators import GeneralizedAlpha
     from beamdae.results.storage.files import escape_table, write_text
@@ -115,10 +122,16 @@ def optimize_command(
         start=parse_start(start, model),
         method=method,  # type: ignore[arg-type]
         max_evaluations=max_evaluations,
+        starts=starts,
+        seed=seed,
         partial="return",
     )
     table = escape_table(result.table()).to_csv(index_label="parameter")
-    files = WrittenFiles([write_text(table_path, table), result.to_csv(history_path)], (page_path,))
+    written = [write_text(table_path, table), result.to_csv(history_path)]
+    if result.starts is not None:
+        searches = escape_table(result.starts).to_csv(index=False)
+        written.append(write_text(starts_path, searches))
+    files = WrittenFiles(written, (page_path,))
     _print_results(result, model.name)
     if page:
         files.write(page_path.name, lambda: [result.page(page_path)])
@@ -193,6 +206,7 @@ def _print_results(result: Optimization, name: str) -> None:
             "constraints": result.constraint_table().to_dict("records"),
             "evaluations": result.evaluations,
             "at bounds": list(result.at_bounds),
+            "searches": None if result.starts is None else result.starts.to_dict("records"),
         }
     )
     console = create_console()
@@ -202,6 +216,8 @@ def _print_results(result: Optimization, name: str) -> None:
         "designs": str(result.evaluations),
         "at a bound": ", ".join(result.at_bounds) or "none",
     }
+    if searches := result.describe_starts():
+        facts["searches"] = searches
     facts |= {
         format_with_unit(x.name, x.unit): f"{format_with_unit(x.value, x.unit)}, {x.comparison}"
         for x in result.constraints
@@ -211,4 +227,8 @@ def _print_results(result: Optimization, name: str) -> None:
         for parameter, row in result.table().iterrows()
     }
     console.print(text_tables.fact_list(name, facts))
+    if result.starts is not None:
+        table = result.starts.assign(reason=result.starts["reason"].map(name_options))
+        units = {x: result.units[x] for x in map(str, result.table().index)}
+        console.print(text_tables.searches_table(table, units, "objective", "designs"))
     print_warnings(console, result.warnings)

@@ -374,19 +374,31 @@ def estimates_table(table: pd.DataFrame, units: Mapping[str, str] | None = None)
     return ResponsiveTable("estimate of", columns, rows, "the CSV file")
 
 
-def searches_table(table: pd.DataFrame, units: Mapping[str, str]) -> ResponsiveTable:
-    """Return a table of the searches of a fit, given `Fit.starts` and the units of estimates."""
+def searches_table(
+    table: pd.DataFrame, units: Mapping[str, str], goal: str = "chi-square", cost: str = "runs"
+) -> ResponsiveTable:
+    """Return a table of the searches of a fit or an optimization.
+
+    Parameters
+    ----------
+    table
+        `Fit.starts` or `Optimization.starts`.
+    units
+        Units of the parameters by name.
+    goal, cost
+        Column with the minimized value, and header of the number of evaluations.
+    """
     headers = format_headers(units)
     first = [name for name in units if f"first {name}" in table]
     last = [name for name in units if name in table]
     columns = [
-        Column("chi-square"),
+        Column(goal),
         *(Column(headers.get(name, name), k) for k, name in enumerate(last)),
         *(Column(f"first\n{headers.get(name, name)}", len(last)) for name in first),
-        Column("runs", 2 * len(units)),
+        Column(cost, 2 * len(units)),
         Column("end", 1, sentences=True),
     ]
-    names = ["chi-square", *last, *(f"first {name}" for name in first), "evaluations"]
+    names = [goal, *last, *(f"first {name}" for name in first), "evaluations"]
     rows = [
         (str(k), *(format_number(row[name], 5) for name in names), str(row["reason"]))
         for k, (_, row) in enumerate(table.iterrows(), 1)

@@ -680,6 +680,8 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
             "method": "SLSQP",
             "max_evaluations": 3,
             "tolerance": 1e-6,
+            "starts": 2,
+            "seed": 0,
             "progress": lambda *numbers: None,
             "partial": "raise",
         },
