@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +100,7 @@ class FrequencyResponse(HasTable, HasPage):
     points: tuple[ResponsePoint, ...]
     status: Status
     unit: str = ""
+    _headers: tuple[str, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         values = [point.parameter for point in self.points]
@@ -163,18 +164,18 @@ class FrequencyResponse(HasTable, HasPage):
         """
         import pandas as pd
 
+        if not self.points:
+            sizes = [x for name in self._headers for x in _size_headers(name)]
+            names = [self.parameter, "period [s]", *sizes, "stable", "largest multiplier", "fold"]
+            return pd.DataFrame(columns=names)
         return pd.DataFrame([self._row(k) for k in range(len(self.points))])
 
     def _row(self, k: int) -> dict[str, Any]:
         point = self.points[k]
         row: dict[str, Any] = {self.parameter: point.parameter, "period [s]": point.period}
         for header, values in point.solution.columns.items():
-            name, _, unit = header.partition(" [")
-            row |= {
-                f"{name} mean [{unit}": mean(values),
-                f"{name} half range [{unit}": half_range(values),
-                f"{name} largest magnitude [{unit}": largest_magnitude(values),
-            }
+            sizes = mean(values), half_range(values), largest_magnitude(values)
+            row |= dict(zip(_size_headers(header), sizes, strict=True))
         fold = k > 0 and point.forward != self.points[k - 1].forward
         return row | {
             "stable": point.stable,
@@ -361,6 +362,12 @@ class FrequencyResponse(HasTable, HasPage):
         x, y = self._arc_length[k - 1 : k + 2], values[k - 1 : k + 2]
         a, b, _ = np.polyfit(x - x[1], y, 2)
         return float(x[1] - 0.5 * b / a) if a != 0.0 else float(x[1])
+
+
+def _size_headers(header: str) -> list[str]:
+    """Return the headers of the mean, the half range and the largest magnitude of a column."""
+    name, _, unit = header.partition(" [")
+    return [f"{name} {size} [{unit}" for size in ("mean", "half range", "largest magnitude")]
 
 
 def _find_maxima(sizes: Array) -> list[int]:

@@ -15,6 +15,8 @@ from beamdae.results.outcome import Status
 
 AMPLITUDE = 1e-4  # m or rad
 RUNS = bd.Radau(1e-5)
+BLADE_RESONANCE = 13.92  # Hz
+BLADE_ACCELERATION = 5e-3  # m/s^2
 UNIT_LENGTH = SimpleNamespace(length=1.0)  # equations of a mechanism of 1 m
 
 
@@ -82,6 +84,26 @@ def amplified_travel(amplitude=AMPLITUDE):
     return shaken_strip(bd.sine(amplitude, 40.0))
 
 
+def shaken_blade(damping_ratio, elements=2):
+    """Return a model of a steel blade of 0.6 m on a shaker with a constant acceleration."""
+
+    @bd.model(t_end=1.0)
+    def blade(frequency=20.0):
+        mech = bd.Mechanism()
+        steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+        damping = damping_ratio / (np.pi * BLADE_RESONANCE)
+        section = bd.Section.rectangle(steel, width=0.05, height=0.006, damping=damping)
+        beam = mech.add(bd.Beam("blade", bd.Line((0.0, 0.0), (0.6, 0.0)), section, elements))
+        base, up = mech.ground.at(0.0, 0.0), (0.0, 1.0)
+        law = bd.sine(BLADE_ACCELERATION / (2.0 * np.pi * frequency) ** 2, frequency)
+        mech.add(bd.Prismatic("guide", base, beam.start, direction=up))
+        mech.add(bd.TranslationalDriver("shaker", base, beam.start, law, direction=up))
+        mech.observe("tip", beam.deflection(0.6))
+        return mech
+
+    return blade
+
+
 def linear_half_range(frequencies, rotates=False):
     """Return the half range of the tip relative to the root for a travel of AMPLITUDE."""
     mech = shaken_strip(bd.sine(AMPLITUDE, 40.0), rotates)
@@ -108,6 +130,51 @@ def test_regression_tangent_of_the_curve_includes_the_motion_of_drivers():
 
 
 SLOW = pytest.mark.slow(reason="twenty periodic motions of a beam")
+
+
+@pytest.mark.slow(reason="ten accurate runs of a beam")
+def test_regression_first_steps_beside_a_superharmonic_resonance_of_a_wide_range():
+    """The one-sided derivative turned the tangent; steps of 1e-3 of the first one were rejected."""
+    model = shaken_blade(damping_ratio=2e-3)
+    method = bd.Radau(1e-8)
+    tolerance = Tolerance.for_integrator("frequency_response", None, method)
+    ends = (0.5 * BLADE_RESONANCE, 20.0 * BLADE_RESONANCE)
+    curve = ResponseCurve(model, "frequency", ends, lambda f: 1.0 / f, method, 0.0, tolerance)
+    point, _ = curve.first_point(settle=5)
+    following, reason = curve.next_point(None, point, 0.01)
+    assert reason == ""
+    assert following.value > ends[0] + 0.1
+
+
+@pytest.mark.slow(reason="eighty periodic motions of a beam")
+def test_regression_response_of_a_blade_over_two_resonances():
+    """With Radau(1e-5), the curve of four elements ended at 7.6 Hz: "turns too sharply"."""
+    model = shaken_blade(damping_ratio=2e-3, elements=4)
+    ends = (0.5 * BLADE_RESONANCE, 6.6 * BLADE_RESONANCE)
+    response = bd.frequency_response(model, "frequency", ends, integrator=RUNS)
+    assert response.status.sentence == "reached the end of the range"
+    assert response.folds == []
+    assert len(response.points) < 110
+    frequencies, sizes = response.curve("tip.transverse")
+    linear = bd.linearize(model(), inputs=["shaker"], outputs=["tip"])
+    row = [x.name for x in linear.outputs].index("tip.transverse")
+    expected = BLADE_ACCELERATION * np.abs(linear.frequency_response(frequencies)[:, row, 0])
+    np.testing.assert_allclose(sizes, expected, rtol=1e-3)
+    assert len(response.peaks("tip.transverse")) == 2
+
+
+def test_regression_a_failed_response_has_a_table_with_its_columns(monkeypatch):
+    """The table had no columns, and its CSV file no header."""
+    module = "beamdae.analysis.periodic.periodic_continuation"
+    incomplete = SimpleNamespace(relative_deviation=1.0)
+    monkeypatch.setattr(f"{module}.settle_and_solve", lambda *arguments: (incomplete, 3))
+    with pytest.warns(bd.BeamdaeWarning, match=r"use bd\.linearize\(\.\.\.\)\.frequency_resp"):
+        response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0))
+    table = response.table()
+    assert table.empty
+    sizes = ["mass.x mean [m]", "mass.x half range [m]", "mass.x largest magnitude [m]"]
+    assert list(table)[:5] == ["frequency", "period [s]", *sizes]
+    assert list(table)[-3:] == ["stable", "largest multiplier", "fold"]
 
 
 @SLOW
@@ -399,3 +466,12 @@ def test_regression_responses_state_the_largest_magnitude(mean):
 def test_regression_pictures_of_magnitudes_show_their_largest_values(column, is_drawn):
     (axis,) = sine_response(0.0, 1.0).plot(column).figure.axes
     assert (axis.get_legend() is not None) == is_drawn
+
+
+def test_regression_fixed_steps_find_periodic_motions_of_driven_beams():
+    """Velocities violate the constraints at the end of a run: the deviation stayed at 2e-5."""
+    motion = bd.periodic(constant_travel(), 1.0 / 40.0, bd.GeneralizedAlpha(2e-4), settle=20)
+    assert motion.status.sentence == "repeats after one period"
+    # Fixed steps of 1/125 period shift the resonance.
+    half_range = motion.amplitudes()["half range"]["tip.transverse [m]"]
+    assert half_range == pytest.approx(linear_half_range([40.0])[0], rel=2e-2)

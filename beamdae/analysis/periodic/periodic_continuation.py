@@ -13,7 +13,6 @@ import scipy.linalg as la
 from beamdae.analysis.periodic.beam_errors import BeamErrorEstimator
 from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.shooting import (
-    DEFAULT_RTOL,
     MAX_SETTLING_PERIODS,
     IncompleteRunError,
     PeriodMap,
@@ -59,27 +58,32 @@ _NAME = "frequency_response"
 # amplitudes and the range of the parameter.
 _MAX_ITERATIONS = 8
 _MAX_CHANGE = 0.3
+# The Jacobian is computed again if an iteration leaves more than this fraction of the deviation.
+_MAX_CONTRACTION = 0.3
 # Parts of the monodromy matrix below this fraction of its norm are neglected. Multipliers of stable
 # motions may exceed 1 by ten times as much.
 _RANK_TOLERANCE = 1e-4
-# Step of the finite difference with respect to the parameter, relative to its range.
-_DIFFERENCE_STEP = 1e-5
+# Largest step of finite differences with respect to the parameter, relative to its range, and
+# largest relative change of the period. Tangents have errors of the square of the step, and of the
+# errors of runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by
+# 1 / d; it is as small as 2 pi times the damping ratio.
+_DIFFERENCE_STEP = 2e-5
+# Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
+_MAX_RTOL = 1e-8
 # Smallest permitted cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
 # The step grows if the corrector takes at most the first number of iterations, and shrinks if it
 # takes at least the second.
-_MAX_ITERATIONS_TO_GROW = 3
-_MIN_ITERATIONS_TO_SHRINK = 5
+_MAX_ITERATIONS_TO_GROW = 4
+_MIN_ITERATIONS_TO_SHRINK = 6
 _GROWTH_FACTOR = 1.5
 _CUT_FACTOR = 0.5
 # Smallest permitted step, relative to the first step.
 _MIN_STEP_RATIO = 1e-3
-_NOT_CONVERGED = "Newton's method does not converge; reduce step="
-_SHARP_TURN = "the curve turns too sharply for the steps; reduce step="
-_REVERSAL = (
-    "the parameter reverses where the curve has no fold; reduce step= or use an integrator with a "
-    "smaller rtol"
-)
+_LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_response"
+_NOT_CONVERGED = f"Newton's method does not converge; reduce step= {_LINEAR_REMEDY}"
+_SHARP_TURN = f"the curve turns too sharply for the steps; reduce step= {_LINEAR_REMEDY}"
+_REVERSAL = f"the parameter reverses where the curve has no fold; reduce step= {_LINEAR_REMEDY}"
 
 
 @single_threaded
@@ -118,7 +122,9 @@ def frequency_response(
         Function that returns the period of the loads [s] for a value of the parameter. Defaults to
         the reciprocal of the parameter, for a frequency in Hz.
     integrator
-        Integrator. Defaults to Radau(1e-8).
+        Integrator with fixed steps, or `Radau`. Defaults to Radau(1e-8). Larger tolerances are
+        reduced to 1e-8, and other integrators with adaptive steps are replaced by `Radau`, because
+        tangents of the curve require accurate runs.
     step, max_step
         Length of the first step and largest permitted length of a step along the curve. The root
         mean square change of the state is measured relative to the amplitudes, the change of the
@@ -173,8 +179,9 @@ def frequency_response(
     require_choice(_NAME, "parameter", parameter, tuple(model.parameters))
     model = configure_model(_NAME, model, parameters, parameter)
     model.complete({parameter: ends[0]})
-    method = Radau(DEFAULT_RTOL) if integrator is None else integrator
+    method = Radau(_MAX_RTOL) if integrator is None else integrator
     require_integrator(_NAME, method)
+    method = _choose_method(method)
     curve = ResponseCurve(
         model,
         parameter,
@@ -199,12 +206,24 @@ def frequency_response(
         status = Status("interrupted", f"interrupted {place}")
     # By default, the parameter is a frequency in Hz.
     unit = model.parameter_info[parameter].unit or ("Hz" if period is None else "")
-    response = FrequencyResponse(parameter, tuple(points), status, "" if unit == "-" else unit)
+    headers = tuple(points[0].solution.columns) if points else curve.list_headers()
+    response = FrequencyResponse(
+        parameter, tuple(points), status, "" if unit == "-" else unit, headers
+    )
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
     for message in response._list_warnings(includes_model=False):
         warn_user(message)
     return response
+
+
+def _choose_method(integrator: Integrator) -> Integrator:
+    """Return the integrator of the runs: accurate Radau in place of other adaptive steps."""
+    name, value = integrator.accuracy
+    if name != "rtol":
+        return integrator
+    radau = integrator if isinstance(integrator, Radau) else Radau(value)
+    return replace(radau, rtol=min(value, _MAX_RTOL))
 
 
 def _follow_curve(
@@ -336,6 +355,57 @@ class CurvePoint:
 
 
 @dataclass(frozen=True, eq=False)
+class _CurveJacobian:
+    """Jacobian of the deviation, and the tangent to which corrections are orthogonal.
+
+    Attributes
+    ----------
+    run
+        The run in terms of whose basis all attributes are expressed.
+    matrix
+        See `CurvePoint.jacobian`.
+    tangent
+        Tangent of the curve, (k + 1,).
+    persistent
+        Disturbances (2 n, r) that persist over the period.
+    """
+
+    run: PeriodRun
+    matrix: Array
+    tangent: Array
+    persistent: Array
+
+    @classmethod
+    def at_point(cls, point: CurvePoint) -> _CurveJacobian:
+        """Return the Jacobian at a point of the curve."""
+        persistent = point.run.persistent_disturbances(point.monodromy)
+        return cls(point.run, point.jacobian, point.reduce(point.direction), persistent)
+
+    def renew(self, run: PeriodRun, by_parameter: Array) -> _CurveJacobian:
+        """Return the Jacobian at a run with this derivative (2 n,) by the parameter."""
+        state = run.projection @ (self.run.basis @ self.tangent[:-1])
+        reduced = run.projection @ by_parameter
+        monodromy = run.resolved_monodromy(reduced, tolerance=_RANK_TOLERANCE)
+        matrix = np.column_stack([monodromy - np.eye(len(monodromy)), reduced])
+        tangent = np.append(state, self.tangent[-1])
+        return _CurveJacobian(run, matrix, tangent, run.persistent_disturbances(monodromy))
+
+    def update(self, last: PeriodRun, run: PeriodRun, change_of_value: float) -> _CurveJacobian:
+        """Return the Jacobian that predicts the change of the deviation between two runs."""
+        before, after = (x.period_map.deviation(x.solution) for x in (last, run))
+        shift = np.append(self.run.projection @ (run.state - last.state), change_of_value)
+        error = self.run.projection @ (after - before) - self.matrix @ shift
+        return replace(self, matrix=self.matrix + np.outer(error, shift) / (shift @ shift))
+
+    def correct(self, run: PeriodRun) -> tuple[Array, float]:
+        """Return the corrections of (q, v), (2 n,), and of the relative parameter."""
+        deviation = self.run.projection @ run.period_map.deviation(run.solution)
+        matrix = np.vstack([self.matrix, self.tangent])
+        correction = np.linalg.solve(matrix, np.append(-deviation, 0.0))
+        return self.run.basis @ correction[:-1], float(correction[-1])
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseCurve:
     """Curve of periodic motions as a function of one model parameter.
 
@@ -363,11 +433,17 @@ class ResponseCurve:
         """Return the text "parameter = value" for messages."""
         return f"{self.parameter} = {value:.6g}"
 
+    def list_headers(self) -> tuple[str, ...]:
+        """Return the headers of the observed columns."""
+        equations = build_periodic_equations(_NAME, self.model(**{self.parameter: self.ends[0]}))
+        return tuple(header for x in equations.observables for header in x.headers)
+
     @property
     def _range(self) -> float:
         return self.ends[1] - self.ends[0]
 
-    def _period_map(self, value: float) -> PeriodMap:
+    def _period(self, value: float) -> float:
+        """Return the period [s] for a value of the parameter."""
         try:
             period = self.period(value)
         except Exception as error:
@@ -375,7 +451,10 @@ class ResponseCurve:
                 f"{_NAME}: the function period= failed at {self.describe(value)}: "
                 f"{format_exception(error)}."
             ) from error
-        period = require_positive(_NAME, "period", period)
+        return require_positive(_NAME, "period", period)
+
+    def _period_map(self, value: float) -> PeriodMap:
+        period = self._period(value)
         equations = build_periodic_equations(_NAME, self.model(**{self.parameter: value}))
         return PeriodMap.from_equations(equations, self.integrator, self.t_start, period)
 
@@ -388,10 +467,9 @@ class ResponseCurve:
             if run.relative_deviation > self.tolerance.accepted:
                 return None, (
                     f"no periodic motion was found at {self.describe(value)}; change "
-                    "the start of the model or increase settle="
+                    f"the start of the model, increase settle= {_LINEAR_REMEDY}"
                 )
-            ahead = np.append(np.zeros(len(run.scales)), 1.0)
-            return self._complete_point(run, value, ahead, 0.0, iterations), ""
+            return self._complete_point(run, value, None, iterations), ""
         except (IncompleteRunError, LinearizationError) as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
 
@@ -402,37 +480,38 @@ class ResponseCurve:
 
         `step` is the length of the step along the curve from `point`, which follows `previous`. The
         corrections are orthogonal to the tangent at `point`. They start from the Jacobian at
-        `point` and improve it by the deviations of the runs (Broyden, Math. Comp. 19 (1965) 577),
-        so that the variational equations are solved only once for each point.
+        `point` and improve it by the deviations of the runs (Broyden, Math. Comp. 19 (1965) 577).
+        Where it does not suffice, because the phases of free vibrations at the end of a period
+        change with the period, the variational equations are solved once more.
         """
         state, value = self._predict(previous, point, step)
-        basis, projection = point.run.basis, point.run.projection
-        jacobian, tangent = point.jacobian, point.reduce(point.direction)
-        persistent = point.run.persistent_disturbances(point.monodromy)
-        last: tuple[Array, Array] | None = None
-        last_deviation = np.inf
+        jacobian = _CurveJacobian.at_point(point)
+        last, last_value, is_new = point.run, point.value, False
         try:
             for iteration in range(_MAX_ITERATIONS + 1):
                 period_map = self._period_map(value)
                 q, v = period_map.make_consistent(*np.split(state, 2))
-                run = PeriodRun.from_state(period_map, q, v, persistent, point.run.amplitudes)
-                change = projection @ (run.state - point.run.state)
-                position = np.append(change, (value - point.value) / self._range)
-                deviation = projection @ period_map.deviation(run.solution)
-                if last is not None:
-                    shift, gain = position - last[0], deviation - last[1]
-                    jacobian = jacobian + np.outer(gain - jacobian @ shift, shift) / (shift @ shift)
-                last = position, deviation
-                matrix = np.vstack([jacobian, tangent])
-                correction = np.linalg.solve(matrix, np.append(-deviation, 0.0))
-                change, change_of_value = basis @ correction[:-1], float(correction[-1])
+                run = PeriodRun.from_state(
+                    period_map, q, v, jacobian.persistent, point.run.amplitudes
+                )
+                contraction = run.relative_deviation / last.relative_deviation
+                if iteration == 0:
+                    contraction = np.inf
+                elif contraction > _MAX_CONTRACTION:
+                    if contraction > 1.0:
+                        if is_new:
+                            return None, _NOT_CONVERGED
+                        run, value = last, last_value
+                    _, by_parameter = self._differentiate_by_parameter(run, value)
+                    jacobian, is_new = jacobian.renew(run, by_parameter), True
+                else:
+                    change_of_value = (value - last_value) / self._range
+                    jacobian, is_new = jacobian.update(last, run, change_of_value), False
+                last, last_value = run, value
+                change, change_of_value = jacobian.correct(run)
                 largest = max(run.relative_size(change), abs(change_of_value))
-                contraction = run.relative_deviation / last_deviation
-                last_deviation = run.relative_deviation
                 if self.tolerance.is_met(run.relative_deviation, largest, contraction):
-                    following = self._complete_point(
-                        run, value, point.direction, point.orientation, iteration
-                    )
+                    following = self._complete_point(run, value, point, iteration)
                     reason = self._step_failure(point, following)
                     return (None, reason) if reason else (following, "")
                 factor = max(1.0, largest / _MAX_CHANGE)
@@ -456,7 +535,7 @@ class ResponseCurve:
             run, iterations = solve_shooting(period_map, q, v, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:
                 return beyond
-            last = self._complete_point(run, end, point.direction, point.orientation, iterations)
+            last = self._complete_point(run, end, point, iterations)
         except (BeamdaeError, la.LinAlgError):
             return beyond
         return beyond if self._step_failure(point, last) else last
@@ -502,14 +581,15 @@ class ResponseCurve:
         return np.append(next_point.run.state - point.run.state, change_of_value)
 
     def _complete_point(
-        self,
-        run: PeriodRun,
-        value: float,
-        direction: Array,
-        orientation: float,
-        iterations: int,
+        self, run: PeriodRun, value: float, last: CurvePoint | None, iterations: int
     ) -> CurvePoint:
-        """Return the point of a periodic motion, with its monodromy matrix and tangent."""
+        """Return the point of a periodic motion, with its monodromy matrix and tangent.
+
+        `last` is the point before it along the curve, None for the first point.
+        """
+        ahead, orientation = np.append(np.zeros(len(run.scales)), 1.0), 0.0
+        if last is not None:
+            ahead, orientation = last.direction, last.orientation
         shift, by_parameter = self._differentiate_by_parameter(run, value)
         reduced_shift, by_parameter = run.projection @ shift, run.projection @ by_parameter
         monodromy = run.resolved_monodromy(by_parameter, reduced_shift, tolerance=_RANK_TOLERANCE)
@@ -518,23 +598,37 @@ class ResponseCurve:
         shift = shift - run.basis @ reduced_shift
         by_parameter = by_parameter - (monodromy @ reduced_shift - reduced_shift)
         return _orient_curve(
-            CurvePoint(
-                run, monodromy, by_parameter, value, shift, direction, orientation, iterations
-            )
+            CurvePoint(run, monodromy, by_parameter, value, shift, ahead, orientation, iterations)
         )
 
     def _differentiate_by_parameter(self, run: PeriodRun, value: float) -> tuple[Array, Array]:
         """Return the derivatives (2 n,) of the consistent state and of the deviation.
 
-        Both are derivatives with respect to the parameter, multiplied by its range.
+        Both are derivatives with respect to the parameter, multiplied by its range. They are
+        central differences or, next to an end of the range, those of three points inside,
+        because the model may not exist beyond.
         """
-        period_map = self._period_map(value + _DIFFERENCE_STEP * self._range)
-        q, v = period_map.make_consistent(*np.split(run.state, 2))
-        # With the same amplitudes, errors of both runs are similar.
-        solution = period_map.run(q, v, run.solution.equations.scales)
-        deviation = period_map.deviation(solution) - run.period_map.deviation(run.solution)
-        shift = np.concatenate([q, v]) - run.state
-        return shift / _DIFFERENCE_STEP, deviation / _DIFFERENCE_STEP
+        step = _DIFFERENCE_STEP
+        stretch = self._period(value + step * self._range) / run.period_map.period - 1.0
+        step *= min(1.0, _DIFFERENCE_STEP / max(abs(stretch), _DIFFERENCE_STEP))
+        share = (value - self.ends[0]) / self._range
+        if step < share < 1.0 - step:
+            weights = {-step: -0.5 / step, step: 0.5 / step}
+        else:
+            inward = step if share < 0.5 else -step
+            weights = {0.0: -1.5 / inward, inward: 2.0 / inward, 2.0 * inward: -0.5 / inward}
+        derivatives = np.zeros((2, len(run.state)))
+        for offset, weight in weights.items():
+            period_map, solution = run.period_map, run.solution
+            if offset:
+                period_map = self._period_map(value + offset * self._range)
+                q, v = period_map.make_consistent(*np.split(run.state, 2))
+                # With the same amplitudes, errors of all runs are similar.
+                solution = period_map.run(q, v, run.solution.equations.scales)
+            first = solution.trajectory.intervals[0].state
+            state = np.concatenate([first.q[0], first.v[0]])
+            derivatives += weight * np.stack([state - run.state, period_map.deviation(solution)])
+        return derivatives[0], derivatives[1]
 
 
 def _failure_reason(error: Exception) -> str:
