@@ -70,6 +70,8 @@ _RANK_TOLERANCE = 1e-4
 _DIFFERENCE_STEP = 2e-5
 # Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
 _MAX_RTOL = 1e-8
+# Settings of the integrator that Radau adopts in its place.
+_LIMITS = ("max_step", "max_steps", "time_limit")
 # Smallest permitted cosine of the angle between the tangents at both ends of a step.
 _MIN_COSINE = 0.8
 # The step grows if the corrector takes at most the first number of iterations, and shrinks if it
@@ -222,8 +224,11 @@ def _choose_method(integrator: Integrator) -> Integrator:
     name, value = integrator.accuracy
     if name != "rtol":
         return integrator
-    radau = integrator if isinstance(integrator, Radau) else Radau(value)
-    return replace(radau, rtol=min(value, _MAX_RTOL))
+    rtol = min(value, _MAX_RTOL)
+    if isinstance(integrator, Radau):
+        return replace(integrator, rtol=rtol)
+    limits: dict[str, Any] = {name: getattr(integrator, name, None) for name in _LIMITS}
+    return Radau(rtol, **limits)
 
 
 def _follow_curve(
