@@ -1,18 +1,27 @@
-"""Warnings about extremes of forces that belong to the vibration after a start as drawn."""
+"""Warnings about extremes of forces that belong to the vibration after a start as drawn.
+
+Elastic parts are drawn without stress. Weights and preloads, and the inertia of parts that move
+from the first instant on, then act suddenly. The share of a vibration in a column is its difference
+from the value at the state without vibrations, see `equations.starts.smooth_motion`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, name_with_others
+from beamdae.equations.starts.smooth_motion import find_smooth_state
+from beamdae.equations.starts.steady_rotation import RotatingCoordinates
+from beamdae.errors import BeamdaeError, list_first, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.parts.rotation import Rotation
 from beamdae.results.columns import Header, remove_unit
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -30,7 +39,55 @@ _MAX_DISPLACEMENT = 0.01
 # this value: 1 for an undamped vibration with one frequency.
 _MAX_OVERSHOOT = 2.0
 _AMPLITUDE_SAMPLES = 200
+# The same shares for vibrations by inertia, which may have their extreme in the first revolution.
+_EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION = 0.25, 0.5
+# Share of the vibration in the extreme, relative to the excess over later ones. In 54 runs of
+# slider-cranks, four-bar linkages, yokes, wipers, rotors and a crank on a flexible frame, it was
+# 0.99 or more.
+_MIN_SHARE_OF_EXCESS = 0.8
+# Part of inertia in the change of a column by the start; below, loads at rest cause the vibration.
+_MIN_PART_OF_INERTIA = 0.5
+_MIN_SHARE_OF_KIND = 1e-2  # of the largest half range of the same kind of columns
+# Distances from the start, relative to the largest one, between which a motion that repeats varies.
+_MAX_DISTANCE_OF_RETURN, _MIN_LATE_AMPLITUDE = 0.05, 0.9
+_REPETITION_SAMPLES = 2000
+# Times relative to the duration of the run, not at multiples of a period, at which a rotation has
+# to continue.
+_ROTATION_SAMPLES = (0.131, 0.373, 0.619, 0.887)
+_MAX_SPEED_CHANGE = 0.05
+_RIGID_ROTATION_TOLERANCE = 1e-6  # of velocities, relative to the largest one
+_ROUNDING = 1e-9  # of centers of rotation, relative to the length of the mechanism
 _MAX_ROWS_AT_ONCE = 2048
+_MAX_NAMES = 4  # of drivers
+
+
+class _EarlyPeak(NamedTuple):
+    """Extreme of a column in the first part of a run that exceeds the later ones.
+
+    Attributes
+    ----------
+    column
+        Number of the column.
+    value, time
+        The extreme, and its time [s].
+    later
+        Extreme on the same side in the last part of the run.
+    """
+
+    column: int
+    value: float
+    time: float
+    later: float
+
+    @property
+    def sign(self) -> float:
+        """1 for a largest value, and -1 for a smallest one."""
+        return float(np.sign(self.value))
+
+    @property
+    def excess(self) -> float:
+        """Excess over the later extreme, relative to the value [-]."""
+        return (self.value - self.later) / self.value
 
 
 def start_transient_warnings(
@@ -39,10 +96,10 @@ def start_transient_warnings(
     extremes: Mapping[str, StepExtremes],
     observe: Callable[..., Array],
 ) -> Iterator[str]:
-    """Yield a warning if the largest forces are those of a vibration that the drawing causes.
+    """Yield a warning if the largest forces are those of a vibration that the start causes.
 
-    Elastic parts are drawn without stress, so that weights and preloads start to act suddenly. A
-    start in equilibrium avoids this vibration, which hardly moves the mechanism.
+    A start in equilibrium avoids the vibration by weights and preloads, which hardly moves the
+    mechanism. A vibration by inertia does not belong to the periodic motion.
 
     Parameters
     ----------
@@ -53,58 +110,249 @@ def start_transient_warnings(
     observe
         Function that returns the observed columns at rows of (t, branch) and of q, v, a, lam.
     """
-    first = trajectory.intervals[0]
-    start, duration = trajectory.start, trajectory.end - trajectory.start
-    is_moving = any(np.any(equations.v0[x.rows]) for x in equations.parts if not x.is_state)
-    if equations.mechanism is None or equations.start is not None or equations.redundant:
+    if equations.mechanism is None or equations.redundant or trajectory.start != 0.0:
+        return
+    if not trajectory.end > trajectory.start:
         return
     if equations.controllers:  # whose first commands excite vibrations, too
         return
-    if is_moving or start != 0.0:
-        return
-    headers = list(equations.observed_headers)
-    peaks = []
-    for k, header in enumerate(headers):
-        if header in extremes and Header.of(header).unit in _UNITS:
-            x = extremes[header]
-            for value, time in ((x.max, x.max_time), (x.min, x.min_time)):
-                is_outward = value > 0.0 if value == x.max else value < 0.0
-                if is_outward and start < time <= start + _EARLY_SHARE * duration:
-                    peaks.append((k, value, time, x.max - x.min))
+    sentence, columns = _examine_inertia(equations, trajectory, extremes, observe)
+    if sentence:
+        yield sentence
+    headers = [equations.observed_headers[k] for k in columns]
+    others = {header: x for header, x in extremes.items() if header not in headers}
+    sentence = _examine_loads(equations, trajectory, others, observe)
+    if sentence:
+        yield sentence
+
+
+def _examine_loads(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[..., Array],
+) -> str:
+    """Return a warning about the vibration by loads that act at rest, or ""."""
+    is_moving = any(np.any(equations.v0[x.rows]) for x in equations.parts if not x.is_state)
+    if equations.start is not None or is_moving:
+        return ""
+    first = trajectory.intervals[0]
+    shares = _EARLY_SHARE, _LATE_SHARE
+    peaks = _find_early_peaks(equations, trajectory, extremes, observe, *shares)
     if not peaks:
-        return
-    later = _later_extremes(trajectory, start + _LATE_SHARE * duration, observe)
-    excesses = {}
-    for k, value, time, size in peaks:
-        after = later[1, k] if value > 0.0 else later[0, k]
-        excess = (value - after) * np.sign(value)
-        if excess > max(_MIN_EXCESS * abs(value), _MIN_EXCESS_OF_RANGE * size):
-            excesses[k, value, time] = excess / abs(value)
-    if not excesses:
-        return
-    states = State(*(x[:1] for x in first.rows))
-    rest = _find_rest(first.active_equations(equations), first.times[0])
+        return ""
+    states, active = State(*(x[:1] for x in first.rows)), first.active_equations(equations)
+    # Most runs with another motion of interest need no search for the equilibrium.
+    near = find_smooth_state(
+        ConsistencySolver(active), first.times[0], states.q[0], states.v[0], is_at_rest=True
+    )
+    if near is None or not _is_near(equations, trajectory, states.q[0], near.q):
+        return ""
+    rest = _find_start(active, first.times[0], EQUILIBRIUM)
     if rest is None or not _is_near(equations, trajectory, states.q[0], rest.q):
-        return
+        return ""
     at = first.times[:1]
     (drawn,) = observe(at, *states)
     (static,) = observe(at, *(x[None] for x in rest))
     caused = []
-    for (k, value, time), excess in excesses.items():
-        change, overshoot = static[k] - drawn[k], value - static[k]
+    for peak in peaks:
+        change = static[peak.column] - drawn[peak.column]
+        overshoot = peak.value - static[peak.column]
         if 0.0 < overshoot * np.sign(change) <= _MAX_OVERSHOOT * abs(change):
-            caused.append((excess, k, value, time))
+            caused.append(peak)
     if not caused:
-        return
-    _, k, value, time = max(caused)
-    others = list(dict.fromkeys(remove_unit(headers[x[1]]) for x in caused if x[1] != k))
-    side, after = ("largest", later[1, k]) if value > 0.0 else ("smallest", later[0, k])
-    unit = Header.of(headers[k]).unit
-    yield (
-        f"{name_with_others(remove_unit(headers[k]), others)}: "
-        f"its {side} value, {value:.4g} {unit} at "
-        f"t = {time:.3g} s, belongs to a vibration that begins because the drawing is not in "
-        f"equilibrium ({side} value later: {after:.4g} {unit}); use start='equilibrium'."
+        return ""
+    cause = "the drawing is not in equilibrium"
+    return _describe(caused, equations, cause, "use start='equilibrium'")
+
+
+def _examine_inertia(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[..., Array],
+) -> tuple[str, set[int]]:
+    """Return a warning about the vibration by inertia that acts suddenly at the start, or "".
+
+    The second result contains the numbers of the columns to which it applies.
+    """
+    if equations.start is not None and equations.start.description != EQUILIBRIUM:
+        return "", set()  # named positions or velocities may be those of a vibration
+    first = trajectory.intervals[0]
+    time, start = first.times[0], State(*(x[0] for x in first.rows))
+    active = first.active_equations(equations)
+    cause, drivers = _find_sudden_motion(active, trajectory, time, start.q)
+    if not cause:
+        return "", set()
+    (drawn,) = observe(time[None], *(x[None] for x in start))
+    smooth, resting = (
+        _observe_smooth(equations, trajectory, observe, time, start, is_at_rest)
+        for is_at_rest in (False, True)
+    )
+    changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - resting)
+    is_inertia = by_inertia >= _MIN_PART_OF_INERTIA * changes
+    headers = [x for x in equations.observed_headers if x in extremes]
+    large = select_large_columns(headers, extremes, equations.length, _MIN_SHARE_OF_KIND)
+    examined = {}
+    for header, change in zip(equations.observed_headers, is_inertia * changes, strict=True):
+        if header in large:
+            x = extremes[header]
+            if _MAX_OVERSHOOT * change > _MIN_EXCESS * max(abs(x.min), abs(x.max)):
+                examined[header] = x
+    shares = _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION
+    caused = []
+    for peak in _find_early_peaks(equations, trajectory, examined, observe, *shares):
+        (at,), states = trajectory.at(np.array([peak.time]))
+        state = State(*(x[0] for x in states))
+        values = _observe_smooth(equations, trajectory, observe, at, state)
+        share = (peak.value - values[peak.column]) * np.sign(peak.value)
+        excess = abs(peak.value - peak.later)
+        limit = _MAX_OVERSHOOT * changes[peak.column]
+        if _MIN_SHARE_OF_EXCESS * excess <= share <= limit:
+            caused.append(peak)
+    if not caused:
+        return "", set()
+    rotation = _find_rotation(active, trajectory, time, start)
+    remedy = "use bd.periodic if the motion repeats, or "
+    if rotation is not None:
+        center = ", ({:.6g}, {:.6g})".format(*rotation.center) if any(rotation.center) else ""
+        remedy = f"use start=bd.rotation({rotation.speed:.6g}{center})"
+    elif drivers:
+        remedy += f"start the law of {drivers} smoothly, as bd.run_up does"
+    else:
+        remedy += "read the extremes after it has decayed"
+    sentence = _describe(caused, equations, f"{cause} and inertia acts suddenly", remedy)
+    return sentence, {x.column for x in caused}
+
+
+def _find_sudden_motion(
+    e: EquationsOfMotion, trajectory: Trajectory, time: Array, q: Array
+) -> tuple[str, str]:
+    """Return a phrase about drivers or bodies that do not start from rest, and the drivers.
+
+    Drivers that begin at rest with an acceleration count if the motion repeats: otherwise, the
+    vibration may be that of a positioning motion.
+    """
+    _, rates, accelerations = ConsistencySolver(e).constraint_levels(time, q, np.zeros(e.n))
+    change, is_sudden = "a velocity", rates != 0.0
+    if not np.any(is_sudden) and np.any(accelerations) and _repeats(e, trajectory):
+        change, is_sudden = "an acceleration", accelerations != 0.0
+    drivers = [e.lam_names[k].rpartition(".")[0] for k in np.flatnonzero(is_sudden)]
+    bodies = [x.name for x in e.parts if not x.is_state and np.any(e.v0[x.rows])]
+    names = list(dict.fromkeys(drivers or bodies))
+    if not names:
+        return "", ""
+    listed = list_first(names, _MAX_NAMES)
+    change = change if drivers else "a velocity"
+    return f"{listed} start{'s' * (len(names) == 1)} with {change}", listed if drivers else ""
+
+
+def _repeats(e: EquationsOfMotion, trajectory: Trajectory) -> bool:
+    """Return True if the mechanism goes on to leave its start and to come back to it."""
+    rigid = [k for x in e.parts if not x.is_state for k in range(x.rigid.start, x.rigid.stop)]
+    duration = trajectory.end - trajectory.start
+    times = np.linspace(trajectory.start, trajectory.end, _REPETITION_SAMPLES)
+    q = trajectory.positions_at(times, rigid) / e.position_scales[rigid]
+    distances = np.max(np.abs(q - q[0]), axis=1, initial=0.0)
+    late = distances[times > trajectory.start + _LATE_SHARE_OF_MOTION * duration]
+    largest = np.max(distances)
+    has_returned = np.min(late) < _MAX_DISTANCE_OF_RETURN * largest
+    return bool(has_returned and np.max(late) > _MIN_LATE_AMPLITUDE * largest)
+
+
+def _observe_smooth(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    observe: Callable[..., Array],
+    time: Array,
+    state: State,
+    is_at_rest: bool = False,
+) -> Array:
+    """Return the columns (k,) without vibrations near a state; not a number if there is none."""
+    interval = trajectory.intervals[int(trajectory.interval_index(time[:1])[0])]
+    solver = ConsistencySolver(interval.active_equations(equations))
+    smooth = find_smooth_state(solver, time, state.q, state.v, is_at_rest)
+    if smooth is None:
+        return np.full(len(equations.observed_headers), np.nan)
+    q, v, a, lam = (x[None] for x in smooth)
+    if interval.configuration is not None:
+        lam = interval.configuration.expand_multipliers(lam, equations.m)
+    (values,) = observe(time[None], q, v, a, lam)
+    return np.asarray(values)
+
+
+def _find_rotation(
+    e: EquationsOfMotion, trajectory: Trajectory, time: Array, start: State
+) -> Rotation | None:
+    """Return the lasting rotation of the whole mechanism with which the run can start, or None."""
+    frame = RotatingCoordinates.from_equations(e)
+    duration = trajectory.end - trajectory.start
+    times = trajectory.start + duration * np.array(_ROTATION_SAMPLES)
+    _, later = trajectory.at(times)
+    shift = [frame.translation_vector(axis) for axis in (0, 1)]
+
+    def fit(q: Array, v: Array) -> tuple[Array, float]:
+        """Return the speed and the velocity of the origin, and the largest error."""
+        shapes = np.stack([frame.generator @ q + frame.angle_vector, *shift], axis=1)
+        rates = np.linalg.lstsq(shapes, v)[0]
+        return rates, float(np.max(np.abs(shapes @ rates - v)))
+
+    rates, error = fit(start.q, start.v)
+    speeds = [fit(q, v)[0][0] for q, v in zip(later.q, later.v, strict=True)]
+    is_rigid = error <= _RIGID_ROTATION_TOLERANCE * np.max(np.abs(start.v))
+    is_lasting = np.max(np.abs(speeds - rates[0])) <= _MAX_SPEED_CHANGE * abs(rates[0])
+    if not rates[0] or not is_rigid or not is_lasting:
+        return None
+    center = np.array([-rates[2], rates[1]]) / rates[0]
+    center[np.abs(center) <= _ROUNDING * e.length] = 0.0
+    rotation = Rotation(float(rates[0]), (float(center[0]), float(center[1])))
+    return rotation if _find_start(e, time, rotation) is not None else None
+
+
+def _find_early_peaks(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    extremes: Mapping[str, StepExtremes],
+    observe: Callable[..., Array],
+    early_share: float,
+    late_share: float,
+) -> list[_EarlyPeak]:
+    """Return extremes of forces and stresses in the early share of a run that exceed later ones."""
+    start, duration = trajectory.start, trajectory.end - trajectory.start
+    early = []
+    for k, header in enumerate(equations.observed_headers):
+        if header in extremes and Header.of(header).unit in _UNITS:
+            x = extremes[header]
+            for value, time in ((x.max, x.max_time), (x.min, x.min_time)):
+                is_outward = value > 0.0 if value == x.max else value < 0.0
+                if is_outward and start < time <= start + early_share * duration:
+                    early.append((k, value, time, x.max - x.min))
+    if not early:
+        return []
+    smallest, largest = _later_extremes(trajectory, start + late_share * duration, observe)
+    peaks = []
+    for k, value, time, size in early:
+        later = float(largest[k] if value > 0.0 else smallest[k])
+        excess = (value - later) * np.sign(value)
+        if excess > max(_MIN_EXCESS * abs(value), _MIN_EXCESS_OF_RANGE * size):
+            peaks.append(_EarlyPeak(k, value, time, later))
+    return peaks
+
+
+def _describe(peaks: list[_EarlyPeak], e: EquationsOfMotion, cause: str, remedy: str) -> str:
+    """Return the sentence about the peak with the largest excess."""
+    headers = e.observed_headers
+    worst = max(peaks, key=lambda x: x.excess)
+    name = remove_unit(headers[worst.column])
+    others = [remove_unit(headers[x.column]) for x in peaks if x.column != worst.column]
+    side, unit = (
+        ("largest" if worst.value > 0.0 else "smallest"),
+        Header.of(headers[worst.column]).unit,
+    )
+    return (
+        f"{name_with_others(name, list(dict.fromkeys(others)))}: its {side} value, "
+        f"{worst.value:.4g} {unit} at t = {worst.time:.3g} s, belongs to a vibration that begins "
+        f"because {cause} ({side} value later: {worst.later:.4g} {unit}); {remedy}."
     )
 
 
@@ -121,14 +369,14 @@ def _later_extremes(trajectory: Trajectory, begin: float, observe: Callable[...,
     return np.array([np.min(extremes, axis=0), np.max(extremes, axis=0)])
 
 
-def _find_rest(equations: EquationsOfMotion, time: Array) -> State | None:
-    """Return the state at the start of a run in equilibrium, or None if there is none."""
-    # Imported here because few runs need a start in equilibrium.
+def _find_start(equations: EquationsOfMotion, time: Array, request: str | Rotation) -> State | None:
+    """Return the state at the requested start of a run, or None if there is none."""
+    # Imported here because few runs need such a start.
     from beamdae.equations.starts.initial_conditions import apply_initial_conditions
 
     try:
-        resting = apply_initial_conditions(equations, EQUILIBRIUM, float(time[0]))
-        return ConsistencySolver(resting).start_state(time, resting.q0, resting.v0)
+        started = apply_initial_conditions(equations, request, float(time[0]))
+        return ConsistencySolver(started).start_state(time, started.q0, started.v0)
     except (BeamdaeError, SingularMatrixError):
         return None
 
