@@ -105,7 +105,7 @@ def test_recommended_starts_of_a_crank_have_the_later_extremes():
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
-@pytest.mark.parametrize("speed, formulation", [(9.0, "floating frame"), (30.0, "exact")])
+@pytest.mark.parametrize(("speed", "formulation"), [(9.0, "floating frame"), (30.0, "exact")])
 def test_regression_rotations_are_started_with_the_strain_of_the_rotation(speed, formulation):
     model, end = rotor(speed, formulation=formulation), 10.0 / speed
     sentence = find_warning(bd.simulate(model, bd.Radau(1e-5), t_end=end))

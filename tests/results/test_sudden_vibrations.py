@@ -67,3 +67,31 @@ def test_loads_that_jump_later_are_named():
 def test_ida_is_advised_to_choose_radau():
     _, (warning,) = _run(_suddenly_loaded(), bd.Ida(1e-3), t_end=0.02)
     assert "use Radau(max_step=" in warning
+
+
+def _driven(law, damping=1e-4):
+    """Return a strip with a mass at its end that a driver turns."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(_STEEL, width=0.02, height=0.005, damping=damping)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.0, 0.5)), section, elements=2))
+    pivot = mech.add(bd.Revolute("pivot", mech.ground.at(0.0, 0.0), arm.start))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), arm.start, law))
+    mech.add(bd.PointMass("tip", 0.3, on=arm.end))
+    mech.observe("pivot", pivot.reaction)
+    mech.observe("tip", arm.end)
+    return mech
+
+
+@pytest.mark.parametrize("rate", [2.4, 8.0])
+def test_regression_motions_of_drivers_are_no_sudden_vibrations(rate):
+    """The velocity of the driver at the start was said to cause errors of over 100 %."""
+
+    def law(t):
+        return 0.8 * np.sin(rate * t)
+
+    solution, warnings = _run(_driven(law), bd.Radau(), t_end=0.3)
+    assert not warnings
+    exact, _ = _run(_driven(law), bd.Radau(1e-6, max_step=1e-4), t_end=0.3)
+    for name in ("pivot.Fx", "pivot.Fy"):
+        errors = np.abs(solution[name] - exact[name])
+        assert np.max(errors) < 0.01 * 0.5 * np.ptp(exact[name])

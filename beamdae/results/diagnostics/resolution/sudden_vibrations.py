@@ -23,6 +23,7 @@ import scipy.linalg as la
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.smooth_motion import find_smooth_state
 from beamdae.errors import BeamdaeError, name_with_others
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import (
@@ -186,7 +187,8 @@ def _list_jumps(
     """Return the intervals after the largest jumps, with these of velocities and accelerations.
 
     At a start as drawn or in equilibrium, the jumps begin at rest. A start with other positions,
-    such as the end of another run, or with velocities of deformations is none.
+    such as the end of another run, or with velocities of deformations is none. Jumps do not contain
+    the motion that elastic parts follow without vibrations, such as that of a driver.
     """
     jumps, sizes = [], []
     v = a = np.zeros(equations.n)
@@ -204,12 +206,37 @@ def _list_jumps(
             step = float(np.median(np.diff(interval.t)))
             dv, da = first.v - v, first.a - a
             if _jumps(dv, interval.state.v, scales) or _jumps(da, interval.state.a, scales):
-                jumps.append((interval, dv, da))
+                jumps.append(number)
                 change = np.abs(da) + np.abs(dv) / step
                 sizes.append(float(np.max(change / scales)))
         v, a = last.v, last.a
     order = np.argsort(-np.array(sizes), kind="stable")[:_MAX_JUMPS]
-    return [jumps[k] for k in order.tolist()]
+    return [
+        (trajectory.intervals[number], *_measure_jump(equations, trajectory, number))
+        for number in (jumps[k] for k in order.tolist())
+    ]
+
+
+def _measure_jump(
+    equations: EquationsOfMotion, trajectory: Trajectory, number: int
+) -> tuple[Array, Array]:
+    """Return the jumps (n,) of velocities and accelerations of vibrations before an interval."""
+    v, a = _vibration(equations, trajectory.intervals[number], 0)
+    if number:
+        v_before, a_before = _vibration(equations, trajectory.intervals[number - 1], -1)
+        v, a = v - v_before, a - a_before
+    return v, a
+
+
+def _vibration(equations: EquationsOfMotion, interval: Interval, row: int) -> tuple[Array, Array]:
+    """Return velocities and accelerations (n,) without those of the smooth motion."""
+    time = interval.times[:: interval.nodes_per_step][row]
+    state = State(*(x[row] for x in interval.state))
+    solver = ConsistencySolver(interval.active_equations(equations))
+    smooth = find_smooth_state(solver, time, state.q, state.v)
+    if smooth is None:
+        return state.v, state.a
+    return state.v - smooth.v, state.a - smooth.a
 
 
 def _jumps(change: Array, values: Array, scales: Array) -> bool:
