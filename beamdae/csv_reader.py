@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdae.errors import BeamdaeError, format_message, short_repr, warn_user
+from beamdae.errors import BeamdaeError, InputWarning, format_message, short_repr, warn_user
 
 _COMMENTS = ("#", "%", "//")
 # Spreadsheets name the separator of columns in a first line such as "sep=;".
@@ -183,7 +183,8 @@ def _has_decimal_commas(part: str, path: str, columns: list[list[str]]) -> bool:
     if all(_THOUSANDS.fullmatch(x) for x in commas):
         warn_user(
             f"{part}: numbers of {path} such as {comma} are read with decimal commas, as "
-            f"{comma.replace(',', '.')}; omit separators of thousands."
+            f"{comma.replace(',', '.')}; omit separators of thousands.",
+            InputWarning,
         )
     return True
 

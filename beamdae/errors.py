@@ -98,6 +98,10 @@ class BeamdaeWarning(UserWarning):
     """Warning that a result may be unreliable or incomplete."""
 
 
+class InputWarning(BeamdaeWarning):
+    """Warning about arguments or data that commands show before the analysis, not after it."""
+
+
 class KernelWarning(UserWarning):
     """Warning that a kernel cannot be compiled or cached, so that runs are slower.
 
@@ -198,7 +202,7 @@ def merge_ranges(messages: Sequence[str]) -> str:
     return merged
 
 
-def warn_user(message: str) -> None:
+def warn_user(message: str, category: type[BeamdaeWarning] = BeamdaeWarning) -> None:
     """Issue a `BeamdaeWarning` that cites the line outside this package that led to it.
 
     Python shows a text only once per line. Messages that differ only in numbers after their first
@@ -218,7 +222,7 @@ def warn_user(message: str) -> None:
         frame = frame.f_back
     if frame is None:
         # Commands of this package have no such line.
-        warnings.warn(message, BeamdaeWarning, stacklevel=2)
+        warnings.warn(message, category, stacklevel=2)
         return
     file, line = frame.f_code.co_filename, frame.f_lineno
     kind = kind_of_message(message), file, line
@@ -230,8 +234,8 @@ def warn_user(message: str) -> None:
     if last and last[0] is filters and last[1] == filters and last[2] in registry:
         return
     module = frame.f_globals.get("__name__") or "<unknown>"
-    warnings.warn_explicit(message, BeamdaeWarning, file, line, module, registry)
-    key = message, BeamdaeWarning, line
+    warnings.warn_explicit(message, category, file, line, module, registry)
+    key = message, category, line
     if key in registry:
         # Python showed the warning and will not repeat it.
         _shown_kinds[kind] = filters, list(filters), key

@@ -24,6 +24,7 @@ from rich.console import Console
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    InputWarning,
     format_exception,
     kind_of_message,
 )
@@ -153,23 +154,30 @@ def print_error(sentence: str) -> None:
 
 
 def print_warnings(console: Console, sentences: Iterable[str]) -> None:
-    """Print warnings about a result, and add them to the JSON document."""
+    """Print warnings about a result, and add them to the JSON document, unless both was done."""
     for sentence in sentences:
-        console.print(f"warning: {record_warning(sentence)}", style="yellow")
+        printable = make_printable(name_options(sentence))
+        if not any(printable in x for x in current_output().warnings):
+            console.print(f"warning: {record_warning(sentence)}", style="yellow")
 
 
 @contextmanager
 def hold_warnings(output: CommandOutput) -> Iterator[None]:
     """Print the warnings that beamdae issues in a `with` block after it, even if it raises.
 
-    Warnings that were printed with a result or as the reason of a failure are not repeated, and of
-    those that differ only in numbers, only the first is printed.
+    Those about arguments and data are printed at once, because analyses may take hours. Warnings
+    that were printed with a result or as the reason of a failure are not repeated, and of those
+    that differ only in numbers, only the first is printed.
     """
     with warnings.catch_warnings():
         show = warnings.showwarning
 
         def hold(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, BeamdaeWarning):
+            if issubclass(category, InputWarning):
+                sentence = name_options(str(message))
+                if not _is_printed(sentence, output):
+                    typer.echo(f"warning: {record_warning(sentence)}", err=True)
+            elif issubclass(category, BeamdaeWarning):
                 output.held_warnings.append(name_options(str(message)))
             else:
                 show(message, category, *place, **more)

@@ -29,7 +29,13 @@ from beamdae.errors import (
     suggest,
     warn_user,
 )
-from beamdae.model_parameters import parse_unit, split_unit, standardize_header, suggest_unit
+from beamdae.model_parameters import (
+    parse_unit,
+    split_unit,
+    standardize_header,
+    suggest_header,
+    suggest_unit,
+)
 from beamdae.read_only import read_only
 from beamdae.symbolic.functions.table_lookups import find_row, pick_numbers
 from beamdae.symbolic.scalar_expression import ScalarExpression, as_scalar
@@ -851,7 +857,9 @@ def _convert_column(label: str, header: str, cells: Mapping[int, str]) -> Array:
     for row, cell in cells.items():
         number = parse_numbers([cell])
         if not (isinstance(number, np.ndarray) and np.isfinite(number[0])):
+            hint = suggest_header(header, cell) if row == 1 else ""
             raise BeamdaeError(
-                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}."
+                f"{label}: row {row} of {header!r} must be a finite number, got {short_repr(cell)}"
+                f"{hint and f'; {hint}'}."
             )
     return np.asarray(parse_numbers([*cells.values()]), float) * float(parsed[0])

@@ -9,6 +9,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.analysis.fit.intervals import bounded_interval
+from beamdae.analysis.fit.problem import FitProblem
 from beamdae.analysis.fit.result import Information
 
 METHOD = bd.GeneralizedAlpha(step=0.01)
@@ -237,6 +238,34 @@ def test_search_that_ends_early_is_reported(exact):
     assert result.status.kind == "limited"
     assert "stopped after 1 evaluation" in repr(result)
     assert list(result.table().index) == list(TRUE)
+
+
+@pytest.mark.parametrize(
+    ("header", "end", "sentence"),
+    [
+        ("t [s]", 2.0, "The data end at 2 s, after the end time of oscillator, 1 s; the runs cont"),
+        ("t [ms]", 2000.0, "The data end at 2000 ms (2 s), after the end time of oscillator, 1 s;"),
+        ("time", 2.0, "The data end at 2 s, after the end time of oscillator, 1 s; check that th"),
+        (
+            "t [ms]",
+            1.0,
+            "(0.001 s), long before the end time of oscillator, 1 s; check the unit in",
+        ),
+    ],
+)
+def test_regression_durations_of_data_are_stated_before_the_search(header, end, sentence):
+    """The unit of times was doubted although it was stated, after a search of ten times the time.
+
+    Times that are a thousandth of the end time had no warning.
+    """
+    data = {header: [0.5 * end, end], "mass.x": [1.0, 1.1]}
+    with pytest.warns(bd.BeamdaeWarning, match=re.escape(sentence)):
+        FitProblem(oscillator, data, "stiffness", METHOD)
+
+
+@pytest.mark.parametrize("end", [0.01, 0.5, 1.0, 1.1])
+def test_usual_durations_of_data_have_no_warning(end):
+    FitProblem(oscillator, {"t [s]": [0.5 * end, end], "mass.x": [1.0, 1.1]}, "stiffness", METHOD)
 
 
 @SLOW

@@ -42,7 +42,10 @@ REJECTED = {
     "before the trigger": ("t [s],y [m]\n-0.1,1\n0,2\n", "got -0.1 s in row 1; remove the rows"),
     "missing time": ("t [s],y [m]\n0,1\n,3\n0.1,2\n", "but row 2 has no time"),
     "unsorted": ("t [s],y [m]\n0.1,1\n,\n0,2\n", r"got 0 s after 0\.1 s in row 3; sort the rows"),
-    "row of units": ("t [s],y\ns,m\n0,2\n", "must contain numbers, got 's' in row 1"),
+    "row of units": (
+        "t [s],y\ns,m\n0,2\n",
+        r"got 's' in row 1; write units in the header, as in 't \[s\]', not",
+    ),
     "spaces": ("t y\n0 1\n", "no separators of columns in its header 't y'"),
     "decimal and column commas": ("t [s],y [m]\n0,0,1,5\n", "more cells than the header"),
     "excess empty cells": ("t [s],x [m],y [m],z\n0,5,1,2,,\n", "row 1 has more cells than"),

@@ -441,6 +441,7 @@ def test_csv_rows_of_two_arguments_form_a_grid(tmp_path):
     [
         ("", "is empty; write a table with a header"),
         ("x [mm],F [stone]\n0,1\n1,2\n2,3\n", r"unit of 'F \[stone\]' is unknown"),
+        ("x,F\nm,kN\n0,1\n1,2\n", r"row 1 .* got 'm'; write units in the header, as in 'x \[m\]'"),
         ("x,F\n0,1\n1\n", "row 2 of 'F' must be a finite number, got ''"),
         ("x,F\n0,1\n1,two\n2,3\n", "row 2 of 'F' must be a finite number, got 'two'"),
         ("x,F\n0,1\n1,nan\n2,3\n", "row 2 of 'F' must be a finite number, got 'nan'"),

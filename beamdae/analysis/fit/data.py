@@ -12,6 +12,7 @@ from beamdae.csv_reader import parse_numbers, read_csv_table
 from beamdae.equations import measures
 from beamdae.errors import (
     BeamdaeError,
+    InputWarning,
     as_real,
     as_text,
     is_valid_path,
@@ -30,6 +31,7 @@ from beamdae.model_parameters import (
     parse_unit,
     split_unit,
     standardize_header,
+    suggest_header,
     suggest_unit,
 )
 from beamdae.read_only import read_only_data
@@ -83,6 +85,8 @@ class Series:
     problem
         Error message if the column cannot be read, for example because it contains text; its series
         is empty then. "" otherwise.
+    time_header
+        Header of the times in the data, such as "t [ms]".
     """
 
     experiment: str
@@ -92,6 +96,7 @@ class Series:
     sigma: Array
     name_in_data: str = ""
     problem: str = ""
+    time_header: str = ""
 
     @property
     def label(self) -> str:
@@ -227,7 +232,8 @@ def warn_of_unknown_columns(part: str, measured: Measurements, unknown: Sequence
         warn_user(
             f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
             f"the run does not have and {part} omits; name columns as in the table of the run, or "
-            "remove them."
+            "remove them.",
+            InputWarning,
         )
 
 
@@ -372,7 +378,8 @@ def warn_of_missing_units(
     taken = ", ".join(f"{x!r} in {unit}" for x, unit in missing.items())
     warn_user(
         f"{part}: values of {measured.name} without a unit are taken as in the model, {taken}; "
-        f"write units in the header, such as '{name} [{unit}]'."
+        f"write units in the header, such as '{name} [{unit}]'.",
+        InputWarning,
     )
 
 
@@ -493,9 +500,10 @@ def _describe_text(part: str, values: Any, column: str, name: str) -> str:
             try:
                 float("nan" if value is None else value)
             except (TypeError, ValueError):
+                hint = suggest_header(column, as_text(value) or "") if k == 0 else ""
                 return (
                     f"{part}: the column {column!r} of {name} must contain numbers, got "
-                    f"{short_repr(value)} in row {k + 1}; leave missing values empty."
+                    f"{short_repr(value)} in row {k + 1}; {hint or 'leave missing values empty'}."
                 )
     except Exception:  # Of any kind in iterations over the user's objects.
         pass
@@ -554,7 +562,8 @@ def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Ar
     if not unit:
         warn_user(
             f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
-            f"column '{time} [s]'."
+            f"column '{time} [s]'.",
+            InputWarning,
         )
         return numbers
     parsed = parse_unit(unit)
@@ -608,7 +617,9 @@ def _read_wide_table(
             series.append(Series(experiment, column, empty, empty, empty, problem=str(problem)))
             continue
         ones = np.ones(len(present))
-        series.append(Series(experiment, column, times[present], values[present], ones))
+        series.append(
+            Series(experiment, column, times[present], values[present], ones, time_header=time)
+        )
     return series
 
 
@@ -654,7 +665,9 @@ def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Ser
                 f"{part}: {name} contains {label_series(column, experiment)} at {times[k]:g} s "
                 f"twice, again in row {k + 1}; average repeated values, or name the experiments."
             )
-        series.append(Series(experiment, column, times[order], values[order], sigma[order]))
+        series.append(
+            Series(experiment, column, times[order], values[order], sigma[order], time_header=time)
+        )
     return series
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial as bind
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,13 @@ from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, robust_search
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.analysis.start_points import MAX_SEED, MAX_STARTS, require_start_bounds
-from beamdae.errors import kind_of_message, require_choice, require_count, warn_user
+from beamdae.errors import (
+    InputWarning,
+    kind_of_message,
+    require_choice,
+    require_count,
+    warn_user,
+)
 from beamdae.integrators import Integrator
 from beamdae.interrupts import (
     PARTIAL_RESULTS,
@@ -158,8 +166,10 @@ def fit(
     Warns
     -----
     BeamdaeWarning
-        At once if the ranges of a column in the first run and in the data differ by a factor above
-        100; if the search did not converge, with the reason, for each sentence in `Fit.warnings`,
+        Before the search, if columns of the data are not observed, have no unit in a file or have
+        times without a unit, if the data end after the end time of the model or before 1/300 of it,
+        or if the ranges of a column in the first run and in the data differ by a factor above 100;
+        if the search did not converge, with the reason, for each sentence in `Fit.warnings`,
         which include those of the runs, if a parameter has no effect on the model, and for each
         sentence in `Fit.undetermined` if a standard deviation is infinite.
 
@@ -191,6 +201,7 @@ def fit(
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.limits, condition)
+        _check_first_values(problem, scaling)
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
@@ -206,7 +217,7 @@ def fit(
                 scaling,
                 first,
                 max_evaluations,
-                check_start=lambda evaluation: _compare_ranges(problem, evaluation),
+                check_start=bind(_compare_ranges, problem) if table is None else None,
             )
         except Interrupted as interrupt:
             if interrupt.partial is None:
@@ -229,11 +240,19 @@ def fit(
     for sentence in result.undetermined if undetermined.any() else ():
         warn_user(f"fit: {sentence}")
     for sentence in result.warnings:
+        if sentence in problem.duration_warnings:
+            continue  # issued before the search
         if sentence not in result.run_warnings:
             warn_user(f"fit: {sentence}")
         elif kind_of_message(sentence) not in problem.build_warnings:
             warn_user(sentence)
     return result
+
+
+def _check_first_values(problem: FitProblem, scaling: Scaling) -> None:
+    """Compare the first run with the data before searches from several starts, if it succeeds."""
+    with suppress(ValueError, ArithmeticError):
+        _compare_ranges(problem, problem.evaluate(scaling.values(scaling.first)))
 
 
 def _compare_ranges(problem: FitProblem, first: Evaluation) -> None:
@@ -254,7 +273,8 @@ def _compare_ranges(problem: FitProblem, first: Evaluation) -> None:
             texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
             warn_user(
                 f"fit: {series.label} has a range of {texts[0]} in the first run and of "
-                f"{texts[1]} in the data; check start=, loads, units and first values."
+                f"{texts[1]} in the data; check start=, loads, units and first values.",
+                InputWarning,
             )
 
 

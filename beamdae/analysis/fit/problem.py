@@ -26,16 +26,23 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
+    InputWarning,
     as_real,
     kind_of_message,
     require_mapping,
     require_names,
     require_pair,
     short_repr,
+    warn_user,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
-from beamdae.model_parameters import convert_text, format_with_unit
+from beamdae.model_parameters import (
+    conversion_factor,
+    convert_text,
+    format_with_unit,
+    split_unit,
+)
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
@@ -43,8 +50,10 @@ Array = np.ndarray
 
 # Data that end after more than this multiple of the end time of the model are in other units.
 _MAX_DURATION = 10.0
-# Data that end after more than this multiple of it cause a warning; delays of sensors do not.
+# Data that end after more or less than these multiples of it cause a warning. Delays of sensors do
+# not exceed the first; times in milliseconds that are labeled as seconds are below the second.
 _MAX_USUAL_DURATION = 1.1
+_MIN_USUAL_DURATION = 1.0 / 300.0
 # Distance from bounds at which a search begins, relative to their distance or to the first value.
 _START_DISTANCE = 0.01
 
@@ -154,6 +163,8 @@ class FitProblem:
                 "or fit fewer parameters."
             )
         self._t_end = self._latest_times()
+        for sentence in self.duration_warnings:
+            warn_user(f"fit: {sentence}", InputWarning)
 
     @property
     def headers(self) -> tuple[str, ...]:
@@ -231,24 +242,37 @@ class FitProblem:
             raise BeamdaeError(
                 "fit: the times of data must be finite and ascend, beyond 0 s; add later data."
             )
-        if (last := self._times.max()) > _MAX_DURATION * self.model.t_end:
+        if self._times.max() > _MAX_DURATION * self.model.t_end:
+            end, advice = self._describe_end()
             raise BeamdaeError(
-                f"fit: the data end at {last:g} s, far after the end time of {self.model.name}, "
-                f"{self.model.t_end:g} s; convert the times to seconds, or change t_end of the "
-                "model."
+                f"fit: the data end at {end}, far after the end time of {self.model.name}, "
+                f"{self.model.t_end:g} s; {advice}, or change t_end of the model."
             )
         return ends
 
+    def _describe_end(self) -> tuple[str, str]:
+        """Return the last time of the data in their unit, and advice to check the unit."""
+        series = max(self.data.series, key=lambda x: float(x.times[-1]))
+        last, unit = float(series.times[-1]), split_unit(series.time_header)[1]
+        if not unit:
+            return f"{last:g} s", "check that their times are in seconds"
+        factor = float(conversion_factor(unit, "s") or 1.0)
+        end = f"{last:g} s" if factor == 1.0 else f"{last / factor:g} {unit} ({last:g} s)"
+        return end, f"check the unit in the header {series.time_header!r} of their times"
+
     @property
     def duration_warnings(self) -> tuple[str, ...]:
-        """Sentence on data after the end time of the model, or nothing."""
+        """Sentence on data that end after the end time of the model, or long before it."""
         last, t_end = self._times.max(), self.model.t_end
-        if last <= _MAX_USUAL_DURATION * t_end:
+        if _MIN_USUAL_DURATION * t_end <= last <= _MAX_USUAL_DURATION * t_end:
             return ()
-        return (
-            f"The data end at {last:g} s, after the end time of {self.model.name}, {t_end:g} s; "
-            "check that their times are in seconds.",
-        )
+        end, advice = self._describe_end()
+        of_model = f"the end time of {self.model.name}, {t_end:g} s"
+        if last < t_end:
+            return (f"The data end at {end}, long before {of_model}; {advice}.",)
+        if any(not split_unit(x.time_header)[1] for x in self.data.series):
+            return (f"The data end at {end}, after {of_model}; {advice}.",)
+        return (f"The data end at {end}, after {of_model}; the runs continue until then.",)
 
     def _rows_of(self, experiment: str) -> Array:
         return np.concatenate(
