@@ -120,6 +120,20 @@ def test_invalid_measured_data_are_refused(run, data, message):
         run.plot("tip.y", data=data)
 
 
+def test_regression_dense_data_do_not_hide_the_curves(run):
+    """1800 markers of 3.5 points covered the curve."""
+    for count, is_dense in ((100, False), (1800, True)):
+        times = np.linspace(run.t[0], run.t[-1], count)
+        data = {"t [s]": times, "tip.y": run.at_times(times)["tip.y"].to_numpy()}
+        figure = run.plot(data=data).figure
+        curve, points = figure.axes[0].lines
+        assert (points.get_zorder() < curve.get_zorder()) == is_dense
+        assert (points.get_markersize() < 2.5) == is_dense
+        assert (points.get_alpha() or 1.0) < 1.0 or not is_dense
+        # The entry of the legend is legible.
+        assert figure.legends[0].get_lines()[-1].get_alpha() is None
+
+
 def test_regression_one_column_of_data_in_two_units_is_refused(run):
     """One of them was plotted, without a warning."""
     data = {"t [s]": [0.0], "tip.y [mm]": [1.0], "tip.y [m]": [1.0]}

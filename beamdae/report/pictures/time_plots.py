@@ -65,6 +65,7 @@ _MAX_FALLBACK_COLUMNS = 3  # if no column characterizes a run
 _DATA_COLOR = "#333333"
 _MARGIN_OF_DATA = 0.25  # of their duration, before and after them
 _DATA_MARKERS = "osD^v"  # of experiments
+_MAX_DATA_MARKERS = 150  # of a panel; more would overlap and hide the curves
 
 
 def plot(
@@ -177,8 +178,11 @@ def _create_figure(
             if not is_over_time:
                 start = {"color": style["color"], "marker": "o", "ms": 4}
                 axis.plot(values[:1], masked[vertical][:1], **start)
-        for experiment, measured in points.get(column, {}).items():
-            axis.plot(*measured, **markers[experiment])
+        measured = points.get(column, {})
+        is_dense = sum(len(values) for _, values in measured.values()) > _MAX_DATA_MARKERS
+        for experiment, values_of_data in measured.items():
+            style = markers[experiment]
+            axis.plot(*values_of_data, **(_as_dots(style) if is_dense else style))
         if window is not None:
             axis.set_xlim(*window)
         header = Header.of(column)
@@ -341,6 +345,11 @@ def _marker_style(number: int) -> dict[str, Any]:
     """Return the style of measured values of an experiment."""
     marker = _DATA_MARKERS[number % len(_DATA_MARKERS)]
     return {"color": _DATA_COLOR, "ls": "", "marker": marker, "ms": 3.5, "mfc": "none"}
+
+
+def _as_dots(style: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a marker style of dense data: small, translucent and behind the curves."""
+    return {**style, "ms": 2.0, "mfc": _DATA_COLOR, "mew": 0.0, "alpha": 0.35, "zorder": 1.9}
 
 
 def _line_styles(count: int) -> list[dict[str, Any]]:

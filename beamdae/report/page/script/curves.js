@@ -3,6 +3,7 @@
 
 const MAX_LOG_DECADES = 9; // decades below the largest value on logarithmic axes
 const MARKERS_PER_LINE = 6;
+const MAX_DATA_POINTS = 150; // of a column; more are smaller, so that they do not hide each other
 // Columns whose range is smaller than this part of the largest value with the same unit are constant, and so are
 // those with a smaller magnitude: guided coordinates and unloaded directions leave rounding noise.
 const CONSTANT_RANGE = 1e-9;
@@ -302,10 +303,11 @@ function createCurve(line, x, y, markerPositions) {
 
 // Lines of zero length with round caps: one element for all points.
 function createDataPoints({ style, t, values }, x, y) {
+  const density = values.length > MAX_DATA_POINTS ? "dense" : "";
   const points = values
     .map((value, k) => (value === null ? "" : `M${x.toPosition(t[k]).toFixed(1)} ${y.toPosition(value).toFixed(1)}h0`))
     .join("");
-  return svg("path", { class: `curve data ${style.color}`, d: points });
+  return svg("path", { class: `curve data ${density} ${style.color}`, d: points });
 }
 
 function nearestIndex(t, time) {
