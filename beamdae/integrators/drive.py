@@ -7,7 +7,7 @@ amplitudes, restarts at breakpoints and events, enforces limits and collects the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -52,6 +52,7 @@ from beamdae.integrators.step_thinning import StepThinning
 from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
+from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -213,6 +214,7 @@ def _drive(
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
+    status = _name_unstable_loop(status, equations, trajectory, run.repeated)
     solution = Solution(
         equations,
         trajectory,
@@ -240,6 +242,22 @@ def _drive(
         attach_partial(run.progress_error, solution)
         raise run.progress_error
     return solution
+
+
+def _name_unstable_loop(
+    status: Status,
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    repeated: Sequence[RepeatedSample],
+) -> Status:
+    """Return the status with an unstable loop as the first reason of a run that has stopped."""
+    if status.kind not in ("failed", "limited"):
+        return status
+    cause = describe_growth(repeated) or next(growing_loop_warnings(equations, trajectory), "")
+    if not cause:
+        return status
+    stop, _, reason = status.sentence.partition(": ")
+    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {reason}")
 
 
 @dataclass(frozen=True)
@@ -304,7 +322,7 @@ class _RunInProgress:
         self._is_resumable = isinstance(self.method, ResumableMethod)
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
-        self._repeated = context.repeated
+        self.repeated = context.repeated
         self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
@@ -358,7 +376,7 @@ class _RunInProgress:
         equations = self._equations.with_loads_of(self._configuration)
         if self._sampler.controllers and equations is not self._sampled_equations:
             self._sampled_equations = equations
-            self._sampler = Sampler(equations, self._repeated)
+            self._sampler = Sampler(equations, self.repeated)
 
     @property
     def is_stopped(self) -> bool:
@@ -387,7 +405,7 @@ class _RunInProgress:
 
     def execute(self) -> tuple[Trajectory, Status]:
         try:
-            status = self._explain(self._repeat_samples(self._integrate_intervals()))
+            status = self._repeat_samples(self._integrate_intervals())
         except KeyboardInterrupt:
             return self.report_interrupt()
         except ProgressError as error:
@@ -400,16 +418,11 @@ class _RunInProgress:
         if status.kind == "failed":
             return status
         try:
-            for sample in self._repeated:
+            for sample in self.repeated:
                 sample.repeat()
         except BeamdaeError as problem:
             return self._failure(problem)
         return status
-
-    def _explain(self, status: Status) -> Status:
-        """Add growing values of controllers to the reason of a run that did not reach its end."""
-        growth = "" if status.success else describe_growth(self._repeated)
-        return replace(status, sentence=f"{status.sentence}; {growth}") if growth else status
 
     def satisfies(self, rtol: float, plan: RunPlan) -> bool:
         """Return True if the steps taken satisfy the tolerances of a run with `rtol` on `plan`.

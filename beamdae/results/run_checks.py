@@ -67,6 +67,12 @@ def _of_motion(check: Callable[[EquationsOfMotion, Trajectory], Iterable[str]]) 
     return lambda run: check(run.equations, run.trajectory)
 
 
+def _growing_loops(run: RunData) -> Iterable[str]:
+    # The reason of a run that has stopped may begin with the same sentence.
+    warnings = growing_loop_warnings(run.equations, run.trajectory)
+    return (x for x in warnings if x.rstrip(".") not in run.status.sentence)
+
+
 def _balance(run: RunData) -> Iterable[str]:
     return () if run._is_at_rest else balance_warnings(run.equations, run._energy_ledger)
 
@@ -229,7 +235,7 @@ ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings
 
 RUN_CHECKS: tuple[Check, ...] = (
     # Unstable loops cause failures, large strains and errors.
-    _of_motion(growing_loop_warnings),
+    _growing_loops,
     # The motion and the deformation.
     _balance,
     _columns,

@@ -1,12 +1,19 @@
-"""Warnings about control loops that grow exponentially or alternate without decay."""
+"""Warnings about control loops that grow exponentially or alternate without decay.
+
+Commands are values that sampled controllers hold, outputs of `pid`, and limited values in laws.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import chain, pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
+from beamdae.equations.commands import Command, compile_commands
 from beamdae.equations.controller_reads import compile_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
@@ -20,6 +27,10 @@ Array = np.ndarray
 _INTERVALS = 256
 # Numbers of windows: many for fast growth, few for slow vibrations.
 _WINDOW_COUNTS = (8, 4)
+# Commands may grow from the start until a limit or the geometry stops them, by a factor of at least
+# 30 in the last half or in the last three quarters of this time; then four windows would be too few
+# to exclude powers of time.
+_GROWING_PARTS = {0.5: _WINDOW_COUNTS, 0.25: _WINDOW_COUNTS[:1]}
 # Growth of the envelope in the second half of a run. Values that increase with the third power of
 # time, such as integrals of positions at constant acceleration, grow by a factor of 4, or of 14
 # from 0.4 of the run on.
@@ -32,9 +43,9 @@ _LAST_PARTS = {0.5: "second half", 0.75: "last quarter", 0.875: "last eighth"}
 _LEAST_EXPONENT, _LARGEST_EXPONENT = 0.75, 1.33
 # Changes below this fraction of the largest value are rounding errors.
 _ROUNDING = 1e-9
-# Held values may grow earlier and stop to grow at a limit of the law or of the motion: ends of such
-# growth, which lasts from half of this time on, as fractions of the run.
-_ENDS_OF_GROWTH = tuple(2.0 ** (-k / 4) for k in range(1, 13))
+# Commands may grow earlier and stop to grow at a limit of the law or of the motion: ends of such
+# growth as fractions of the run.
+_ENDS_OF_GROWTH = tuple(2.0 ** (-k / 4) for k in range(13))
 # Smallest changes in the last quarter of the run, relative to those at the end of the growth.
 _MIN_REMAINING_CHANGE = 0.5
 # A held value alternates if it reverses within a few samples: the period is at most this multiple
@@ -60,9 +71,33 @@ _MAX_SAMPLES_PER_REVERSAL = 6
 # Of 216 loops (PID on a mass with a spring, gains 0.3 to 4 times the limit of stability), 92 of the
 # 93 that went from limit to limit in the last quarter were found; none of the 84 stable ones was.
 _STRIDES = (1, 4, 16)
-_MIN_LIMIT_CYCLE_SWITCHES = 4
-# Ranges of measured values in the second half of these samples, relative to the first half.
-_MIN_REMAINING_RANGE = 0.97
+_MIN_CYCLE_SWITCHES = 4
+# Decrease of the ranges of measured values from the first to the second half of these samples.
+_MAX_DECAY = 0.03
+# Commands of continuous loops are compared at this number of times in the last parts of a run. Of 95
+# unstable loops (PID with a lag on a mass with a spring and on a stage with two leaf springs, 1 to
+# 100 times the critical gain, 10 to 60 periods), 65 have a warning; the others grow by less than a
+# factor of 30, have limits of a small fraction of the first command, or last few periods. Of 45
+# stable ones (0.1 to 1 times the critical gain), 30 with weak actuators and 30 turning wheels, none
+# has one.
+_CYCLE_PARTS, _CYCLE_SAMPLES = (0.75, 0.375, 0.1875), 512
+# Decrease of the ranges of commands and of measured values from the first to the second half of
+# these times in the longest part; in a shorter one, it is compared with that in the part before,
+# which is twice as long. It is half of the latter if the vibration decays steadily.
+_MAX_FIRST_DECAY, _MAX_DECAY_RATIO, _DECAY_ROUNDING = 0.01, 0.2, 2e-3
+# Ranges of commands before the limits, relative to the distance of the limits. Commands of unstable
+# loops exceed them in proportion to the gains, unless they grow. Weak actuators, whose commands are
+# much larger, damp vibrations so slowly that they hardly decay.
+_MAX_EXCESS = 200.0
+# Motions by more than this fraction of their scale, whose mean in the second half differs from that
+# in the first half by more than this fraction of their range, go on.
+_MIN_TRAVEL, _MIN_SHIFT = 0.1, 0.25
+# Continuous commands are sampled in the last half of the run, in the quarter before it, and so on,
+# because unstable loops may grow at the start only.
+_HISTORY_PARTS, _SAMPLES_PER_PART = 9, 256
+# Logarithms of the ratios of consecutive swings: at least three, of which none is smaller than
+# this, or larger than twice the smallest one.
+_MIN_GROWING_SWINGS, _MIN_SWING_EXPONENT, _MAX_EXPONENT_RATIO = 3, 0.15, 2.0
 # Values with fewer levels than this besides the limits may be those of a switch. Then the law is
 # called between two samples of opposite limits, and this often bisected towards its transition.
 _MIN_VALUES_BETWEEN = 3
@@ -74,7 +109,7 @@ _LAW_SAMPLES = 33
 
 
 def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield a warning if a value that a controller holds, or a state, grows exponentially.
+    """Yield a warning if a command of a controller or a state grows, or does not settle.
 
     An unstable loop reaches the end of a run if it grows slowly or the run is short. Values that
     increase like ramps, steps and powers of time have no warning.
@@ -86,64 +121,144 @@ def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     trajectory
         The steps of the run.
     """
-    rows = _describe_rows(equations)
-    if not rows or not trajectory.end > trajectory.start:
+    rows, commands = _describe_rows(equations), compile_commands(equations)
+    if not (rows or commands) or not trajectory.end > trajectory.start:
         return
     start, duration = trajectory.start, trajectory.end - trajectory.start
+    histories = list(_list_histories(trajectory, commands))
 
-    def values(begin: float, end: float) -> Array:
+    def values(begin: float, end: float, selected: Sequence[int]) -> Array:
         times = start + duration * np.linspace(begin, end, _INTERVALS + 1)
-        return trajectory.positions_at(times)[:, list(rows)]
+        columns = [np.interp(times, x.times, x.values)[:, None] for x in histories]
+        if selected:
+            columns.insert(0, trajectory.positions_at(times, selected))
+        return np.hstack(columns)
 
+    labels = [*rows.values(), *((x.command.name, "gains") for x in histories)]
     for begin, part in _LAST_PARTS.items():
-        growth = _exponential_growth(values(begin, 1.0))
+        growth = _exponential_growth(values(begin, 1.0, list(rows)))
         k = int(np.argmax(growth))
         if growth[k] > 0.0:
-            name, remedy = list(rows.values())[k]
+            name, remedy = labels[k]
             yield (
                 f"{name} grows exponentially, by a factor of {growth[k]:.2g} in the {part} of the "
                 f"run, so its loop seems to be unstable; check the signs and sizes of its {remedy}."
             )
             return
-    if equations.controllers:
-        yield from _limited_growth_warnings(equations, trajectory, rows, values)
+    held = [
+        term.rows.start + k
+        for term in equations.controllers
+        for k in range(len(term.controller.drives))
+    ]
+    labels = [*(rows[x] for x in held), *labels[len(rows) :]]
+    if not labels:
+        return
+    limited = list(_limited_growth_warnings(trajectory, labels, partial(values, selected=held)))
+    yield from limited or chain(
+        _swing_warnings(equations, histories),
+        _sampled_cycle_warnings(equations, trajectory, rows),
+        _cycle_warnings(equations, trajectory, histories),
+    )
+
+
+class _History(NamedTuple):
+    """Values of a continuous command before its limits at ascending times [s]."""
+
+    command: Command
+    times: Array
+    values: Array
+
+
+def _list_histories(trajectory: Trajectory, commands: Sequence[Command]) -> Iterator[_History]:
+    """Yield the values of commands in the last half of a run, in the quarter before it, etc."""
+    if not commands:
+        return
+    ends = [0.0, *(2.0 ** -np.arange(_HISTORY_PARTS - 1.0, -1.0, -1.0))]
+    shares = [np.linspace(*x, _SAMPLES_PER_PART, endpoint=False) for x in pairwise(ends)]
+    duration = trajectory.end - trajectory.start
+    times = trajectory.start + duration * np.append(np.concatenate(shares), 1.0)
+    at = trajectory.at(times)
+    for command in commands:
+        yield _History(command, times, command.evaluate(*at)[:, 0])
 
 
 def _limited_growth_warnings(
-    equations: EquationsOfMotion,
     trajectory: Trajectory,
-    rows: dict[int, tuple[str, str]],
+    labels: Sequence[tuple[str, str]],
     values: Callable[[float, float], Array],
 ) -> Iterator[str]:
-    """Yield a warning if a held value grows up to a limit or alternates, and does not decay again.
+    """Yield a warning if a command grows up to a limit, and does not decay again.
 
-    `values` returns the rows of the coordinates `rows` at times from one fraction of the run to
-    another one.
+    `values` returns the commands with names and remedies `labels` at times from one fraction of the
+    run to another one.
     """
-    every = {
-        term.rows.start + k: term.controller.every
-        for term in equations.controllers
-        for k in range(len(term.controller.drives))
-    }
-    is_held = np.array([row in every for row in rows])
     remaining = np.abs(np.diff(values(0.75, 1.0), axis=0)).max(axis=0)
-    for end in _ENDS_OF_GROWTH:
-        growing = values(0.5 * end, end)
+    for end, (part, counts) in product(_ENDS_OF_GROWTH, _GROWING_PARTS.items()):
+        growing = values(part * end, end)
         changes = np.abs(np.diff(growing, axis=0)).max(axis=0)
-        goes_on = is_held & (remaining >= _MIN_REMAINING_CHANGE * changes)
-        growth = np.where(goes_on, _exponential_growth(growing), 0.0)
+        goes_on = remaining >= _MIN_REMAINING_CHANGE * changes
+        growth = np.where(goes_on, _exponential_growth(growing, counts), 0.0)
         k = int(np.argmax(growth))
         if growth[k] > 0.0:
-            name, remedy = list(rows.values())[k]
-            begin, last = (
-                trajectory.start + x * (trajectory.end - trajectory.start) for x in (0.5 * end, end)
-            )
-            yield (
-                f"{name} grows exponentially, by a factor of {growth[k]:.2g} from t = {begin:.3g} "
-                f"to {last:.3g} s, and does not decay again, so its loop seems to be unstable; "
-                f"check the signs and sizes of its {remedy}."
-            )
+            name, remedy = labels[k]
+            duration = trajectory.end - trajectory.start
+            begin, last = (trajectory.start + x * duration for x in (part * end, end))
+            yield _describe_growth(name, remedy, float(growth[k]), begin, last)
             return
+
+
+def _describe_growth(name: str, remedy: str, factor: float, begin: float, end: float) -> str:
+    return (
+        f"{name} grows exponentially, by a factor of {factor:.2g} from t = {begin:.3g} to "
+        f"{end:.3g} s, and does not decay again, so its loop seems to be unstable; check the signs "
+        f"and sizes of its {remedy}."
+    )
+
+
+def _swing_warnings(equations: EquationsOfMotion, histories: Sequence[_History]) -> Iterator[str]:
+    """Yield a warning if few swings of a continuous command grow, and do not decay again."""
+    for command, times, values in histories:
+        growth = _find_growing_swings(values)
+        if growth is not None:
+            factor, first, last = growth
+            if not _has_varying_laws(equations.mechanism, times[first : last + 1]):
+                yield _describe_growth(command.name, "gains", factor, times[first], times[last])
+                return
+
+
+def _find_growing_swings(values: Array) -> tuple[float, int, int] | None:
+    """Return the growth of consecutive swings, and their first and last sample, or None."""
+    directions = np.sign(np.diff(values))
+    (moving,) = np.nonzero(directions)
+    turns = moving[np.append(directions[moving[1:]] != directions[moving[:-1]], True)] + 1
+    turns = np.append(0, turns)
+    swings = np.abs(np.diff(values[turns]))
+    if len(swings) <= _MIN_GROWING_SWINGS:
+        return None
+    exponents = np.diff(np.log(swings))
+    remaining = np.max(swings[-max(len(swings) // 4, 1) :])
+    best = None
+    for last in range(_MIN_GROWING_SWINGS, len(exponents) + 1):
+        if remaining < _MIN_REMAINING_CHANGE * swings[last]:
+            continue
+        smallest = largest = exponents[last - 1]
+        first = last
+        while first > 0:
+            low, high = min(smallest, exponents[first - 1]), max(largest, exponents[first - 1])
+            if low < _MIN_SWING_EXPONENT or high > _MAX_EXPONENT_RATIO * low:
+                break
+            smallest, largest, first = low, high, first - 1
+        factor = float(swings[last] / swings[first])
+        is_growing = last - first >= _MIN_GROWING_SWINGS and factor > _MIN_GROWTH
+        if is_growing and (best is None or factor > best[0]):
+            best = factor, int(turns[first]), int(turns[last + 1])
+    return best
+
+
+def _sampled_cycle_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, rows: dict[int, tuple[str, str]]
+) -> Iterator[str]:
+    """Yield a warning if a held value alternates without decay."""
     for stream, term in enumerate(equations.controllers):
         controller = term.controller
         # Without measured values, there is no loop.
@@ -169,13 +284,79 @@ def _limited_growth_warnings(
                 return
             cycle = _find_limit_cycle(equations, trajectory, stream, k)
             if cycle is not None:
-                name, remedy = rows[term.rows.start + k]
-                yield (
-                    f"{name} alternates between its limits {cycle[0]:.4g} and {cycle[1]:.4g} until "
-                    "the end of the run (limit cycle), so its loop seems to be unstable; check the "
-                    f"signs and sizes of its {remedy}."
-                )
+                yield _describe_cycle(*rows[term.rows.start + k], *cycle)
                 return
+
+
+def _describe_cycle(name: str, remedy: str, low: float, high: float) -> str:
+    return (
+        f"{name} alternates between its limits {low:.4g} and {high:.4g} until the end of the run "
+        "(limit cycle), so its loop seems to be unstable; check the signs and sizes of its "
+        f"{remedy}."
+    )
+
+
+def _cycle_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, histories: Sequence[_History]
+) -> Iterator[str]:
+    """Yield a warning if a command of a continuous loop goes from limit to limit without decay."""
+    duration = trajectory.end - trajectory.start
+    for command, times, history in histories:
+        low, high = command.low, command.high
+        is_last = times > trajectory.end - duration * max(_CYCLE_PARTS)
+        if not (command.has_limits and _has_cycles(history[is_last], low, high)):
+            continue
+        decay = None
+        for part in _CYCLE_PARTS:
+            times = trajectory.end - duration * part * np.linspace(1.0, 0.0, _CYCLE_SAMPLES)
+            if _has_varying_laws(equations.mechanism, times):
+                continue
+            at = trajectory.at(times)
+            values = command.evaluate(*at)
+            max_decay = _MAX_FIRST_DECAY
+            if decay is not None:
+                max_decay = max(min(_MAX_DECAY_RATIO * decay, _MAX_DECAY), _DECAY_ROUNDING)
+            decay = _find_decay(values)
+            excess = np.ptp(values[:, 0]) / (high - low)
+            is_persistent = (
+                decay <= max_decay
+                and (excess < _MAX_EXCESS or decay < -_MAX_FIRST_DECAY)
+                and _has_cycles(values[:, 0], low, high)
+                and _repeats(np.clip(values[:, 0], low, high), np.inf)
+                and not _moves_on(equations, at[1].q)
+            )
+            if is_persistent:
+                yield _describe_cycle(command.name, "gains", low, high)
+                return
+
+
+def _has_cycles(values: Array, low: float, high: float) -> bool:
+    """Return True if values go from limit to limit, or beyond them, several times."""
+    return _count_switches(np.clip(values, low, high), low, high) >= _MIN_CYCLE_SWITCHES
+
+
+def _count_switches(values: Array, low: float, high: float) -> int:
+    """Return how often values go from one of their limits to the other one."""
+    rounding = _ROUNDING * max(abs(low), abs(high))
+    is_low, is_high = values <= low + rounding, values >= high - rounding
+    return int(np.count_nonzero(np.diff(is_high[is_low | is_high])))
+
+
+def _find_decay(values: Array) -> float:
+    """Return the largest relative decrease of the ranges of columns (k, n) in their second half."""
+    half = len(values) // 2
+    early, late = np.ptp(values[:half], axis=0), np.ptp(values[half:], axis=0)
+    return float(np.max((early - late)[early > 0.0] / early[early > 0.0], initial=-np.inf))
+
+
+def _moves_on(equations: EquationsOfMotion, q: Array) -> bool:
+    """Return True if parts turn or travel, so that forces along their way may be periodic."""
+    half = len(q) // 2
+    ranges = np.ptp(q, axis=0)
+    shifts = np.abs(q[half:].mean(axis=0) - q[:half].mean(axis=0))
+    is_moving = ranges > _MIN_TRAVEL * equations.position_scales
+    is_moving[list(equations.states)] = False
+    return bool(np.any(is_moving & (shifts > _MIN_SHIFT * ranges)))
 
 
 def _find_limit_cycle(
@@ -192,11 +373,9 @@ def _find_limit_cycle(
             return None
         held = trajectory.positions_at(times)[:, term.rows.start + drive]
         low, high = float(held.min()), float(held.max())
-        rounding = _ROUNDING * max(abs(low), abs(high))
-        is_low, is_high = held <= low + rounding, held >= high - rounding
-        switches = np.count_nonzero(np.diff(is_high[is_low | is_high]))
-        # Maxima of a vibration without limits are at both limits once only.
-        if switches < _MIN_LIMIT_CYCLE_SWITCHES or not _repeats(held, np.inf):
+        # Without limits, a vibration has both extremes in each period only if the period is a whole
+        # number of samples.
+        if not (_has_cycles(held, low, high) and _repeats(held, np.inf)):
             continue
         if _has_varying_laws(equations.mechanism, times):
             return None
@@ -208,9 +387,7 @@ def _find_limit_cycle(
                 for t, q, v in zip(states[0], states[1].q, states[1].v, strict=True)
             ]
         )
-        half = len(times) // 2
-        early, late = np.ptp(reads[:half], axis=0), np.ptp(reads[half:], axis=0)
-        if np.any(late < _MIN_REMAINING_RANGE * early):
+        if _find_decay(reads) > _MAX_DECAY or _moves_on(equations, states[1].q):
             continue
         newest = every * (samples[-_MAX_LAST_SAMPLES:] + 0.5)
         is_levels = _has_few_levels(held, (low, high))
@@ -256,9 +433,7 @@ def _find_alternation(held: Array, n_first: int, latency: int) -> tuple[float, f
     if len(last) < _MIN_REVERSALS:
         return None
     low, high = float(last.min()), float(last.max())
-    rounding = _ROUNDING * max(abs(low), abs(high))
-    is_low, is_high = last <= low + rounding, last >= high - rounding
-    switches = int(np.count_nonzero(np.diff(is_high[is_low | is_high])))
+    switches = _count_switches(last, low, high)
     is_at_limits = switches >= max(_MIN_REVERSALS, len(last) / _MAX_SAMPLES_PER_REVERSAL)
     if 0.5 * (high - low) < _MIN_AMPLITUDE * np.abs(held).max():
         return None
@@ -354,12 +529,12 @@ def _describe_rows(equations: EquationsOfMotion) -> dict[int, tuple[str, str]]:
     return rows
 
 
-def _exponential_growth(values: Array) -> Array:
+def _exponential_growth(values: Array, counts: Sequence[int] = _WINDOW_COUNTS) -> Array:
     """Return the growth factor of each column of values (k, size); 0 if not exponential."""
     changes = np.abs(np.diff(values, axis=0))
     rounding = _ROUNDING * np.abs(values).max(axis=0)
     factors = np.zeros(values.shape[1])
-    for count in _WINDOW_COUNTS:
+    for count in counts:
         envelope = changes.reshape(count, -1, values.shape[1]).max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             exponents = np.diff(np.log(envelope), axis=0)

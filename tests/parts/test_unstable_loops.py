@@ -1,0 +1,121 @@
+"""Warnings about continuous loops that grow, or go from limit to limit."""
+
+import re
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import beamdae as bd
+
+STEP = 1e-3
+
+
+def build_stage(gain, rate=30.0, limit=None, by_formula=False, speed=0.0, damping=0.6):
+    """Return a mass of 2 kg on a spring of the natural frequency `rate` [rad/s] with a PID loop.
+
+    `gain` is the integral gain relative to the limit of stability, kd (k + kp) / m. The `limit` is
+    relative to the force that holds the target.
+    """
+    mass, stiffness = 2.0, 2.0 * rate**2
+    kp, kd = 4.0 * stiffness, damping * mass * rate
+    ki = gain * kd * (stiffness + kp) / mass
+    limits = None if limit is None else (-limit * stiffness * STEP, limit * stiffness * STEP)
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", mass, at=(0.0, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech.add(bd.Spring("spring", mech.ground.at(-1.0, 0.0), stage.point, stiffness))
+    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
+    error = mech.input("target", 0.0 if speed else STEP) - x
+    if by_formula:
+        # kp + ki / s, and the rate.
+        command = bd.transfer_function(mech, "servo", error, [kp, ki], [1.0, 0.0], scale=STEP)
+        force = 0.5 * ca.fmax(ca.fmin(2.0 * (command - kd * v), 2 * limits[1]), 2 * limits[0])
+    else:
+        gains = {"kp": kp, "ki": ki, "kd": kd}
+        force = bd.pid(mech, "servo", error, **gains, rate=-v, limits=limits, scale=STEP)
+    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+    return mech
+
+
+def loop_warnings(mech, t_end, method=None):
+    run = bd.simulate(mech, method or bd.Radau(), t_end=t_end)
+    return [x for x in run.warnings if "its loop seems to be unstable" in x]
+
+
+def test_regression_limit_cycles_of_continuous_loops_have_a_warning():
+    """A force that went from limit to limit until the end was "ok"."""
+    (sentence,) = loop_warnings(build_stage(2.0, limit=3.0), t_end=4.0)
+    limits = "alternates between its limits -5.4 and 5.4 until the end of the run (limit cycle)"
+    assert sentence.startswith(f"servo: the command {limits}, so its loop seems to be unstable;")
+    assert not loop_warnings(build_stage(0.5, limit=3.0), t_end=4.0)
+
+
+@pytest.mark.parametrize("method", [bd.Radau(), bd.Ida(), bd.GeneralizedAlpha(1.0)])
+@pytest.mark.parametrize("rate", [3.0, 30.0, 300.0])
+@pytest.mark.parametrize("limit", [1.5, 3.0, 30.0])
+@pytest.mark.parametrize("gain", [0.1, 0.5, 0.8, 2.0, 5.0, 20.0, 100.0])
+def test_regression_limit_cycles_are_found_at_all_gains_and_speeds(gain, limit, rate, method):
+    if isinstance(method, bd.GeneralizedAlpha):
+        method = bd.GeneralizedAlpha(6e-3 / rate)
+    found = loop_warnings(build_stage(gain, rate, limit), 120.0 / rate, method)
+    assert len(found) == (gain > 1.0)
+
+
+@pytest.mark.parametrize(("gain", "is_unstable"), [(0.5, False), (3.0, True)])
+def test_regression_limits_in_formulas_of_users_are_those_of_loops(gain, is_unstable):
+    mech = build_stage(gain, limit=3.0, by_formula=True)
+    found = loop_warnings(mech, t_end=4.0)
+    assert len(found) == is_unstable
+    assert all(x.startswith("motor: the limited value alternates between its") for x in found)
+
+
+@pytest.mark.parametrize("limit", [1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize("periods", [5, 20, 100])
+def test_weak_actuators_that_damp_large_vibrations_have_no_warning(limit, periods):
+    mech = build_stage(0.1, limit=limit, speed=30.0 * STEP)
+    assert not loop_warnings(mech, t_end=periods * 2.0 * np.pi / 30.0)
+
+
+@pytest.mark.parametrize("limit", [0.2, 0.5, 2.0])
+def test_periodic_loads_of_turning_parts_have_no_warning(limit):
+    """A motor drives an unbalanced wheel; its torque reaches the limits in each revolution."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    wheel = mech.add(bd.RigidBody("wheel", mass=1.0, inertia=0.5, center=(0.1, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    rate = mech.sensor("rate", wheel.at(0.0, 0.0), "angle_dot")
+    gains = {"kp": 50.0, "ki": 20.0}
+    torque = bd.pid(mech, "drive", 10.0 - rate, **gains, limits=(-limit, limit))
+    mech.add(bd.Moment("motor", wheel.at(0.0, 0.0), torque))
+    assert not loop_warnings(mech, t_end=30.0)
+
+
+def build_flexure(gain, sign=1.0):
+    """Return a stage on two leaves whose force depends on the rate with the wrong sign."""
+    steel = bd.Material.of("steel")
+    leaf = bd.Section.rectangle(steel, width=0.02, height=0.3e-3, damping=1e-4)
+    mech = bd.Mechanism()
+    platform = mech.add(bd.RigidBody.plate("platform", (0.0, 0.05), 0.08, 0.02, mass=0.5))
+    for name, x in (("left", -0.03), ("right", 0.03)):
+        curve = bd.Line((x, 0.0), (x, 0.04))
+        beam = mech.add(bd.Beam(name, curve, leaf, elements=2, formulation="exact"))
+        mech.add(bd.Weld(f"{name} clamp", mech.ground.at(x, 0.0), beam.start))
+        mech.add(bd.Weld(f"{name} screw", beam.end, platform.at(x, 0.04)))
+    middle = platform.at(0.0, 0.05)
+    x, v = mech.sensor("x", middle, "x"), mech.sensor("v", middle, "x_dot")
+    kp, kd = gain * 25e3, gain * 30.0
+    force = bd.pid(mech, "servo", 1e-4 - x, kp, 60.0 * kp, kd, rate=-sign * v, scale=1e-6)
+    mech.add(bd.Force("coil", middle, (force, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize("gain", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("method", [bd.Radau(max_steps=1000), bd.GeneralizedAlpha(2e-4)])
+def test_regression_unstable_loops_are_the_first_reason_of_runs_that_stop(gain, method):
+    """Newton's iteration, or the maximum of steps, was the only reason."""
+    with pytest.warns(bd.BeamdaeWarning):
+        run = bd.simulate(build_flexure(gain, sign=-1.0), method, t_end=1.0)
+    assert not run.status.success
+    cause = r"stopped at t = \S+ s: servo\S* (the command )?grows exponentially, by a factor of"
+    assert re.match(cause, run.status.sentence)
+    assert not any("its loop seems" in x for x in run.warnings)
