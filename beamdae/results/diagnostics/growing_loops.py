@@ -74,12 +74,12 @@ _STRIDES = (1, 4, 16)
 _MIN_CYCLE_SWITCHES = 4
 # Decrease of the ranges of measured values from the first to the second half of these samples.
 _MAX_DECAY = 0.03
-# Commands of continuous loops are compared at this number of times in the last parts of a run. Of 95
-# unstable loops (PID with a lag on a mass with a spring and on a stage with two leaf springs, 1 to
-# 100 times the critical gain, 10 to 60 periods), 65 have a warning; the others grow by less than a
-# factor of 30, have limits of a small fraction of the first command, or last few periods. Of 45
-# stable ones (0.1 to 1 times the critical gain), 30 with weak actuators and 30 turning wheels, none
-# has one.
+# Commands of continuous loops are compared at this number of times in the last parts of a run. Of
+# 95 unstable loops (PID with a lag on a mass with a spring and on a stage with two leaf springs, 1
+# to 100 times the critical gain, 10 to 60 periods), 65 have a warning; 13 others grow by less than
+# a factor of 30, and most of the rest last for few periods or have limits of a small fraction of
+# the first command. Of 45 stable ones (0.1 to 1 times the critical gain), 30 with weak actuators
+# and 30 turning wheels, none has one.
 _CYCLE_PARTS, _CYCLE_SAMPLES = (0.75, 0.375, 0.1875), 512
 # Decrease of the ranges of commands and of measured values from the first to the second half of
 # these times in the longest part; in a shorter one, it is compared with that in the part before,
