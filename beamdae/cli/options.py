@@ -151,7 +151,8 @@ Bounds = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=LOW:HIGH",
-        help="Bounds of a parameter, with or without units; repeatable.",
+        help="Bounds of a parameter, with or without units, or one of them, as in LOW:; "
+        "repeatable.",
     ),
 ]
 Loads = Annotated[
@@ -436,11 +437,13 @@ def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[fl
                 f"--bounds {name}={text}: {model.name} has no parameter {name}"
                 f"{suggest(name, names)}; its parameters are {', '.join(names)}."
             )
-        ends = parse_ends("--bounds", name, text, info.unit)
+        low, _, high = text.partition(":")
+        closed = f"{low or '-inf'}:{high or 'inf'}" if ":" in text else text
+        ends = parse_ends("--bounds", name, closed, info.unit)
         if ends is None:
             raise BeamdaeError(
-                f"--bounds {name}={text}: the range must have the form LOW:HIGH, two numbers with "
-                "or without units."
+                f"--bounds {name}={text}: the range must have the form LOW:HIGH, LOW: or :HIGH, "
+                "numbers with or without units."
             )
         bounds[name] = ends
     return bounds

@@ -17,8 +17,8 @@ def parse_ends(option: str, name: str, text: str, unit: str) -> tuple[float, flo
     Raises
     ------
     BeamdaeError
-        If a unit is unknown or measures another quantity, or one end has a unit and the other, not
-        zero, has none: 10:3000rpm may mean 10 rad/s or 10 rpm.
+        If a unit is unknown or measures another quantity, or one end has a unit and the other,
+        neither zero nor infinite, has none: 10:3000rpm may mean 10 rad/s or 10 rpm.
     """
     from beamdae.model_parameters import parse_number
 
@@ -28,7 +28,8 @@ def parse_ends(option: str, name: str, text: str, unit: str) -> tuple[float, flo
             pass
         case _:
             return None
-    if _is_plain(parts[0]) != _is_plain(parts[1]) and 0.0 not in (first, last):
+    depend_on_unit = all(x != 0.0 and math.isfinite(x) for x in (first, last))
+    if _is_plain(parts[0]) != _is_plain(parts[1]) and depend_on_unit:
         raise BeamdaeError(
             f"{option} {name}={text}: one end has a unit and the other has none; give both a unit."
         )

@@ -15,7 +15,7 @@ import pandas as pd
 
 from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.search import robust_search
-from beamdae.analysis.start_points import spread_starts
+from beamdae.analysis.parameter_bounds import spread_starts
 from beamdae.errors import BeamdaeError, as_real, require_progress
 from beamdae.integrators import Integrator
 from beamdae.interrupts import Interrupted, attach_partial

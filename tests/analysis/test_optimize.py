@@ -1,5 +1,6 @@
 """Optimization: closed forms, gradients against differences, failures, limits and interrupts."""
 
+import math
 import signal
 import warnings
 
@@ -1014,3 +1015,101 @@ def test_exceptions_of_progress_in_later_searches_have_the_best_design_so_far():
     result = caught.value.partial
     assert result.status.kind == "failed"
     assert result.starts["objective"].min() == result.objective
+
+
+def fit_of_oscillator(bounds, log=()):
+    times = np.linspace(0.1, 1.0, 10)
+    data = {"t [s]": times, "mass.x": 1.0 + 0.2 / 40.0**0.5 * np.sin(40.0**0.5 * times)}
+    return bd.fit(oscillator, data, "stiffness", ALPHA, sigma=1e-3, bounds=bounds, log=log)
+
+
+def optimum_of_oscillator(bounds):
+    squares = bd.ParameterFunction(lambda stiffness: (stiffness - 40.0) ** 2)
+    return bd.optimize(oscillator, squares, "stiffness", bounds=bounds)
+
+
+@pytest.mark.parametrize("search", [fit_of_oscillator, optimum_of_oscillator])
+@pytest.mark.parametrize("bounds", [(None, 90.0), (10.0, None), (None, None)])
+def test_regression_bounds_of_none_are_missing(search, bounds):
+    """They were rejected as if they did not contain the first value."""
+    result = search({"stiffness": bounds})
+    assert result.parameters["stiffness"] == pytest.approx(40.0, rel=1e-2)
+    if search is fit_of_oscillator:
+        result = search({"stiffness": bounds}, ["stiffness"])
+        assert result.parameters["stiffness"] == pytest.approx(40.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("search", [fit_of_oscillator, optimum_of_oscillator])
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ((30.0, 30.0), r"must differ, got \(30.0, 30.0\); remove stiffness from by"),
+        ((90.0, 10.0), r"must ascend, \(lower, upper\), got \(90.0, 10.0\); exchange them"),
+        ((35.0, 90.0), r"around its first value 30.*parameters={'stiffness': value}"),
+    ],
+)
+def test_regression_bounds_that_are_equal_or_descend_are_named(search, bounds, message):
+    """All were said not to contain the first value."""
+    with pytest.raises(bd.BeamdaeError, match=message):
+        search({"stiffness": bounds})
+
+
+@pytest.mark.parametrize("root", [np.sqrt, math.sqrt, lambda x: x**0.5])
+def test_regression_functions_that_end_at_a_bound_have_derivatives(root):
+    """Central differences beyond the bound were not finite, and the search failed."""
+    cost = bd.ParameterFunction(lambda stiffness: 0.1 * stiffness - root(stiffness - 30.0))
+    result = bd.optimize(oscillator, cost, "stiffness", bounds={"stiffness": (30.0, 90.0)})
+    assert result.status.success
+    # 0.1 = 0.5 / sqrt(stiffness - 30)
+    assert result.parameters["stiffness"] == pytest.approx(55.0, rel=1e-3)
+    # A function with a finite slope that ends at its minimum.
+    ending = bd.ParameterFunction(lambda stiffness: stiffness + root(stiffness - 30.0) ** 2)
+    result = bd.optimize(oscillator, ending, "stiffness", bounds={"stiffness": (30.0, None)})
+    assert result.parameters["stiffness"] == 30.0
+    assert result.residual == pytest.approx(0.0, abs=1e-6)
+
+
+def test_regression_gradients_that_are_not_finite_are_stated_once():
+    """The sentence appeared twice, with the name of a Python class."""
+
+    def value(stiffness):
+        return (
+            (stiffness - 20.0) ** 2 if abs(stiffness - 30.0) < 1e-6 or stiffness > 31.0 else np.nan
+        )
+
+    with pytest.raises(
+        bd.BeamdaeError, match=r"^optimize: the gradient of cost of oscillator is not"
+    ):
+        bd.optimize(oscillator, bd.ParameterFunction(value, "cost"), "stiffness")
+    first = {"stiffness": 60.0}
+    with pytest.warns(bd.BeamdaeWarning) as caught:
+        bd.optimize(oscillator, bd.ParameterFunction(value, "cost"), "stiffness", parameters=first)
+    text = str(caught[-1].message)
+    assert "BeamdaeError" not in text
+    assert text.count("optimize:") == 1
+
+
+def test_regression_searches_without_bounds_advise_them():
+    with pytest.warns(
+        bd.BeamdaeWarning, match="positive, got .*; pass bounds= that keep the sign of width"
+    ):
+        bd.optimize(cantilever, bd.Mass(), "width", bounds={"width": (None, 0.1)})
+
+
+def test_regression_values_that_are_not_finite_at_the_start_have_advice():
+    cost = bd.ParameterFunction(lambda stiffness: np.inf * stiffness, "cost")
+    with pytest.raises(
+        bd.BeamdaeError, match=r"cost of oscillator is inf at .*; start from others"
+    ):
+        bd.optimize(oscillator, cost, "stiffness")
+
+
+@bd.model(t_end=1.0)
+def whole(mass=2, load=1.0):
+    return oscillator(stiffness=float(mass))
+
+
+@pytest.mark.parametrize("call", [bd.sensitivities, lambda *x: bd.optimize(x[0], bd.Mass(), x[1])])
+def test_regression_whole_numbers_without_derivative_have_advice(call):
+    with pytest.raises(bd.BeamdaeError, match=r"compare whole numbers by sweep, or write 2\.0 in"):
+        call(whole, "mass")

@@ -125,6 +125,24 @@ def test_time_without_an_equilibrium_is_rejected(here):
     assert "--t 1: no quantity is of the kind equilibrium:COLUMN" in " ".join(result.output.split())
 
 
+@pytest.mark.parametrize(
+    ("bounds", "expected"),
+    [("mass=500g:", 0.5), ("mass=500g:inf", 0.5), ("mass=:3kg", None), ("mass=", None)],
+)
+def test_regression_bounds_may_have_one_end(here, bounds, expected):
+    result = run("--by", "mass", "--minimize", "mass", "--bounds", bounds, "--no-page", "--json")
+    if bounds == "mass=":
+        assert (result.exit_code, "the form LOW:HIGH, LOW: or :HIGH" in result.stderr) == (2, True)
+    elif expected is None:
+        # Without a lower bound, masses become negative.
+        assert (result.exit_code, "pass --bounds that keep the sign of mass" in result.stderr) == (
+            1,
+            True,
+        )
+    else:
+        assert json.loads(result.stdout)["parameters"]["mass"] == expected
+
+
 @pytest.mark.slow(reason="a second")
 def test_several_starts_have_a_table(here):
     by = ["--by", "mass,stiffness", "--minimize", "mass", "--at-least", "stiffness=30"]

@@ -15,8 +15,8 @@ from beamdae import deferred
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, robust_search
+from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.analysis.start_points import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.errors import (
     InputWarning,
     kind_of_message,
@@ -53,7 +53,7 @@ def fit(
     sigma: float | str | Mapping[str, float | str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     experiments: Mapping[str, Mapping[str, Any]] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, Any] | None = None,
     log: Sequence[str] = (),
     scale: Any = (),
     offset: Any = (),
@@ -110,8 +110,8 @@ def fit(
         For each experiment of the data, values of parameters that differ in this experiment, such
         as another tip mass. All experiments are fitted together.
     bounds
-        (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
-        "6 mm" for parameters with a unit.
+        (lower, upper) by name, for some of the parameters; numbers, None for no bound, or texts
+        with units such as "6 mm" for parameters with a unit.
     log
         Names of parameters whose logarithms are varied. They and their intervals stay positive.
     scale, offset

@@ -18,6 +18,7 @@ from beamdae.analysis.fit.data import (
     warn_of_missing_units,
 )
 from beamdae.analysis.fit.sensors import Sensor, Sensors, read_sensors
+from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -31,7 +32,6 @@ from beamdae.errors import (
     kind_of_message,
     require_mapping,
     require_names,
-    require_pair,
     short_repr,
     warn_user,
 )
@@ -39,7 +39,6 @@ from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import refine, require_integrator
 from beamdae.model_parameters import (
     conversion_factor,
-    convert_text,
     format_with_unit,
     split_unit,
 )
@@ -451,17 +450,12 @@ class Scaling:
         for k, name in enumerate(names):
             if name not in limits:
                 continue
-            pair = require_pair("fit", f"bounds of {name}", limits[name], "(lower, upper)")
             unit = problem.model.parameter_info[name].unit
-            ends = (as_real(convert_text("fit", f"bounds of {name}", x, unit)) for x in pair)
+            ends = map(as_real, convert_bounds("fit", name, limits[name], unit))
             least, most = (np.nan if x is None else x for x in ends)
-            if not least < most or not least <= values[k] <= most:
-                raise BeamdaeError(
-                    f"fit: bounds of {name} must be (lower, upper) around its first value "
-                    f"{values[k]:g}, got {short_repr(limits[name])}; change the bounds, or pass "
-                    f"another first value, parameters={{{name!r}: value}}."
-                )
-            if self.is_log[k] and least < 0.0:
+            first = float(values[k])
+            require_bounds_around("fit", name, first, np.array(least), np.array(most), limits[name])
+            if self.is_log[k] and -np.inf < least < 0.0:
                 raise BeamdaeError(
                     f"fit: the lower bound of {name} must not be negative because it is in log, "
                     f"got {least:g}; raise the bound, or remove {name} from log."
@@ -469,7 +463,7 @@ class Scaling:
             lower[k], upper[k] = max(lower[k], least), most
             self.bound_texts[name] = tuple(
                 given if isinstance(given, str) else format_with_unit(float(x), unit)
-                for given, x in zip(pair, (least, most), strict=True)
+                for given, x in zip(limits[name], (least, most), strict=True)
             )
         for k, shift in enumerate(problem.sensors.shifts, len(names)):
             lower[k], upper[k] = shift.bounds

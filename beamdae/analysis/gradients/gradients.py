@@ -51,6 +51,7 @@ from beamdae.analysis.sensitivities.run_derivatives import (
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
     require_parameter_names,
+    whole_number_remedy,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
@@ -412,7 +413,8 @@ def flatten_model(caller: str, model: Any, by: Any, parameters: Any) -> FlatMode
         if not count:
             raise BeamdaeError(
                 f"{caller}: {name} of {model.name} is neither a float nor a list of floats "
-                f"({short_repr(values[name])}) and has no derivative."
+                f"({short_repr(values[name])}) and has no derivative"
+                f"{whole_number_remedy(values[name])}."
             )
         if isinstance(values[name], float):
             entries[name] = (name, None)

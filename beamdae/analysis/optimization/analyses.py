@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -50,6 +51,14 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _NAME = "optimize"
+# Weights of differences of fourth order by step. One-sided ones are used where a function is not
+# defined on the other side, such as the square root of a parameter at its lower bound of zero.
+_FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
+_STENCILS = (
+    {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0},
+    _FORWARD,
+    {-k: -weight for k, weight in _FORWARD.items()},
+)
 # Relative and smallest differences of parameters in functions of parameters. The functions are
 # smooth: errors of differences of fourth order are near 1e-12.
 _RELATIVE_DIFFERENCE = 1e-3
@@ -397,15 +406,22 @@ class ParameterAnalysis(Analysis):
         """See `Analysis`."""
         result = np.zeros(len(self._flat.entries))
         for k, (name, value) in enumerate(self._flat.values.items()):
-            delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
             for quantity, weight in weights.items():
-                far, near = (
-                    self._evaluate(quantity, {name: value + step * delta})
-                    - self._evaluate(quantity, {name: value - step * delta})
-                    for step in (2, 1)
-                )
-                result[k] += weight * (8.0 * near - far) / (12.0 * delta)
+                result[k] += weight * self._differentiate(quantity, name, value)
         return result
+
+    def _differentiate(self, quantity: ParameterFunction, name: str, value: float) -> float:
+        """Return the derivative of a function of parameters; NaN if it is not defined nearby."""
+        delta = _RELATIVE_DIFFERENCE * abs(value) or _DIFFERENCE_FROM_ZERO
+        for stencil in _STENCILS:
+            with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+                difference = sum(
+                    weight * self._evaluate(quantity, {name: value + k * delta})
+                    for k, weight in stencil.items()
+                )
+                if np.isfinite(difference):
+                    return difference / delta
+        return float("nan")
 
     def _evaluate(self, quantity: ParameterFunction, changed: dict[str, float]) -> float:
         value = quantity.evaluate(self._flat.change(changed))

@@ -18,8 +18,8 @@ from beamdae.analysis.optimization.result import (
 )
 from beamdae.analysis.optimization.search import METHODS, Method, Search
 from beamdae.analysis.optimization.starts import search_from_starts
+from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
-from beamdae.analysis.start_points import MAX_SEED, MAX_STARTS
 from beamdae.errors import (
     kind_of_message,
     list_first,
@@ -90,10 +90,10 @@ def optimize(
         `SmoothMaximum` is that of the maximum over the run: the search is repeated from its end
         with the ratio of both until they agree within 0.1 %.
     bounds
-        (lower, upper) by name, for some of the parameters; numbers, or texts with units such as
-        "6 mm" for parameters with a unit. For a list of floats, each of the two is such a number or
-        text for all entries, or a list with one number per entry. All evaluated designs satisfy the
-        bounds.
+        (lower, upper) by name, for some of the parameters; numbers, None for no bound, or texts
+        with units such as "6 mm" for parameters with a unit. For a list of floats, each of the two
+        is such a number or text for all entries, or a list with one number per entry. All evaluated
+        designs satisfy the bounds; a `ParameterFunction` may be evaluated 0.2 % beyond them.
     integrator, t_end, start
         Runs, see `gradient`. `start` is also that of equilibrium paths. One more run with half the
         step or a tenth of `rtol` checks the accuracy of the best design.

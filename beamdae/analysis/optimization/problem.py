@@ -30,25 +30,27 @@ from beamdae.analysis.optimization.quantities import (
     as_quantity,
     find_unit,
 )
+from beamdae.analysis.parameter_bounds import convert_bounds, require_bounds_around
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
     as_real,
     kind_of_message,
+    list_first,
     require_mapping,
-    require_pair,
     require_sequence,
     short_repr,
 )
 from beamdae.integrators.integrator import refine
-from beamdae.model_parameters import convert_text, parse_unit, split_unit
+from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 _NAME = "optimize"
+_MAX_NAMES = 3  # of quantities in a message
 # Designs whose analyses are kept: the current one, the one of the last gradient and a trial.
 _KEPT_DESIGNS = 3
 # A limit that is exceeded by more than this, relative to the limit, is violated.
@@ -118,9 +120,10 @@ class Design:
                 total = sum(self.analyses[key].gradient(x) for key, x in by_analysis.items())
             gradient = np.asarray(total, float)
             if not np.all(np.isfinite(gradient)):
+                labels = list_first([x.label for x in self._weights[index]], _MAX_NAMES)
                 raise BeamdaeError(
-                    f"{_NAME}: a gradient of {self.flat.name} is not finite; check the model at "
-                    "these values of the parameters."
+                    f"{_NAME}: the gradient of {labels} of {self.flat.name} is not finite; check "
+                    "the model and its functions near these values of the parameters."
                 )
             self._gradients[index] = gradient
         return self._gradients[index]
@@ -307,7 +310,9 @@ class DesignProblem:
         if not np.all(np.isfinite(numbers)):
             index = int(np.argmin(np.isfinite(numbers)))
             raise BeamdaeError(
-                f"{_NAME}: {self.quantities[index].label} of {flat.name} is not finite."
+                f"{_NAME}: {self.quantities[index].label} of {flat.name} is {numbers[index]:g} at "
+                "these values of the parameters; start from others (parameters={name: value}), or "
+                "exclude them by bounds=."
             )
         return Design(flat, analyses, numbers, results, [weights for _, weights in combined])
 
@@ -325,21 +330,13 @@ class DesignProblem:
         lower, upper = np.full((2, len(self.first)), [[-np.inf], [np.inf]])
         keys = np.array([key for key, _ in self.flat.entries.values()])
         for name, value in given.items():
-            pair = require_pair(_NAME, f"bounds of {name}", value, "(lower, upper)")
             unit = self.flat.model.parameter_info[name].unit
+            pair = convert_bounds(_NAME, name, value, unit)
             rows = keys == name
             for limits, bound in zip((lower, upper), pair, strict=True):
-                bound = convert_text(_NAME, f"bounds of {name}", bound, unit)
                 limits[rows] = _read_bound(name, bound, int(rows.sum()))
-            first = self.first[rows]
-            if np.any(lower[rows] >= upper[rows]) or np.any(
-                (first < lower[rows]) | (first > upper[rows])
-            ):
-                raise BeamdaeError(
-                    f"{_NAME}: bounds of {name} must be (lower, upper) around its first value "
-                    f"{short_repr(self.flat.parameters[name])}, got {short_repr(value)}; change "
-                    f"the bounds, or pass another first value, parameters={{{name!r}: value}}."
-                )
+            first = self.flat.parameters[name]
+            require_bounds_around(_NAME, name, first, lower[rows], upper[rows], value)
         return lower, upper
 
     def _choose_sizes(self) -> Array:

@@ -292,7 +292,8 @@ class Search:
             best = self._best_by_maxima()
             stationarity = self._check_stationarity(best)
         except (BeamdaeError, ArithmeticError) as failure:
-            status = Status("failed", f"{status.sentence}; {format_exception(failure)}")
+            sentences = dict.fromkeys((status.sentence, _describe_failure(failure)))
+            status = Status("failed", "; ".join(sentences))
         except KeyboardInterrupt:
             acknowledge()
             return self._result(best, Status("interrupted", INTERRUPTED_CHECKS))
@@ -324,10 +325,21 @@ class Search:
         count = sum(bool(x.failure) for x in trials)
         if count and status.kind != "ok":
             last = [x.failure for x in trials if x.failure][-1]
+            advice = self._advise_bounds()
             status = Status(
-                status.kind, f"{status.sentence}; {count} analyses failed, the last one: {last}"
+                status.kind,
+                f"{status.sentence}; {count} analyses failed, the last one: {last}{advice}",
             )
         return self._result(best, status, stationarity)
+
+    def _advise_bounds(self) -> str:
+        """Return advice to bound numbers whose sign changed in designs that failed, or ""."""
+        problem = self._problem
+        failed = np.array([x.numbers for x in self._trials.values() if x.failure])
+        is_free = np.isinf(np.where(problem.first > 0.0, problem.lower, problem.upper))
+        is_lost = is_free & np.any(failed * problem.first < 0.0, axis=0)
+        names = list_first(np.array(problem.names)[is_lost].tolist(), _MAX_NAMES)
+        return f"; pass bounds= that keep the sign of {names}" if names else ""
 
     def _describe_violation(self, best: Trial) -> str:
         """Return a sentence with the value and the limit of the most violated constraint."""
@@ -482,7 +494,7 @@ class Search:
         return trial
 
     def _record_failure(self, numbers: Array, failure: Exception) -> Trial:
-        sentence = str(failure) if isinstance(failure, BeamdaeError) else format_exception(failure)
+        sentence = _describe_failure(failure)
         values = np.full(1 + len(self._problem.limits), np.nan)
         trial = Trial(numbers, values, float("nan"), sentence)
         self._trials[numbers.tobytes()] = trial
@@ -503,7 +515,7 @@ class Search:
         except (BeamdaeError, ArithmeticError) as failure:
             if self._last_gradients is None:
                 raise
-            raise _SearchEndError(Status("failed", format_exception(failure))) from failure
+            raise _SearchEndError(Status("failed", _describe_failure(failure))) from failure
         return self._last_gradients
 
     def _scaled_gradients(self, numbers: Array) -> tuple[Array, Array]:
@@ -548,6 +560,13 @@ class Search:
         multipliers *= self._scales[0] / self._scales[1:]
         has_effect = np.any(np.vstack([gradient, jacobian]), axis=0)
         return Stationarity(multipliers, float(residual) / size, has_effect)
+
+
+def _describe_failure(failure: Exception) -> str:
+    """Return the message of an error of an analysis or of the model function."""
+    if isinstance(failure, BeamdaeError):
+        return str(failure).removeprefix("optimize: ").removesuffix(".")
+    return format_exception(failure)
 
 
 def count_idle_trials(trials: Sequence[Trial]) -> int:

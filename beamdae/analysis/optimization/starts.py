@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdae.analysis.optimization.problem import FEASIBILITY_TOLERANCE, DesignProblem
 from beamdae.analysis.optimization.search import Method, Search, SearchResult
-from beamdae.analysis.start_points import require_start_bounds, spread_starts
+from beamdae.analysis.parameter_bounds import require_start_bounds, spread_starts
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status

@@ -79,9 +79,17 @@ def require_parameters(caller: str, model: Any, by: Any, argument: str = "by") -
         if not isinstance(model.parameters[name], float):
             raise BeamdaeError(
                 f"{caller}: {name} of {model.name} is not a float "
-                f"({short_repr(model.parameters[name])}) and has no derivative."
+                f"({short_repr(model.parameters[name])}) and has no derivative"
+                f"{whole_number_remedy(model.parameters[name])}."
             )
     return names
+
+
+def whole_number_remedy(value: Any) -> str:
+    """Return advice for a whole number that is to be differentiated, "" for other values."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        return ""
+    return f"; compare whole numbers by sweep, or write {value}.0 in the model for a real number"
 
 
 def complete_parameters(caller: str, model: Model, parameters: Any) -> dict[str, Any]:
