@@ -74,6 +74,9 @@ WORDS = {
     "guide/starts": ("initial velocity", "initial condition", "degrees of freedom"),
     "guide/results": (
         "CSV",
+        "Excel",
+        "spreadsheet",
+        "decimal comma",
         "plot",
         "phase plot",
         "measured data",

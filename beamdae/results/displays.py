@@ -90,20 +90,22 @@ class HasTable:
         """Return the result as a table."""
         raise NotImplementedError
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `table` as CSV and return the path.
 
         Parameters
         ----------
         path
             Path of the file. An existing file is replaced.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If the path is invalid or the file cannot be written.
+            If an argument is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.table())
+        return write_escaped_table(path, self.table(), sep, decimal)
 
 
 class HasPage:

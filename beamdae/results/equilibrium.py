@@ -479,7 +479,7 @@ class Equilibrium(HasPage):
             **further,
         }
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV, and settings and status as JSON; return the path of the CSV file.
 
         The JSON file has the name of the CSV file, but the suffix .json.
@@ -488,13 +488,15 @@ class Equilibrium(HasPage):
         ----------
         path
             See `Solution.to_csv`.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If `path` is invalid or ends with .json, or a file cannot be written.
+            If an argument is invalid, `path` ends with .json, or a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.metadata())
+        return write_result(path, self.all_columns(), self.status, self.metadata(), sep, decimal)
 
     def to_checkpoint(self) -> Checkpoint:
         """Return a checkpoint that starts a run at rest from the end of the path."""

@@ -370,7 +370,7 @@ class Solution(RunData, TimeSeries):
     def _provenance(self) -> dict[str, Any]:
         return describe_provenance(self.equations)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV and the metadata to a JSON file of the same name.
 
         The metadata contain status, settings, versions and statistics. If the run did not succeed,
@@ -382,6 +382,11 @@ class Solution(RunData, TimeSeries):
         ----------
         path
             Path of the CSV file, with any suffix except .json.
+        sep
+            Separator of the columns: ",", ";" or a tab. Spreadsheets with decimal commas, as in
+            most European countries, need ";".
+        decimal
+            Decimal sign: "." or ",", other than `sep`.
 
         Returns
         -------
@@ -391,9 +396,9 @@ class Solution(RunData, TimeSeries):
         Raises
         ------
         BeamdaeError
-            If `path` is invalid or ends with .json, or a file cannot be written.
+            If an argument is invalid, `path` ends with .json, or a file cannot be written.
         """
-        return write_result(path, self.all_columns(), self.status, self.metadata())
+        return write_result(path, self.all_columns(), self.status, self.metadata(), sep, decimal)
 
     def save(self, path: str | Path) -> Path:
         """Write all data of the run to one file and return the path; `load` reads the file.

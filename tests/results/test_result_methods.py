@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import beamdae as bd
+from beamdae.analysis.fit.data import read_measurements
 from beamdae.results.outcome import Status
 
 # Methods besides `table` and `to_csv`, which all results have.
@@ -127,6 +128,33 @@ def test_results_write_tables_and_plots(results, name, tmp_path):
     for wrong in (3, "", "\0"):
         with pytest.raises(bd.BeamdaeError, match="to_csv: path"):
             result.to_csv(wrong)
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_tables_for_spreadsheets_have_the_same_values(results, name, tmp_path):
+    result = results[name]
+    plain = pd.read_csv(result.to_csv(tmp_path / "plain.csv"))
+    for sep, decimal in ((";", ","), (";", "."), ("\t", ","), ("\t", ".")):
+        path = result.to_csv(tmp_path / "table.csv", sep=sep, decimal=decimal)
+        pd.testing.assert_frame_equal(pd.read_csv(path, sep=sep, decimal=decimal), plain)
+        assert decimal == "." or "." not in "".join(path.read_text("utf-8").splitlines()[1:3])
+    for signs in ({"sep": "|"}, {"sep": ";", "decimal": ";"}, {"decimal": ","}, {"sep": 3}):
+        with pytest.raises(bd.BeamdaeError, match=r"^to_csv: (sep|decimal) "):
+            result.to_csv(tmp_path / "table.csv", **signs)
+
+
+def test_files_for_spreadsheets_are_read_again(tmp_path):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 2.0)))
+    mech.observe("ball", ball.point)
+    run = bd.simulate(mech, t_end=0.1)
+    path = run.to_csv(tmp_path / "run.csv", sep=";", decimal=",")
+    measured = read_measurements("fit", path)
+    (column,) = (x for x in measured.series if x.column == "ball.y [m]")
+    np.testing.assert_array_equal(column.values, run["ball.y"])
+    np.testing.assert_array_equal(column.times, run.t)
+    law = bd.table_from_csv(path, "t", "ball.y")
+    np.testing.assert_array_equal(law.values, run["ball.y"])
 
 
 @pytest.mark.parametrize("name", ["Solution", "Modes", "Boundary", "KnockDown"])

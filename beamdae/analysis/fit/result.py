@@ -400,16 +400,23 @@ class Fit:
             factors = np.exp(np.where(is_log[:, None], changes, 0.0))
         return np.where(is_log[:, None], values[:, None] * factors, values[:, None] + changes)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `table` and the units of the estimates as CSV and return the path.
+
+        Parameters
+        ----------
+        path
+            Path of the file. An existing file is replaced.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If the path is invalid or the file cannot be written.
+            If an argument is invalid or the file cannot be written.
         """
         table = self.table().assign(unit=list(self.units.values()))
-        return write_escaped_table(path, table.reset_index(names="parameter"))
+        return write_escaped_table(path, table.reset_index(names="parameter"), sep, decimal)
 
     def correlations(self) -> pd.DataFrame:
         """Return the correlation matrix C_ij / sqrt(C_ii C_jj) of the estimates [-].

@@ -332,15 +332,22 @@ class Optimization:
         write: Any = deferred.module("report.optimization_page").write_optimization_page
         return Path(write(self, require_file_path("page", path)))
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write `history` as CSV and return the path.
+
+        Parameters
+        ----------
+        path
+            Path of the file. An existing file is replaced.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If the path is invalid or the file cannot be written.
+            If an argument is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.history())
+        return write_escaped_table(path, self.history(), sep, decimal)
 
 
 def create_optimization(

@@ -24,6 +24,7 @@ from beamdae.errors import (
     format_message,
     is_valid_path,
     path_as_text,
+    require_choice,
     short_repr,
 )
 from beamdae.package_versions import installed_version
@@ -38,12 +39,19 @@ _SCRATCH = re.compile(r"\.(?P<process>\d+)@(?P<node>[^@]*)@[0-9a-f]+\.scratch")
 # Spreadsheets read text that starts with these (half- or full-width) characters as a formula.
 _FORMULA = re.compile("'*[=+\\-@\t\r＝＋－＠]")  # noqa: RUF001
 _NOT_INSTALLED = "not installed"
+_SEPARATORS = (",", ";", "\t")
+_DECIMAL_SIGNS = (".", ",")
 _BLOCK_ROWS = 10_000  # of a table that are formatted together
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 
 
 def write_result(
-    path: Any, columns: Mapping[str, Any], status: Status, metadata: Mapping[str, Any]
+    path: Any,
+    columns: Mapping[str, Any],
+    status: Status,
+    metadata: Mapping[str, Any],
+    sep: Any = ",",
+    decimal: Any = ".",
 ) -> Path:
     """Write the CSV and JSON files of `to_csv`.
 
@@ -52,17 +60,36 @@ def write_result(
     Raises
     ------
     BeamdaeError
-        If `path` is not a file path, its suffix is .json, an entry of `metadata` is not a JSON
-        value, or a file cannot be written.
+        If `path` is not a file path, its suffix is .json, `sep` or `decimal` is invalid, an entry
+        of `metadata` is not a JSON value, or a file cannot be written.
     """
     file = require_file_path("to_csv", path)
+    sep, decimal = _require_signs(sep, decimal)
     if not status.success:
         rows = len(next(iter(columns.values())))
         columns = {**columns, "status": np.full(rows, status.kind)}
-    return write_table(file, columns, metadata)
+    return write_table(file, columns, metadata, sep, decimal)
 
 
-def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> Path:
+def _require_signs(sep: Any, decimal: Any) -> tuple[str, str]:
+    """Return the separator of columns and the decimal sign of a method `to_csv`."""
+    sep = require_choice("to_csv", "sep", sep, _SEPARATORS)
+    decimal = require_choice("to_csv", "decimal", decimal, _DECIMAL_SIGNS)
+    if sep == decimal:
+        raise BeamdaeError(
+            "to_csv: sep and decimal must differ, got ',' for both; write sep=';' for spreadsheets "
+            "with decimal commas."
+        )
+    return sep, decimal
+
+
+def write_table(
+    path: Path,
+    columns: Mapping[str, Any],
+    metadata: Mapping[str, Any],
+    sep: str = ",",
+    decimal: str = ".",
+) -> Path:
     """Write a table as CSV and its metadata to a JSON file of the same name.
 
     Headers and strings are escaped by `escape_cell`, and NaN is written as an empty cell. The entry
@@ -87,7 +114,7 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, A
     with atomic_write(path.with_suffix(".json")) as sidecar:
         sidecar.write_text(text, encoding="utf-8")
         with atomic_write(path) as scratch:
-            _write_columns(scratch, columns)
+            _write_columns(scratch, columns, sep, decimal)
     return path
 
 
@@ -114,46 +141,68 @@ def _format_metadata(metadata: Mapping[str, Any]) -> str:
     return json.dumps({**metadata, **origin}, indent=2) + "\n"
 
 
-def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+def _write_columns(
+    path: Path, columns: Mapping[str, Any], sep: str = ",", decimal: str = "."
+) -> None:
     """Write a CSV file in the format of pandas, without importing pandas."""
     with open(path, "w", encoding="utf-8", errors="backslashreplace", newline="") as file:
-        csv.writer(file, lineterminator=os.linesep).writerow(map(escape_cell, columns))
+        writer = csv.writer(file, delimiter=sep, lineterminator=os.linesep)
+        writer.writerow(map(escape_cell, columns))
+        signs = str.maketrans({",": sep, ".": decimal})
         arrays = [np.asarray(columns[name]) for name in columns]
         if arrays and all(array.dtype.kind == "f" for array in arrays):
             for first in range(0, len(arrays[0]), _BLOCK_ROWS):
                 block = [array[first : first + _BLOCK_ROWS] for array in arrays]
                 # Compiling takes longer than formatting most tables with `repr`.
                 text = format_rows(np.column_stack(block), compiles=False)
-                file.write(text.replace("\n", os.linesep))
+                file.write(text.translate(signs).replace("\n", os.linesep))
             return
         # Joining formatted numbers is twice as fast as csv.writer.
-        rows = zip(*map(_format_cells, arrays), strict=True)
-        file.writelines(",".join(row) + os.linesep for row in rows)
+        rows = zip(*(_format_cells(x, sep, decimal) for x in arrays), strict=True)
+        file.writelines(sep.join(row) + os.linesep for row in rows)
 
 
-def _format_cells(column: np.ndarray) -> list[str]:
+def _format_cells(column: np.ndarray, sep: str, decimal: str) -> list[str]:
     if column.dtype.kind != "f":
-        return [_quote_cell(escape_cell(value)) for value in column.tolist()]
-    return ["" if value != value else repr(value) for value in column.tolist()]
+        return [_quote_cell(escape_cell(value), sep) for value in column.tolist()]
+    numbers = ("" if value != value else repr(value) for value in column.tolist())
+    return [x.replace(".", decimal) for x in numbers]
 
 
-def _quote_cell(value: Any) -> str:
+def _quote_cell(value: Any, sep: str) -> str:
     cell = io.StringIO()
     # The writer needs the line terminator to quote cells that contain it.
-    csv.writer(cell, lineterminator=os.linesep).writerow([value])
+    csv.writer(cell, delimiter=sep, lineterminator=os.linesep).writerow([value])
     return cell.getvalue().removesuffix(os.linesep)
 
 
-def write_escaped_table(path: str | Path, table: pd.DataFrame) -> Path:
+def write_escaped_table(
+    path: str | Path, table: pd.DataFrame, sep: Any = ",", decimal: Any = "."
+) -> Path:
     """Write a table for a method `to_csv` and return the path; see `escape_table`.
 
     Raises
     ------
     BeamdaeError
-        If the path is invalid or the file cannot be written.
+        If the path, `sep` or `decimal` is invalid, or the file cannot be written.
     """
-    text = escape_table(table).to_csv(index=False, lineterminator="\n")
-    return write_text(require_file_path("to_csv", path), text)
+    file = require_file_path("to_csv", path)
+    sep, decimal = _require_signs(sep, decimal)
+    escaped = escape_table(table)
+    for k, kind in enumerate(table.dtypes):
+        if kind.kind == "O":
+            # The option of pandas leaves numbers in columns of mixed types unchanged.
+            cells = [_format_float(x, decimal) for x in escaped.iloc[:, k].tolist()]
+            escaped.isetitem(k, cells)
+    text = escaped.to_csv(index=False, lineterminator="\n", sep=sep, decimal=decimal)
+    return write_text(file, text)
+
+
+def _format_float(value: Any, decimal: str) -> Any:
+    """Return a finite float as text; others unchanged."""
+    if not isinstance(value, float) or value != value:
+        return value
+    return repr(float(value)).replace(".", decimal)
 
 
 def escape_table(table: pd.DataFrame) -> pd.DataFrame:

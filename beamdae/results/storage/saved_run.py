@@ -202,20 +202,22 @@ class SavedRun(TimeSeries):
             self.status, self.statistics, self._metadata, columns, coordinates, derivatives
         )
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV and the metadata as JSON, and return the path of the CSV file.
 
         Parameters
         ----------
         path
             See `Solution.to_csv`.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If `path` is invalid or ends with .json, or a file cannot be written.
+            If an argument is invalid, `path` ends with .json, or a file cannot be written.
         """
-        return write_result(path, self._columns, self.status, self._metadata)
+        return write_result(path, self._columns, self.status, self._metadata, sep, decimal)
 
     def __repr__(self) -> str:
         return (

@@ -284,7 +284,7 @@ class SweepResults:
         panels = self.panels(*names)
         return panels if names else drop_constant(self.sweep, self.table, panels)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, sep: str = ",", decimal: str = ".") -> Path:
         """Write the table as CSV; text that spreadsheets would evaluate as a formula is escaped.
 
         Headers of parameters contain their units, for example "speed [rad/s]".
@@ -293,13 +293,15 @@ class SweepResults:
         ----------
         path
             Path of the file.
+        sep, decimal
+            See `Solution.to_csv`.
 
         Raises
         ------
         BeamdaeError
-            If the file cannot be written.
+            If an argument is invalid or the file cannot be written.
         """
-        return write_escaped_table(path, self.table.rename(columns=self._headers))
+        return write_escaped_table(path, self.table.rename(columns=self._headers), sep, decimal)
 
     @property
     def _headers(self) -> dict[str, str]:
