@@ -964,8 +964,9 @@ def test_failed_starts_are_listed_and_the_others_are_used():
     is_failed = table["first width"] > 5.0
     assert 0 < is_failed.sum() < 6
     assert (table["status"][is_failed] == "failed").all()
-    assert table["reason"][is_failed].str.contains("is too large").all()
+    assert table["reason"][is_failed].str.fullmatch("ValueError: .* is too large").all()
     assert table["objective"][is_failed].isna().all()
+    assert (table["evaluations"][is_failed] == 1).all()
     assert table["objective"][~is_failed].notna().all()
     arguments["objective"] = fails_above(0.0)
     message = "optimize: the first designs of all 3 searches failed; the first one: .*too large"

@@ -292,7 +292,7 @@ class Search:
             best = self._best_by_maxima()
             stationarity = self._check_stationarity(best)
         except (BeamdaeError, ArithmeticError) as failure:
-            sentences = dict.fromkeys((status.sentence, _describe_failure(failure)))
+            sentences = dict.fromkeys((status.sentence, describe_failure(failure)))
             status = Status("failed", "; ".join(sentences))
         except KeyboardInterrupt:
             acknowledge()
@@ -494,7 +494,7 @@ class Search:
         return trial
 
     def _record_failure(self, numbers: Array, failure: Exception) -> Trial:
-        sentence = _describe_failure(failure)
+        sentence = describe_failure(failure)
         values = np.full(1 + len(self._problem.limits), np.nan)
         trial = Trial(numbers, values, float("nan"), sentence)
         self._trials[numbers.tobytes()] = trial
@@ -515,7 +515,7 @@ class Search:
         except (BeamdaeError, ArithmeticError) as failure:
             if self._last_gradients is None:
                 raise
-            raise _SearchEndError(Status("failed", _describe_failure(failure))) from failure
+            raise _SearchEndError(Status("failed", describe_failure(failure))) from failure
         return self._last_gradients
 
     def _scaled_gradients(self, numbers: Array) -> tuple[Array, Array]:
@@ -562,7 +562,7 @@ class Search:
         return Stationarity(multipliers, float(residual) / size, has_effect)
 
 
-def _describe_failure(failure: Exception) -> str:
+def describe_failure(failure: Exception) -> str:
     """Return the message of an error of an analysis or of the model function."""
     if isinstance(failure, BeamdaeError):
         return str(failure).removeprefix("optimize: ").removesuffix(".")

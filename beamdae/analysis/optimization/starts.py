@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.optimization.problem import FEASIBILITY_TOLERANCE, DesignProblem
-from beamdae.analysis.optimization.search import Method, Search, SearchResult
+from beamdae.analysis.optimization.search import Method, Search, SearchResult, describe_failure
 from beamdae.analysis.parameter_bounds import require_start_bounds, spread_starts
-from beamdae.errors import BeamdaeError, format_exception
+from beamdae.errors import BeamdaeError
 from beamdae.interrupts import acknowledge
 from beamdae.results.outcome import Status
 
@@ -77,12 +77,12 @@ def search_from_starts(
             if best is None:
                 raise
             acknowledge()
-            row |= {"status": _INTERRUPTED.kind, "reason": "interrupted"}
+            row |= {"status": _INTERRUPTED.kind, "reason": "interrupted", "evaluations": 0}
             return StartResult(best[0], replace(best[1], status=_INTERRUPTED), rows)
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             failures.append(failure)
-            row |= {"status": "failed", "reason": str(failure) or format_exception(failure)}
+            row |= {"status": "failed", "reason": describe_failure(failure), "evaluations": 1}
             continue
         row |= _describe_end(problem.names, search)
         count += len(search.trials)
@@ -95,7 +95,7 @@ def search_from_starts(
     if best is None:
         raise BeamdaeError(
             f"optimize: the first designs of all {starts} searches failed; the first one: "
-            f"{failures[0]}"
+            f"{describe_failure(failures[0])}."
         ) from failures[0]
     return StartResult(*best, rows)
 
