@@ -43,7 +43,7 @@ _AMPLITUDE_SAMPLES = 200
 _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION = 0.25, 0.5
 # Share of the vibration in the extreme, relative to the excess over later ones. In 54 runs of
 # slider-cranks, four-bar linkages, yokes, wipers, rotors and a crank on a flexible frame, it was
-# 0.99 or more in most columns, and .2 to .4 in some of the flexible frame, which are not named.
+# 0.99 or more in most columns, and 0.2 to 0.4 in some of the flexible frame, which are not named.
 _MIN_SHARE_OF_EXCESS = 0.8
 # Part of inertia in the change of a column by the start; below, loads at rest cause the vibration.
 _MIN_PART_OF_INERTIA = 0.5
