@@ -226,13 +226,14 @@ def match_columns(
     return matched, list(unknown.values())
 
 
-def warn_of_unknown_columns(part: str, measured: Measurements, unknown: Sequence[str]) -> None:
-    """Warn of columns that a run does not contain, see `match_columns`."""
+def warn_of_unknown_columns(
+    part: str, measured: Measurements, unknown: Sequence[str], reason: str
+) -> None:
+    """Warn of unknown columns, see `match_columns`, which are omitted for a reason (a clause)."""
     if unknown:
         warn_user(
             f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
-            f"the run does not have and {part} omits; name columns as in the table of the run, or "
-            "remove them.",
+            f"{reason} and {part} omits; name columns as in the table of the run, or remove them.",
             InputWarning,
         )
 
@@ -299,7 +300,8 @@ def read_fit_data(
     if not measured.has_sigma:
         columns = _with_sigma(columns, sigma)
     is_sigma_known = measured.has_sigma or sigma is not None
-    warn_of_unknown_columns("fit", measured, unknown)
+    # The energies, which a table of the run contains, are not observed.
+    warn_of_unknown_columns("fit", measured, unknown, "the model does not observe")
     columns = [x for x in columns if len(x.series.values)]
     experiments = {x.series.experiment for x in columns}
     empty = next((x for x in measured.experiments if x not in experiments), None)

@@ -314,7 +314,7 @@ def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
     )
     if measured.is_file:
         fit_data.warn_of_missing_units("plot", measured, columns)
-        fit_data.warn_of_unknown_columns("plot", measured, unknown)
+        fit_data.warn_of_unknown_columns("plot", measured, unknown, "the run does not have")
     converted = (
         replace(fit_data.convert_units("plot", series, header), column=header)
         for series, header in columns
