@@ -70,10 +70,11 @@ def warn_of_trial_run(
             f'{t_end:g} s; the FMU takes as many: damp fast vibrations, or use integrator="alpha".'
         )
     else:
-        errors, large = _estimate_output_errors(run, outputs)
+        has_fixed_steps = isinstance(method, GeneralizedAlpha)
+        errors, large = _estimate_output_errors(run, outputs, has_fixed_steps)
         # Warnings about columns that are no outputs, that are accurate, or, with adaptive steps,
         # whose estimates are reported: those of fixed steps name a sufficient step.
-        named = large if isinstance(method, Radau) else {}
+        named = {} if has_fixed_steps else large
         suspected = (
             0.0 if header not in outputs or header in named else error
             for header, error in zip(run.columns, errors, strict=True)
@@ -81,7 +82,7 @@ def warn_of_trial_run(
         refuted = refuted_warnings(find_suspected_errors(run), run.columns, suspected)
         messages = [x for x in messages if x not in refuted]
         if large:
-            messages.append(_describe_errors(large, isinstance(method, GeneralizedAlpha)))
+            messages.append(_describe_errors(large, has_fixed_steps))
     for sentence in messages:
         warn_user(f"{call}: in a trial run, {sentence}")
     # An FMU does not search its steps for these peaks.
@@ -93,13 +94,12 @@ def warn_of_trial_run(
 
 
 def _estimate_output_errors(
-    run: Solution, outputs: Collection[str]
+    run: Solution, outputs: Collection[str], has_fixed_steps: bool
 ) -> tuple[Iterable[float], dict[str, float]]:
     """Return the estimated errors of all columns, and by header those of outputs above the limit.
 
     Errors are relative to half the range.
     """
-    has_fixed_steps = isinstance(run.made_by, GeneralizedAlpha)
     limit = _MAX_ERROR_OF_FIXED_STEPS if has_fixed_steps else _MAX_ERROR_OF_ADAPTIVE_STEPS
     errors = estimate_errors(run, max_steps=_MAX_STEPS_OF_ESTIMATE)
     relative, is_relevant = errors[RELATIVE_ERROR], ~mark_negligible_columns(run, errors)

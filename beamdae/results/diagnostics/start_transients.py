@@ -15,7 +15,6 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.smooth_motion import find_smooth_state
-from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import BeamdaeError, list_first, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
@@ -78,11 +77,6 @@ class _EarlyPeak(NamedTuple):
     value: float
     time: float
     later: float
-
-    @property
-    def sign(self) -> float:
-        """1 for a largest value, and -1 for a smallest one."""
-        return float(np.sign(self.value))
 
     @property
     def excess(self) -> float:
@@ -285,6 +279,9 @@ def _find_rotation(
     e: EquationsOfMotion, trajectory: Trajectory, time: Array, start: State
 ) -> Rotation | None:
     """Return the lasting rotation of the whole mechanism with which the run can start, or None."""
+    # Imported here because few runs need it.
+    from beamdae.equations.starts.steady_rotation import RotatingCoordinates
+
     frame = RotatingCoordinates.from_equations(e)
     duration = trajectory.end - trajectory.start
     times = trajectory.start + duration * np.array(_ROTATION_SAMPLES)

@@ -149,13 +149,16 @@ def _write_columns(
         writer = csv.writer(file, delimiter=sep, lineterminator=os.linesep)
         writer.writerow(map(escape_cell, columns))
         signs = str.maketrans({",": sep, ".": decimal})
+        has_other_signs = (sep, decimal) != (",", ".")
         arrays = [np.asarray(columns[name]) for name in columns]
         if arrays and all(array.dtype.kind == "f" for array in arrays):
             for first in range(0, len(arrays[0]), _BLOCK_ROWS):
                 block = [array[first : first + _BLOCK_ROWS] for array in arrays]
                 # Compiling takes longer than formatting most tables with `repr`.
                 text = format_rows(np.column_stack(block), compiles=False)
-                file.write(text.translate(signs).replace("\n", os.linesep))
+                if has_other_signs:
+                    text = text.translate(signs)
+                file.write(text.replace("\n", os.linesep))
             return
         # Joining formatted numbers is twice as fast as csv.writer.
         rows = zip(*(_format_cells(x, sep, decimal) for x in arrays), strict=True)
