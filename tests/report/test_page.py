@@ -148,7 +148,7 @@ def test_sixty_cases_of_two_hundred_rows_take_less_than_a_megabyte(tmp_path):
     page = study_page()
     page["cases"] = [build_case(k, f"Ida(rtol={k})", 1.0, 1.0, curves=curves) for k in range(60)]
     page["groups"][0]["frames"] = bar_frames(frames=120)
-    assert write_page(tmp_path / "page.html", page).stat().st_size < 0.71e6
+    assert write_page(tmp_path / "page.html", page).stat().st_size < 0.7e6
 
 
 def test_series_default_to_none(tmp_path):

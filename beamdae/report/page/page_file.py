@@ -59,7 +59,8 @@ _COMMENT_LINES = re.compile(r"^(//.*|/\*[^*]*(\*(?!/)[^*]*)*\*/)\n", re.MULTILIN
 # Comments at the ends of lines. Texts between quotation marks are not comments.
 _END_COMMENTS = re.compile(r"(?<=\S) +// [^\"'`\n]*$", re.MULTILINE)
 
-_STYLE_LINE_ENDS = re.compile(r"(?<=[;{}])\n")
+# Ends of lines, and spaces between a property and its value; those before texts stay.
+_STYLE_SPACES = re.compile(r"(?<=[;{}])\n|(?<=\w:) (?!\")")
 
 # Default values of optional entries.
 _GROUP_DEFAULTS: dict[str, Any] = {"label": "", "reference": None, "frames": None}
@@ -212,7 +213,7 @@ def _join_files(folder: Traversable, names: Sequence[str], suffix: str) -> str:
     text = "\n".join((folder / f"{n}{suffix}").read_text(encoding="utf-8") for n in names)
     lines = _COMMENT_LINES.sub("", re.sub(r"^\s+", "", text, flags=re.MULTILINE))
     # Only scripts need the ends of lines.
-    return _END_COMMENTS.sub("", lines) if suffix == ".js" else _STYLE_LINE_ENDS.sub("", lines)
+    return _END_COMMENTS.sub("", lines) if suffix == ".js" else _STYLE_SPACES.sub("", lines)
 
 
 def _complete_page(content: PageContent) -> dict[str, Any]:
