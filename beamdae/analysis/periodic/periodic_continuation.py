@@ -64,9 +64,9 @@ _MAX_CONTRACTION = 0.3
 # motions may exceed 1 by ten times as much.
 _RANK_TOLERANCE = 1e-4
 # Largest step of finite differences with respect to the parameter, relative to its range, and
-# largest relative change of the period. Tangents have errors of the square of the step, and of the
-# errors of runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by
-# 1 / d; it is as small as 2 pi times the damping ratio.
+# largest relative change of the period. Tangents have errors of the step, and of the errors of
+# runs, about 1e-9, over the step. The distance d of a multiplier from 1 amplifies both by 1 / d; it
+# is as small as 2 pi times the damping ratio.
 _DIFFERENCE_STEP = 2e-5
 # Largest relative tolerance of the runs; with larger ones, their errors dominate the tangents.
 _MAX_RTOL = 1e-8
@@ -610,30 +610,21 @@ class ResponseCurve:
         """Return the derivatives (2 n,) of the consistent state and of the deviation.
 
         Both are derivatives with respect to the parameter, multiplied by its range. They are
-        central differences or, next to an end of the range, those of three points inside,
-        because the model may not exist beyond.
+        differences to a point toward the middle of the range, because the model may not exist
+        beyond its ends.
         """
-        step = _DIFFERENCE_STEP
+        step = _DIFFERENCE_STEP if value - self.ends[0] < 0.5 * self._range else -_DIFFERENCE_STEP
         stretch = self._period(value + step * self._range) / run.period_map.period - 1.0
         step *= min(1.0, _DIFFERENCE_STEP / max(abs(stretch), _DIFFERENCE_STEP))
-        share = (value - self.ends[0]) / self._range
-        if step < share < 1.0 - step:
-            weights = {-step: -0.5 / step, step: 0.5 / step}
-        else:
-            inward = step if share < 0.5 else -step
-            weights = {0.0: -1.5 / inward, inward: 2.0 / inward, 2.0 * inward: -0.5 / inward}
-        derivatives = np.zeros((2, len(run.state)))
-        for offset, weight in weights.items():
-            period_map, solution = run.period_map, run.solution
-            if offset:
-                period_map = self._period_map(value + offset * self._range)
-                q, v = period_map.make_consistent(*np.split(run.state, 2))
-                # With the same amplitudes, errors of all runs are similar.
-                solution = period_map.run(q, v, run.solution.equations.scales)
-            first = solution.trajectory.intervals[0].state
-            state = np.concatenate([first.q[0], first.v[0]])
-            derivatives += weight * np.stack([state - run.state, period_map.deviation(solution)])
-        return derivatives[0], derivatives[1]
+        period_map = self._period_map(value + step * self._range)
+        q, v = period_map.make_consistent(*np.split(run.state, 2))
+        # With the same amplitudes, the errors of both runs are similar.
+        solution = period_map.run(q, v, run.solution.equations.scales)
+        first = solution.trajectory.intervals[0].state
+        state = np.concatenate([first.q[0], first.v[0]])
+        deviation = period_map.deviation(solution)
+        change = deviation - run.period_map.deviation(run.solution)
+        return (state - run.state) / step, change / step
 
 
 def _failure_reason(error: Exception) -> str:
