@@ -1,5 +1,6 @@
 """Linear state-space models against transfer functions and nonlinear runs."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -271,7 +272,38 @@ def test_regression_frequencies_that_miss_a_peak_have_a_warning(recwarn):
     frequencies = pole + spacing * (np.arange(-200, 201) + 0.5)
     with pytest.warns(bd.BeamdaeWarning, match=f"resonance at {pole:.6g} Hz.*between freq"):
         model.frequency_response(frequencies)
-    model.frequency_response(np.union1d(frequencies, np.abs(model.poles.imag) / (2.0 * np.pi)))
+    resonances = np.abs(model.poles.imag) / (2.0 * np.pi)
+    resonances = resonances[(resonances > frequencies[0]) & (resonances < frequencies[-1])]
+    model.frequency_response(np.union1d(frequencies, resonances))
     model.frequency_response(frequencies[195:205])  # single values
     lightly_damped_strip(3e-3).frequency_response(frequencies)
     assert len(recwarn) == 0
+
+
+def clamped_strip(elements):
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("strip", bd.Line((0.0, 0.0), (0.8, 0.0)), STRIP, elements=elements))
+    mech.add(bd.Weld("root", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("push", beam.end, (0.0, 0.0)))
+    mech.observe("tip", beam.end)
+    return mech
+
+
+@pytest.mark.parametrize("share", [0.1, 0.75, 0.9, 1.1, 2.5])
+@pytest.mark.parametrize("elements", [1, 2, 4])
+def test_regression_responses_of_long_elements_are_reported(elements, share):
+    """One element had errors of 66 % near the second resonance, without a warning."""
+    modes = bd.modes(clamped_strip(8), n=3, damping=False)
+    frequencies = [share * float(modes.frequencies[1])]
+    exact = bd.linearize(clamped_strip(8), outputs=["tip.y"]).frequency_response(frequencies)
+    model = bd.linearize(clamped_strip(elements), outputs=["tip.y"])
+    with warnings.catch_warnings(record=True) as record:
+        warnings.simplefilter("always")
+        response = model.frequency_response(frequencies)
+    error = abs(response[0, 0, 1] / exact[0, 0, 1] - 1.0)
+    if error > 0.02:
+        (warning,) = record
+        assert str(warning.message).startswith("frequency_response: strip: the elements are too")
+        assert str(warning.message).endswith("or more, or lower frequencies.")
+    if error < 0.002:
+        assert not record

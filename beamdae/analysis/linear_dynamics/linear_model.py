@@ -17,6 +17,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     solve_for_accelerations,
     warn_of_state,
 )
+from beamdae.analysis.linear_dynamics.mesh_errors import response_mesh_warnings
 from beamdae.equations.assembly.building import build_equations
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.assembly.statement_checks import collect_statements
@@ -108,6 +109,7 @@ class LinearModel(HasPage):
     output_values: Array = field(repr=False)
     about: str
     warnings: tuple[str, ...]
+    _linearization: Linearization | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         inputs, outputs = (", ".join(x.name for x in y) for y in (self.inputs, self.outputs))
@@ -225,7 +227,8 @@ class LinearModel(HasPage):
         Warns
         -----
         BeamdaeWarning
-            If 20 or more frequencies miss the peak of a resonance between them by more than 5 %.
+            If the elements of a beam are too long for the modes up to the largest frequency, or 20
+            or more frequencies miss the peak of a resonance between them by more than 5 %.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)
@@ -234,9 +237,14 @@ class LinearModel(HasPage):
             )
         ]
         response = self._evaluate_response(values)
-        warning = self._missed_peak_warning(np.array(values), response)
-        if warning:
-            warn_user(warning)
+        if self._linearization is not None and values:
+            for warning in response_mesh_warnings(
+                self._linearization, float(np.max(np.abs(values)))
+            ):
+                warn_user(f"frequency_response: {warning}")
+        missed_peak = self._missed_peak_warning(np.array(values), response)
+        if missed_peak:
+            warn_user(missed_peak)
         return response
 
     def _missed_peak_warning(self, frequencies: Array, response: Array) -> str | None:
@@ -265,7 +273,8 @@ class LinearModel(HasPage):
         return (
             f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
             f"that reach {100.0 * share:.2g} % of its peak, because its bandwidth is "
-            f"{bandwidth:.2g} Hz; add abs(model.poles.imag) / (2 * np.pi) to the frequencies."
+            f"{bandwidth:.2g} Hz; add those of abs(model.poles.imag) / (2 * np.pi) between "
+            f"{grid[0]:.4g} and {grid[-1]:.4g} Hz to the frequencies."
         )
 
     def _evaluate_response(self, values: Sequence[float]) -> Array:
@@ -602,6 +611,7 @@ class _StateReduction:
             values,
             lin.about,
             lin.warnings,
+            lin if e.mechanism is not None else None,
         )
 
     def _differentiate_outputs(

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beamdae.beams.beam import Beam
+from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
+from beamdae.analysis.linear_dynamics.linearization import Linearization
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import (
     axial_wave_error,
     bending_wave_errors,
@@ -33,6 +35,9 @@ _MIN_ESTIMATE = 0.1 * _MIN_REPORTED_ERROR
 _MAX_ESTIMATE = 0.3
 # Error for which a number of elements is recommended.
 _RECOMMENDED_ERROR = 2e-3
+# Modes up to the largest frequency of a response times this factor are examined.
+_REACH = 1.5
+_FIRST_MODES = 10  # number of modes to begin with when those of a frequency range are computed
 
 
 def mesh_warnings(
@@ -42,6 +47,7 @@ def mesh_warnings(
     eigenvalues: Array,
     shapes: Array,
     shares: Mapping[str, Array],
+    alternative: str = "fewer modes",
 ) -> list[str]:
     """Return a warning for each beam whose elements are too long for the waves of modes.
 
@@ -62,6 +68,8 @@ def mesh_warnings(
         Their shapes (k, n), with x^H M x = 1.
     shares
         Share of each part in the kinetic energy of each mode, (k,), by name.
+    alternative
+        What the warnings recommend besides more elements.
     """
     rates, sentences = np.abs(eigenvalues.imag), []
     for beam in mechanism.parts.values():
@@ -99,9 +107,59 @@ def mesh_warnings(
         sentences.append(
             f"{beam.name}: the elements are too long for mode {k + 1}{more}, whose frequency of "
             f"{rates[k] / (2.0 * np.pi):.4g} Hz has an error of {size}; use elements={count} or "
-            "more, or fewer modes."
+            f"more, or {alternative}."
         )
     return sentences
+
+
+def response_mesh_warnings(lin: Linearization, frequency: float) -> list[str]:
+    """Return a warning for each beam whose elements are too long for responses.
+
+    Modes up to 1.5 times the frequency are examined, without damping: the response below a
+    resonance contains the error of its frequency, multiplied by 2 / (1 - (f / f_mode)^2).
+
+    Parameters
+    ----------
+    lin
+        A linearized mechanism.
+    frequency
+        The largest frequency of the response [Hz].
+    """
+    mechanism, limit = lin.equations.mechanism, np.array([_REACH * 2.0 * np.pi * frequency])
+    assert mechanism is not None
+    # Compression raises the errors of modes beyond those of waves.
+    if not any(
+        bending_wave_errors(beam, limit)[0] > _MIN_REPORTED_ERROR
+        or np.any(elastic_axial_forces(beam, lin.equations, lin.state, element_middles(beam)) < 0.0)
+        for beam in beams_of(mechanism)
+    ):
+        return []
+    count, degrees = _FIRST_MODES, lin.equations.n - lin.equations.m
+    solution = solve_eigenproblem(lin.linearized_equations, count, damped=False)
+    while count < degrees and solution.values[-1].imag <= limit[0]:
+        count *= 2
+        solution = solve_eigenproblem(lin.linearized_equations, count, damped=False)
+    shapes = solution.shapes.T[solution.values.imag <= limit[0]]
+    values = solution.values[solution.values.imag <= limit[0]]
+    shares = kinetic_energy_shares(lin, shapes)
+    return mesh_warnings(
+        mechanism, lin.equations, lin.state, values, shapes, shares, "lower frequencies"
+    )
+
+
+def kinetic_energy_shares(lin: Linearization, shapes: Array) -> dict[str, Array]:
+    """Return the share of each moving part in the kinetic energy of each mode, (k,), by name.
+
+    Parameters
+    ----------
+    lin
+        A linearized mechanism.
+    shapes
+        Shapes (k, n) of the modes.
+    """
+    energy = np.real(shapes.conj().T * (lin.tangent.mass @ shapes.T))
+    energy /= np.where(energy.sum(axis=0) > 0.0, energy.sum(axis=0), 1.0)
+    return {part.name: energy[part.rows].sum(axis=0) for part in lin.equations.parts}
 
 
 def _strain_energies(

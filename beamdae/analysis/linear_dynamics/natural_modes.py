@@ -23,7 +23,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
     linearize_about,
     warn_of_state,
 )
-from beamdae.analysis.linear_dynamics.mesh_errors import mesh_warnings
+from beamdae.analysis.linear_dynamics.mesh_errors import kinetic_energy_shares, mesh_warnings
 from beamdae.beams.beam import Beam
 from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
@@ -148,11 +148,7 @@ class Modes(HasModeShapes):
     @cached_property
     def shares(self) -> dict[str, Array]:
         """Share of each moving part in the kinetic energy of each mode [-], (k,), by part name."""
-        e = self._linearization.equations
-        momentum = self._linearization.tangent.mass @ self.shapes.T
-        energy = np.real(self.shapes.conj().T * momentum)
-        energy /= np.where(energy.sum(axis=0) > 0.0, energy.sum(axis=0), 1.0)
-        return {part.name: energy[part.rows].sum(axis=0) for part in e.parts}
+        return kinetic_energy_shares(self._linearization, self.shapes)
 
     @cached_property
     def effective_masses(self) -> Array:
