@@ -19,7 +19,6 @@ from beamdae.beams.beam_loads import MovingForce
 from beamdae.beams.damping import EXAMPLE_DAMPING, find_undamped_beams
 from beamdae.beams.remeshing import choose_base_meshes, with_meshes
 from beamdae.beams.sliding import SlidingOnBeam
-from beamdae.curves.plane_curves import Segment
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.part_warnings import (
     idle_part_warnings,
@@ -75,8 +74,6 @@ _MAX_COORDINATES = 600
 _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
 _MAX_LOOSE_TIME = 3.0
-# Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
-_MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
 # Largest error (of arc length, or of curvature times length) of good and of fair meshes. For the
 # hub beam, the error of the tip deformation is 3e-4 of its amplitude if the mesh error is 4e-3, and
 # 1e-2 if the mesh error is 1.5e-2 (validation/mesh_convergence).
@@ -383,7 +380,7 @@ def _collect_warnings(
     state: Any,
 ) -> tuple[str, ...]:
     """Return the warnings about single parts; `state` is the consistent start or None."""
-    sentences = [*equations.build_warnings, *_thick_beam_warnings(equations.mechanism)]
+    sentences = list(equations.build_warnings)
     sentences += idle_part_warnings(equations, 0.0, end)
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)
@@ -392,25 +389,6 @@ def _collect_warnings(
             equations, lambda: sample_velocities(equations, time, state)
         )
     return tuple(sentences)
-
-
-def _thick_beam_warnings(mechanism: Mechanism | None) -> Iterator[str]:
-    """Yield a warning for each beam whose section is over three times as high as it is long.
-
-    The length of a segment is that of the whole curve, of which other beams continue the segment.
-    """
-    for beam in beams_of(mechanism):
-        curve = beam.curve
-        while isinstance(curve, Segment):
-            curve = curve.curve
-        sections = [beam.section.at(s) for s in (0.0, 0.5 * beam.length, beam.length)]
-        height = max(section.height or 0.0 for section in sections)
-        if height > _MAX_HEIGHT_TO_LENGTH_RATIO * curve.length:
-            yield (
-                f"{beam.name}: the section is {height:.4g} m high, but the beam is only "
-                f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid "
-                "body."
-            )
 
 
 def _constraint_residuals(

@@ -33,7 +33,7 @@ from beamdae.beams.strains import (
     identity,
     section_forces,
 )
-from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, require_curve
+from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segment, require_curve
 from beamdae.errors import (
     BeamdaeError,
     as_real,
@@ -99,6 +99,8 @@ _RECOMMENDED_MOVING_LOAD_ERROR = 0.005
 
 # Error of the bending flexibility above which `prepare` warns of sections that change within
 # elements. Deflections of stepped cantilevers have errors of up to 2.5 times this estimate.
+# Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
+_MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
 _MAX_SECTION_ERROR = 4e-3
 # Differences of the integral of 1 / EI between two quadratures, relative to its sum, and of 1 / EI
 # at the ends of an element from its extrapolation, above which more sections are evaluated.
@@ -227,7 +229,7 @@ class Beam(Part):
     BeamdaeWarning
         If the elements are too long or the section is too high for the curvature of the axis. At
         assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
-        deflections.
+        deflections, or the section is over three times as high as the curve is long.
 
     Examples
     --------
@@ -334,7 +336,8 @@ class Beam(Part):
         The mesh does not change if it is final already (after an earlier assembly, with given
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
-        deflections, or sections that change within elements cause an error of more than 0.4 %.
+        deflections, sections that change within elements cause an error of more than 0.4 %, or
+        the section is over three times as high as the curve is long.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not has_fixed_coordinates:
@@ -343,6 +346,7 @@ class Beam(Part):
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
+        _warn_about_thickness(self)
         _warn_about_sections_inside_elements(self.name, self.mesh, self.section)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
 
@@ -1126,6 +1130,23 @@ def warn_about_moving_load(part: str, beam: Beam, attached: Sequence[AttachedPar
             f"{part}: elements of {beam.name} do not bend sharply below a load that moves along "
             f"them; the error of its largest deflection is about {100.0 * error:.2g} % (more "
             f"between clamps); use elements={count} or more."
+        )
+
+
+def _warn_about_thickness(beam: Beam) -> None:
+    """Warn if the section is much higher than the whole curve is long.
+
+    Other beams continue the segment of a curve.
+    """
+    curve = beam.curve
+    while isinstance(curve, Segment):
+        curve = curve.curve
+    sections = [beam.section.at(s) for s in (0.0, 0.5 * beam.length, beam.length)]
+    height = max(section.height or 0.0 for section in sections)
+    if height > _MAX_HEIGHT_TO_LENGTH_RATIO * curve.length:
+        warn_user(
+            f"{beam.name}: the section is {height:.4g} m high, but the beam is only "
+            f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid body."
         )
 
 
