@@ -322,6 +322,8 @@ class PeriodMap:
         ------
         IncompleteRunError
             If a run ends early.
+        BeamdaeError
+            If a load or driver does not repeat after the first period of a coarse run.
         """
         e = self.equations
         state = ConsistencySolver(e).start_state(self._begin_on_branch, e.q0, e.v0)
@@ -330,6 +332,9 @@ class PeriodMap:
         for count in (first, periods - first):
             if count:
                 solution = self.run(q, v, amplitudes, count)
+                if self.is_coarse and amplitudes is None:
+                    # After a wrong period, drivers jump and vibrate for tens of thousands of steps.
+                    self.require_valid_loads(solution, free_period=False)
                 amplitudes = np.split(self.state_scales(solution), 2)[0]
                 q, v = self.end_state(solution)
         return q, v, amplitudes
