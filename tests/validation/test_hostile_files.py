@@ -16,6 +16,7 @@ def test_a_sample_of_hostile_files_is_refused_or_used_consistently():
     assert not find_complaints(catalog.list_files(catalog.SAMPLE_SIZE))
 
 
+@pytest.mark.exhaustive(reason="the other files of the sample")
 @pytest.mark.slow(reason="2000 files, of which a third is used")
 def test_hostile_files_are_refused_or_used_consistently():
     assert not find_complaints(catalog.list_files())

@@ -12,7 +12,12 @@ from robustness.isolation import ProcessPool
 SEED = 1
 PUBLIC_NAMES = {input_catalog.public_name_of(key) for key in input_catalog.WORKING_CALLS}
 GROUPS = (*sorted(PUBLIC_NAMES), *MODEL_GROUPS)
-SAMPLE_SEEDS = range(0, mechanisms.SEED_COUNT, mechanisms.SEED_COUNT // mechanisms.SAMPLE_SIZE)
+# The references of chain 210 differ without bound, so that no error is known after a minute.
+UNKNOWN_SEEDS = {210}
+SAMPLE_SEEDS = sorted(
+    {*range(0, mechanisms.SEED_COUNT, mechanisms.SEED_COUNT // mechanisms.SAMPLE_SIZE)}
+    - UNKNOWN_SEEDS
+)
 # Chains that bounce in a bowl amplify rounding errors. With relative changes of rtol by 1e-6, the
 # errors of Auto and Radau are 16 to 110 rtol (bound 100), and their error estimates cover them.
 SENSITIVE_SEEDS = {30}
