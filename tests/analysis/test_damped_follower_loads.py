@@ -89,6 +89,7 @@ def check_path(mech, path):
         assert path.unstable[row] == count
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_damped_follower_frame_has_no_invented_branch_points():
     # Shapes of damped modes have real and imaginary parts, whose span has further eigenvalues; one
     # of these seemed to grow, so that branch points appeared at 0.76 and 0.92, and rows at 0.78
@@ -123,6 +124,7 @@ def test_unstable_directions_of_damped_follower_frames(damping, mass, elements, 
     check_path(mech, bd.equilibrium(mech))
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_growth_behind_strongly_damped_modes_is_found():
     # Twelve modes that decay at 1 / damping are slower than the growing ones, which were not
     # counted: no critical point, or 18.2 as the first one.
@@ -190,6 +192,7 @@ def test_regression_limit_point_next_to_a_slow_damped_oscillation_is_no_flutter_
     assert path.unstable[-1] == 0
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_contradictory_numbers_of_growing_modes_end_the_path(monkeypatch):
     # A real eigenvalue passes zero only where the tangent is singular.
     def grows_beyond(system, x, mu):

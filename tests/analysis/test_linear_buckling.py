@@ -286,6 +286,7 @@ def test_regression_factors_of_follower_loads_are_checked_along_the_path(stiffne
     assert abs(buckling.factors[0] - path.critical[0].factor) < 3e-3 * buckling.factors[0]
 
 
+@pytest.mark.slow(reason="two seconds")
 @pytest.mark.parametrize("stiffness", [34.9, 35.0])
 def test_regression_close_factors_of_follower_loads_are_no_large_displacements(stiffness):
     """Where the column is stable again soon, displacements were called not negligible."""
@@ -294,6 +295,7 @@ def test_regression_close_factors_of_follower_loads_are_no_large_displacements(s
     assert not any("displacements" in text for text in buckling.warnings)
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_flutter_before_the_first_factor_of_follower_loads_has_a_warning():
     mech = bd.Mechanism()
     section = bd.Section.rectangle(bd.Material.of("steel"), width=0.05, height=0.01)

@@ -363,6 +363,7 @@ def test_regression_warnings_about_output_rows_are_omitted():
     assert list_warnings([solution]) == tuple(x for x in solution.warnings if "rows" not in x)
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_no_design_satisfies_the_constraints():
     limit = bd.at_most(bd.Mass(), 0.1)
     message = (

@@ -194,6 +194,7 @@ def test_free_rotation_has_no_resonance_at_rest():
     assert (table["frequency [Hz]"] > 0.0).all()
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_resonances_of_a_campbell_diagram():
     mech = rotor_on_a_bearing()
     diagram = bd.campbell(mech, [1.0, 7.0, 3.0], n=3)

@@ -464,6 +464,7 @@ def test_regression_the_largest_stress_of_a_tapered_leaf_is_certified_at_the_sam
     assert error < (stated + 0.002) * 0.5 * np.max(exact)  # 8 elements have fewer sections.
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_steady_stresses_are_certified_relative_to_their_value():
     """Their mesh error, relative to a range of 5 Pa, said nothing, and zero if it was 0 Pa."""
     settings = {"start": bd.rotation(314.16), "t_end": 1e-3, "output_step": 1e-4}

@@ -99,6 +99,7 @@ def leaf(height=bd.param(1e-3, "m")):
 """
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_equilibria_are_at_a_time_and_limits_of_zeros_warn(here):
     """At t = 0, where the driver is at zero, the search ended at a bound, the stress at 1e-202."""
     Path("model.py").write_text(LEAF, encoding="utf-8")

@@ -435,6 +435,7 @@ def test_the_page_of_a_campbell_diagram_has_a_motion_for_each_mode(rotor, tmp_pa
     assert page["subtitle"] == "3 modes at 3 speeds"
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_campbell_diagrams_have_the_unit_of_their_speeds(rotor):
     """Speeds that were typed in rpm were drawn in rad/s."""
     diagram = replace(rotor, speed_unit="rpm")

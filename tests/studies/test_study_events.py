@@ -102,6 +102,7 @@ def test_regression_summaries_of_sweeps_name_the_runs_that_events_stopped():
     assert repr(results).endswith("2 cases, 2 stopped by an event>")
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_sweeps_and_cases_start_from_a_state():
     start = {"bob.angle": -1.0}
     results = bd.sweep(pendulum, {"length": [0.5, 1.0]}, of="bob.x", integrator=FINE, start=start)
