@@ -16,6 +16,7 @@ from beamdae.equations.assembly.building import NumberStore, build_observable, s
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
 from beamdae.parts.mechanism import Mechanism
+from beamdae.parts.signals import State as SignalState
 from beamdae.symbolic.local_symbols import SX
 from beamdae.symbolic.signals import Signal, find_signals
 from beamdae.symbolic.statements import Quantity, Variable
@@ -41,6 +42,8 @@ class Command:
     observable, numbers
         Compiled values of the command before its limits and of the signals on which it depends,
         and the numbers to which they refer.
+    is_output
+        True if the command is the output of a `pid` controller.
     """
 
     name: str
@@ -48,6 +51,7 @@ class Command:
     high: float
     observable: Observable
     numbers: Array
+    is_output: bool = False
 
     @property
     def has_limits(self) -> bool:
@@ -80,15 +84,44 @@ def compile_commands(equations: EquationsOfMotion) -> list[Command]:
     commands = []
     coordinate_map = map_coordinates(mechanism)
     laws = select_input_laws(mechanism.inputs)
-    for name, formula, low, high in _find_formulas(mechanism):
+    for name, is_output, formula, low, high in _find_formulas(mechanism):
         signals = find_signals(formula)
         if not any(x.rows for x in signals):
             continue
         numbers = NumberStore()
         quantity = _as_quantity(formula, signals)
         observable = build_observable(name, quantity, coordinate_map, numbers, {}, laws)
-        commands.append(Command(name, low, high, observable, numbers.all(mechanism.inputs)))
+        commands.append(
+            Command(name, low, high, observable, numbers.all(mechanism.inputs), is_output)
+        )
     return commands
+
+
+def find_commanded_loads(mechanism: Mechanism) -> frozenset[str]:
+    """Return the names of the loads whose laws contain an output of `pid` or a state."""
+    time, outputs = SX.sym("t", 2), {x.element_hash() for x in mechanism.outputs.values()}
+    names = set()
+    for part in mechanism.parts.values():
+        if part.is_load:
+            formulas = [law(time) for law in part.laws]
+            depends_on_state = any(isinstance(x, SignalState) for x in find_signals(*formulas))
+            if depends_on_state or any(_contains(x, outputs) for x in formulas):
+                names.add(part.name)
+    return frozenset(names)
+
+
+def _contains(formula: SX, hashes: set[int]) -> bool:
+    """Return True if a part of the formula has one of the hashes."""
+    pending, known = [formula], set()
+    while pending:
+        term = pending.pop()
+        key = term.element_hash()
+        if key in hashes:
+            return True
+        if key not in known:
+            known.add(key)
+            pending += [term.dep(k) for k in range(term.n_dep())]
+    return False
 
 
 def limit_warnings(
@@ -116,12 +149,12 @@ def limit_warnings(
             yield f"{command.name} {value:.4g} is at its limit, {at}"
 
 
-def _find_formulas(mechanism: Mechanism) -> Iterator[tuple[str, SX, float, float]]:
-    """Yield description, formula before the limits, and limits of all commands."""
+def _find_formulas(mechanism: Mechanism) -> Iterator[tuple[str, bool, SX, float, float]]:
+    """Yield description, `is_output`, formula before the limits, and limits of all commands."""
     known = set()
     for name, output in mechanism.outputs.items():
         known.add(output.element_hash())
-        yield (f"{name}: the command", *(_split_limits(output) or (output, -np.inf, np.inf)))
+        yield (f"{name}: the command", True, *(_split_limits(output) or (output, -np.inf, np.inf)))
     time = SX.sym("t", 2)
     for part in mechanism.parts.values():
         for law in part.laws:
@@ -132,7 +165,7 @@ def _find_formulas(mechanism: Mechanism) -> Iterator[tuple[str, SX, float, float
                 parts = _split_limits(term)
                 if parts is not None and term.element_hash() not in known:
                     known.add(term.element_hash())
-                    yield (f"{part.name}: the limited value", *parts)
+                    yield (f"{part.name}: the limited value", False, *parts)
 
 
 def _list_terms(formula: SX) -> Iterator[SX]:

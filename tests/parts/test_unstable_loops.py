@@ -119,3 +119,90 @@ def test_regression_unstable_loops_are_the_first_reason_of_runs_that_stop(gain, 
     cause = r"stopped at t = \S+ s: servo\S* (the command )?grows exponentially, by a factor of"
     assert re.match(cause, run.status.sentence)
     assert not any("its loop seems" in x for x in run.warnings)
+
+
+def build_hard_stage(kp, kd, ki=0.0, goal=STEP, limits=None, damping=0.5):
+    """Return a PID loop of a mass of 0.5 kg on a spring of 2000 N/m that becomes stiffer."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 0.5, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+
+    def spring(state, t):
+        x, v = state.position[0], state.velocity[0]
+        return (-2e3 * x - 1e7 * x**3 - damping * v, 0.0)
+
+    mech.add(bd.ForceLaw("spring", stage.point, spring))
+    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
+    error, options = mech.input("goal", goal) - x, {"limits": limits, "tracking_time": 0.1}
+    force = bd.pid(mech, "servo", error, kp, ki, kd, rate=-v, scale=STEP, **options)
+    mech.add(bd.Force("motor", stage.point, (force, 0.0)))
+    return mech
+
+
+def build_sampled_stage(every, kp, kd, ki=0.0, goal=STEP, limit=1e9, delay=0):
+    """Return the stage of `build_hard_stage` with a sampled controller."""
+    mech = build_hard_stage(0.0, 0.0)
+    stage = mech.parts["stage"]
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("actuator", stage.point, (force, 0.0)))
+
+    def law(sample):
+        (x,) = sample.reads
+        integral, last = sample.state
+        error = goal - x
+        integral += every * error
+        sample.state[:] = integral, x
+        command = kp * error + ki * integral - kd * (x - last) / every
+        return float(np.clip(command, -limit, limit))
+
+    reads = [mech.sensor("position", stage.point, "x")]
+    mech.add(bd.Controller("digital", every, reads, [force], law, state=[0.0, 0.0], delay=delay))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("mech", "t_end"),
+    [
+        (build_hard_stage(-5e3, 30.0, ki=1e4), 0.3),
+        (build_hard_stage(-5e3, 30.0, ki=1e4), 1.0),
+        (build_hard_stage(-5e3, 30.0, ki=1e4, limits=(-40.0, 40.0)), 1.0),
+        (build_sampled_stage(1e-3, 1e5, 60.0, ki=1e5, limit=50.0, delay=3), 0.3),
+    ],
+    ids=["sign of kp", "longer", "limits", "delay"],
+)
+def test_regression_loops_that_depart_within_few_vibrations_have_a_warning(mech, t_end):
+    """The command grew by a factor of 200 within two swings, or was at a limit from the start."""
+    (sentence,) = loop_warnings(mech, t_end, bd.GeneralizedAlpha(5e-4))
+    assert re.match(r"(servo: the command|digital: force) ", sentence)
+
+
+@pytest.mark.parametrize(
+    ("mech", "t_end"),
+    [
+        (build_hard_stage(5e3, 60.0, ki=1e5), 0.1),
+        (build_hard_stage(5e3, 0.5, damping=0.05), 1.0),
+        (build_hard_stage(5e3, 0.0, damping=0.0), 1.0),
+        (build_hard_stage(5e3, 60.0, ki=1e5, goal=0.05), 0.3),
+        (build_hard_stage(5e4, 300.0, goal=5e-3, limits=(-20.0, 20.0)), 0.3),
+        (build_hard_stage(0.0, 1.0, ki=1e3), 1.0),
+        (build_hard_stage(5e3, 60.0, goal=lambda t: STEP * t**3 * np.sin(30.0 * t)), 1.0),
+        (build_hard_stage(5e3, 0.5, goal=bd.sine(STEP, 18.8)), 1.0),
+        (build_sampled_stage(1e-3, 5e3, 40.0, ki=1e5), 0.3),
+        (build_sampled_stage(1e-3, 2e4, 60.0, limit=10.0, goal=4e-3), 0.3),
+        (build_sampled_stage(1e-3, 1e3, 10.0, delay=2), 0.5),
+    ],
+)
+def test_stable_loops_that_do_not_settle_have_no_warning(mech, t_end):
+    assert not loop_warnings(mech, t_end, bd.GeneralizedAlpha(5e-4))
+
+
+@pytest.mark.parametrize("gain", [5.0, 60.0])
+def test_equilibria_that_are_unstable_without_the_loop_have_no_warning(gain):
+    """A loop cannot destabilize a pendulum that stands upright."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody("rod", 1.0, 0.03, center=(0.0, 0.3)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    x, v = (mech.sensor(name, rod.at(0.0, 0.3), name) for name in ("angle", "angle_dot"))
+    mech.add(bd.Moment("motor", rod.at(0.0, 0.0), bd.pid(mech, "servo", -x, gain, kd=1.0, rate=-v)))
+    mech.add(bd.Moment("push", rod.at(0.0, 0.0), bd.sine(0.01, 1.0)))
+    assert not [x for x in loop_warnings(mech, 3.0, bd.GeneralizedAlpha(5e-3)) if "mode" in x]

@@ -369,7 +369,7 @@ def linearize(
             f"linearize: the model has {lin.equations.n} coordinates, more than the "
             f"maximum of {_MAX_COORDINATES}; use fewer elements."
         )
-    linear = _select_outputs(_StateReduction(lin, model_inputs).linear_model(observables), columns)
+    linear = _select_outputs(StateReduction(lin, model_inputs).linear_model(observables), columns)
     warn_of_state(lin)
     return linear
 
@@ -532,7 +532,7 @@ def _select_outputs(model: LinearModel, headers: Sequence[str]) -> LinearModel:
     )
 
 
-class _StateReduction:
+class StateReduction:
     """Reduction to independent coordinates x and rates w: dq = Z x, dv = Y w + W x.
 
     W is nonzero only if constraints act on velocities; it satisfies V W = -J Z with the Jacobians
@@ -571,6 +571,7 @@ class _StateReduction:
         self.solve = solve_for_accelerations(e, tangent)
 
     def linear_model(self, observables: Sequence[Observable]) -> LinearModel:
+        """Return the state-space model with the columns of `observables` as outputs."""
         e, lin, tangent = self.e, self.lin, self.lin.tangent
         nx, nw = len(self.x_indices), len(self.w_indices)
         # Derivatives with respect to (x, w, u), by columns.

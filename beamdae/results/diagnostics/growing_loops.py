@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.equations.commands import Command, compile_commands
 from beamdae.equations.controller_reads import compile_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -102,6 +103,10 @@ _MIN_GROWING_SWINGS, _MIN_SWING_EXPONENT, _MAX_EXPONENT_RATIO = 3, 0.15, 2.0
 # called between two samples of opposite limits, and this often bisected towards its transition.
 _MIN_VALUES_BETWEEN = 3
 _BISECTIONS = 40
+# Ranges of signals of loops that do not settle: in the last quarter of the run relative to the
+# whole run, and in the whole run relative to that while a growing mode grows by a factor of e.
+_MIN_LAST_SHARE, _MIN_DEPARTURE = 0.3, 4.0
+_MAX_READ_SAMPLES = 2048  # samples at which measured values are evaluated
 # Laws that change by more than this share of their largest value in the last samples may excite the
 # loop until the end.
 _MAX_LAW_CHANGE = 0.01
@@ -154,11 +159,14 @@ def growing_loop_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     if not labels:
         return
     limited = list(_limited_growth_warnings(trajectory, labels, partial(values, selected=held)))
-    yield from limited or chain(
-        _swing_warnings(equations, histories),
-        _sampled_cycle_warnings(equations, trajectory, rows),
-        _cycle_warnings(equations, trajectory, histories),
+    warnings = limited or list(
+        chain(
+            _swing_warnings(equations, histories),
+            _sampled_cycle_warnings(equations, trajectory, rows),
+            _cycle_warnings(equations, trajectory, histories),
+        )
     )
+    yield from warnings or _growing_mode_warnings(equations, trajectory, histories, rows)
 
 
 class _History(NamedTuple):
@@ -394,6 +402,66 @@ def _find_limit_cycle(
         if not is_levels or not _is_switch(equations, trajectory, stream, drive, newest):
             return low, high
     return None
+
+
+def _growing_mode_warnings(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    histories: Sequence[_History],
+    rows: dict[int, tuple[str, str]],
+) -> Iterator[str]:
+    """Yield a warning if a loop does not settle, and its linearization explains the growth."""
+    assert equations.mechanism is not None
+    outputs = [x for x in histories if x.command.is_output]
+    signals: list[tuple[str, str, Array, Array]] = [
+        (x.command.name, "gains", x.times, x.values[:, None]) for x in outputs
+    ]
+    if equations.controllers:
+        signals = list(_list_sampled_signals(equations, trajectory, rows))
+    signals = [x for x in signals if _find_last_share(*x[2:]) > _MIN_LAST_SHARE]
+    if not signals:
+        return
+    loops = deferred.module("analysis.linear_dynamics.loop_stability")
+    mode = loops.find_growing_mode(equations, trajectory, [x.command for x in outputs])
+    duration = trajectory.end - trajectory.start
+    if mode is None or mode.rate * duration < np.log(_MIN_GROWTH):
+        return
+    for name, remedy, times, values in signals:
+        early = np.ptp(values[times <= trajectory.start + 1.0 / mode.rate], axis=0)
+        if np.any(np.ptp(values, axis=0) > _MIN_DEPARTURE * early):
+            vibrates = f" and vibrates at {mode.frequency:.3g} Hz" if mode.frequency else ""
+            yield (
+                f"{name} does not settle, and a mode of the loop linearized about the start of the "
+                f"run grows as exp({mode.rate:.3g} t){vibrates}, so its loop seems to be unstable; "
+                f"check the signs and sizes of its {remedy}."
+            )
+            return
+
+
+def _list_sampled_signals(
+    equations: EquationsOfMotion, trajectory: Trajectory, rows: dict[int, tuple[str, str]]
+) -> Iterator[tuple[str, str, Array, Array]]:
+    """Yield name, remedy, times [s] and values (k, n) of the values that each controller reads."""
+    for term in equations.controllers:
+        every = term.controller.every
+        first, last = np.ceil(trajectory.start / every), np.floor(trajectory.end / every)
+        samples = np.unique(np.linspace(first, last, _MAX_READ_SAMPLES).astype(int))
+        if not term.controller.reads or last - first < _MIN_LAST_SAMPLES:
+            continue
+        times, state = trajectory.at(every * samples)
+        read = compile_reads(term, equations.p)
+        reads = [
+            read(float(t[0]), float(t[1]), q, v)
+            for t, q, v in zip(times, state.q, state.v, strict=True)
+        ]
+        yield (*rows[term.rows.start], times[:, 0], np.array(reads))
+
+
+def _find_last_share(times: Array, values: Array) -> float:
+    """Return the largest range of a column in the last quarter, relative to the whole run."""
+    is_last = times >= times[0] + 0.75 * np.ptp(times)
+    ranges, last = np.ptp(values, axis=0), np.ptp(values[is_last], axis=0)
+    return float(np.max(last[ranges > 0.0] / ranges[ranges > 0.0], initial=0.0))
 
 
 def _sampled_intervals(trajectory: Trajectory, every: float) -> tuple[Array, Array]:
