@@ -35,7 +35,6 @@ from beamdae.results.columns import (
     require_observed,
 )
 from beamdae.results.outcome import Status
-from beamdae.results.periodic_motion import half_range
 from beamdae.simulation import as_mechanism
 
 Array = np.ndarray
@@ -248,7 +247,8 @@ def certify_periodic(
             raise BeamdaeError(f"certify_periodic: {motion.status.sentence}.")
         observed = motion.solution.columns
         require_observed("certify_periodic", observed)
-        amplitudes = np.array([half_range(column) for column in observed.values()])
+        ranges = motion.solution._column_ranges.values()
+        amplitudes = np.array([x.half_range for x in ranges])
         columns, rows = tuple(observed), np.stack(list(observed.values()), axis=1)
         at_rest = mark_resting_columns(columns, rows, amplitudes, motion.solution.equations.length)
         return _Values(motion, columns, amplitudes, amplitudes, at_rest)

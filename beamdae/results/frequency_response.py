@@ -21,10 +21,7 @@ from beamdae.results.displays import HasPage, HasTable, Plot, load_views
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import (
     BeamError,
-    half_range,
-    largest_magnitude,
     largest_modulus,
-    mean,
     run_warnings,
 )
 from beamdae.results.solution import Solution
@@ -133,7 +130,8 @@ class FrequencyResponse(HasTable, HasPage):
         first |= self._beam_warnings()
         for point in self.points:
             solution = point.solution
-            for sentence in run_warnings(solution, point.beam_error):
+            # Sizes of columns do not depend on rows.
+            for sentence in run_warnings(solution, point.beam_error, includes_rows=False):
                 if not includes_model and sentence in solution.equations.build_warnings:
                     continue
                 text = f"{self.parameter} = {point.parameter:.6g}: {sentence}"
@@ -159,8 +157,9 @@ class FrequencyResponse(HasTable, HasPage):
 
         These are the mean, the half range and the largest magnitude over one period. The half range
         is half the difference between maximum and minimum: the amplitude of a sine, but half of it
-        for its magnitude. The last columns are "stable", "largest multiplier" (the largest modulus)
-        and "fold", which is true at the first motion after the parameter reverses its direction.
+        for its magnitude. All of them include the steps of the runs. The last columns are "stable",
+        "largest multiplier" (the largest modulus) and "fold", which is true at the first motion
+        after the parameter reverses its direction.
         """
         import pandas as pd
 
@@ -173,8 +172,9 @@ class FrequencyResponse(HasTable, HasPage):
     def _row(self, k: int) -> dict[str, Any]:
         point = self.points[k]
         row: dict[str, Any] = {self.parameter: point.parameter, "period [s]": point.period}
-        for header, values in point.solution.columns.items():
-            sizes = mean(values), half_range(values), largest_magnitude(values)
+        means = point.solution._column_means
+        for header, span in point.solution._column_ranges.items():
+            sizes = means[header], span.half_range, span.largest_magnitude
             row |= dict(zip(_size_headers(header), sizes, strict=True))
         fold = k > 0 and point.forward != self.points[k - 1].forward
         return row | {
@@ -262,7 +262,7 @@ class FrequencyResponse(HasTable, HasPage):
         rows = []
         for name in self.varying_columns:
             values, sizes = self.curve(name)
-            magnitudes = [largest_magnitude(x.solution.columns[name]) for x in self.points]
+            magnitudes = self._largest_magnitudes(name)
             for k in _find_maxima(sizes):
                 parameter, size = self._peak(k, values, sizes)
                 lower = k - 1 if sizes[k - 1] < sizes[k + 1] else k + 1
@@ -306,7 +306,13 @@ class FrequencyResponse(HasTable, HasPage):
         if self.points:
             column = select_column("frequency_response", self.points[0].solution.columns, column)
         values = np.array([point.parameter for point in self.points])
-        return values, np.array([half_range(x.solution.columns[column]) for x in self.points])
+        ranges = [point.solution._column_ranges[column] for point in self.points]
+        return values, np.array([x.half_range for x in ranges])
+
+    def _largest_magnitudes(self, header: str) -> Array:
+        """Return the largest magnitude (k,) of an observed column by its header."""
+        ranges = [point.solution._column_ranges[header] for point in self.points]
+        return np.array([x.largest_magnitude for x in ranges])
 
     @cached_property
     def varying_columns(self) -> tuple[str, ...]:
@@ -337,8 +343,8 @@ class FrequencyResponse(HasTable, HasPage):
         names = list(self.points[0].solution.columns) if self.points else []
         if not names:
             return frozenset()
-        motions = [[x.solution.columns[name] for name in names] for x in self.points]
-        rows = np.array([[f(x) for x in y] for y in motions for f in (np.min, np.max)])
+        ranges = [[x.solution._column_ranges[name] for name in names] for x in self.points]
+        rows = np.array([x for y in ranges for x in ([z.least for z in y], [z.largest for z in y])])
         half_ranges = np.max([self.curve(name)[1] for name in names], axis=1, initial=0.0)
         rate = 2.0 * np.pi / min(point.period for point in self.points)
         length = self.points[0].solution.equations.length

@@ -26,6 +26,11 @@ _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exce
 _MAX_MULTIPLIER_ERROR = 1e-2
 _MAX_NAMES = 3  # of beams and of columns in a warning
 _ROUNDED_PERCENT = 10.0  # larger errors are stated without decimals
+# Remedy of warnings about output rows, an option that periodic motions do not have.
+_ROW_OPTION = "output_step="
+_ROW_REMEDY = (
+    "amplitudes include the steps between the rows, but curves and the table of the rows do not."
+)
 _IMAGINARY_ROUNDING = 1e-6  # largest imaginary part / modulus of a real multiplier
 
 
@@ -194,18 +199,24 @@ class PeriodicMotion(HasTable, HasPage):
         return self.solution.plot(*names, x=x, data=data)
 
     def amplitudes(self) -> pd.DataFrame:
-        """Return mean, half range, minimum, maximum and unit, with one row per observed column."""
+        """Return mean, half range, minimum, maximum and unit, with one row per observed column.
+
+        They include the steps between the rows of `table`.
+        """
         import pandas as pd
 
         rows = {}
-        for header, values in self.solution.columns.items():
-            unit = Header.of(header).unit
-            rows[header] = (mean(values), half_range(values), *extrema(values), unit)
+        means = self.solution._column_means
+        for header, span in self.solution._column_ranges.items():
+            sizes = means[header], span.half_range, span.least, span.largest
+            rows[header] = (*sizes, Header.of(header).unit)
         names = ["mean", "half range", "least", "largest", "unit"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)
 
 
-def run_warnings(solution: Solution, error: BeamError | None) -> tuple[str, ...]:
+def run_warnings(
+    solution: Solution, error: BeamError | None, includes_rows: bool = True
+) -> tuple[str, ...]:
     """Return the warnings of a run over one period, without estimates that the error replaces.
 
     Parameters
@@ -214,42 +225,19 @@ def run_warnings(solution: Solution, error: BeamError | None) -> tuple[str, ...]
         The run.
     error
         Error of the periodic motion by its beams; None if it is not known.
+    includes_rows
+        False to omit warnings about rows that miss values between them.
     """
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
-    return tuple(x for x in solution.warnings if x not in replaced)
-
-
-def mean(values: Array) -> float:
-    """Return the mean over one period, given equally spaced samples including both ends."""
-    return float(np.mean(0.5 * (values[:-1] + values[1:]) if len(values) > 1 else values))
-
-
-def extrema(values: Array) -> tuple[float, float]:
-    """Return minimum and maximum of equally spaced samples, refined by parabolic interpolation."""
-    return -_maximum(-values), _maximum(values)
-
-
-def half_range(values: Array) -> float:
-    """Return half the difference between maximum and minimum, see `extrema`."""
-    minimum, maximum = extrema(values)
-    return 0.5 * (maximum - minimum)
-
-
-def largest_magnitude(values: Array) -> float:
-    """Return the largest absolute value, see `extrema`."""
-    return max(map(abs, extrema(values)))
-
-
-def _maximum(values: Array) -> float:
-    if len(values) < 3:
-        return float(np.max(values))
-    k = int(np.clip(np.argmax(values), 1, len(values) - 2))
-    before, here, after = values[k - 1 : k + 2].tolist()
-    slope, curvature = 0.5 * (after - before), before - 2.0 * here + after
-    # If the vertex lies outside the three samples, the maximum is at an end of the period.
-    is_inside = abs(slope) < -curvature
-    return here - 0.5 * slope**2 / curvature if is_inside else max(before, here, after)
+    sentences = []
+    for sentence in solution.warnings:
+        description, _, remedy = sentence.rpartition("; ")
+        is_about_rows = _ROW_OPTION in remedy
+        if sentence in replaced or (is_about_rows and not includes_rows):
+            continue
+        sentences.append(f"{description}; {_ROW_REMEDY}" if is_about_rows else sentence)
+    return tuple(sentences)
 
 
 def largest_modulus(multipliers: Array) -> float:

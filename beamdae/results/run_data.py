@@ -16,6 +16,7 @@ from beamdae.equations import measures
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.read_only import read_only_data
 from beamdae.results.column_derivatives import ColumnDerivatives
+from beamdae.results.column_ranges import measure_column_means, measure_column_ranges
 from beamdae.results.columns import ColumnDict, Header
 from beamdae.results.diagnostics.contacts.hard_impacts import (
     HardImpact,
@@ -139,6 +140,20 @@ class RunData:
             self.t,
             lambda: self.columns,
             self._has_fixed_steps,
+        )
+
+    @cached_property
+    def _column_ranges(self) -> ColumnDict:
+        """Range of each observed column, including peaks between steps and rows, by header."""
+        return measure_column_ranges(
+            self.columns, self.t, self.step_extremes, self.trajectory, self._observe_at
+        )
+
+    @cached_property
+    def _column_means(self) -> ColumnDict:
+        """Mean of each observed column over the run, by header."""
+        return measure_column_means(
+            self.columns, self.t, self.step_extremes, self.trajectory, self._observe
         )
 
     @property

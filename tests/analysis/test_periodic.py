@@ -10,6 +10,7 @@ from scipy.optimize import fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
+from beamdae.results.column_ranges import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 from beamdae.results.periodic_motion import PeriodicMotion
@@ -306,8 +307,11 @@ def test_steps_across_a_fold_report_it_once():
     # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
     # reverse three times.
     def point(parameter, s):
-        equations = SimpleNamespace(length=1.0)
-        solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])}, equations=equations)
+        solution = SimpleNamespace(
+            columns={"x [m]": np.array([s, -s])},
+            equations=SimpleNamespace(length=1.0),
+            _column_ranges={"x [m]": ColumnRange(-abs(s), abs(s))},
+        )
         return ResponsePoint(parameter, 1.0, solution, np.zeros(0), forward=s < 0.0)
 
     arc = np.array([-0.3, -0.1, -1e-5, 0.5e-5, 1e-5, 0.1, 0.3])

@@ -10,6 +10,7 @@ from beamdae.analysis.periodic.monodromy import LinearizationError
 from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _follow_curve
 from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
+from beamdae.results.column_ranges import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
 
@@ -18,6 +19,17 @@ RUNS = bd.Radau(1e-5)
 BLADE_RESONANCE = 13.92  # Hz
 BLADE_ACCELERATION = 5e-3  # m/s^2
 UNIT_LENGTH = SimpleNamespace(length=1.0)  # equations of a mechanism of 1 m
+
+
+def run_with_columns(columns):
+    """Return a run of a mechanism of 1 m with these observed columns, without further steps."""
+    return SimpleNamespace(
+        columns=columns,
+        warnings=(),
+        equations=UNIT_LENGTH,
+        _column_ranges={k: ColumnRange(x.min(), x.max()) for k, x in columns.items()},
+        _column_means={k: x.mean() for k, x in columns.items()},
+    )
 
 
 def shaken_strip(law, rotates=False, damping=2e-4, elements=2):
@@ -245,7 +257,7 @@ def test_regression_response_over_the_amplitude_of_a_driver_is_proportional():
 
 def arc_point(value, s, slope):
     """Return a point of a response curve with x = s and this rate of the parameter."""
-    solution = SimpleNamespace(columns={"x [m]": np.array([s, -s])}, equations=UNIT_LENGTH)
+    solution = run_with_columns({"x [m]": np.array([s, -s])})
     point = ResponsePoint(value, 1.0, solution, np.zeros(0), forward=slope > 0.0)
     return SimpleNamespace(
         value=value, iterations=3, position=s, as_response_point=lambda sign, errors: point
@@ -392,7 +404,7 @@ def test_regression_columns_of_rounding_errors_do_not_shift_peaks():
             "base.angle_ddot [rad/s^2]": 1e-22 * other,
         }
         columns = {name: np.array([-x, x]) for name, x in half_ranges.items()}
-        run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
+        run = run_with_columns(columns)
         points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
     response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
     assert response.varying_columns == ("tip [m]",)
@@ -411,7 +423,7 @@ def test_regression_peaks_of_few_points_are_not_extrapolated_far(ratio):
             points = []
             for frequency, size in zip(frequencies, sizes, strict=True):
                 columns = {"tip [m]": np.array([-size, size])}
-                run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
+                run = run_with_columns(columns)
                 points.append(ResponsePoint(frequency, 1.0 / frequency, run, np.array([0.5])))
             response = FrequencyResponse("frequency", tuple(points), Status("ok", "complete"))
             for _, size in response.peaks("tip"):
@@ -427,7 +439,7 @@ def test_regression_velocities_at_rest_have_no_peaks():
         sizes = {"tip [m]": 1e-4 * size, "hub.x_dot [m/s]": 1e-35 * x, "hub.ax [m/s^2]": 1e-10 * x}
         sizes["slow [rad/s]"] = 1e-9 * size
         columns = {name: np.array([-y, y]) for name, y in sizes.items()}
-        run = SimpleNamespace(columns=columns, equations=UNIT_LENGTH)
+        run = run_with_columns(columns)
         points.append(ResponsePoint(speed, 2.0 * np.pi / speed, run, np.array([0.5])))
     response = FrequencyResponse("speed", tuple(points), Status("ok", "complete"))
     assert list(response.peak_table()["observed"]) == ["tip [m]", "slow [rad/s]"]
@@ -443,7 +455,7 @@ def sine_response(mean, factor):
     for speed in np.linspace(0.9, 1.1, 9):
         values = mean + factor / np.hypot(1.0 - speed**2, 0.04) * np.sin(phase)
         columns = {"stress [Pa]": values, "largest [Pa]": np.abs(values)}
-        solution = SimpleNamespace(columns=columns, warnings=(), equations=UNIT_LENGTH)
+        solution = run_with_columns(columns)
         points.append(ResponsePoint(speed, 1.0, solution, np.ones(1)))
     return FrequencyResponse("speed", tuple(points), Status("ok", "reached the end"))
 

@@ -35,7 +35,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.columns import mark_vanishing_columns
-from beamdae.results.periodic_motion import BeamError, half_range, largest_magnitude
+from beamdae.results.periodic_motion import BeamError
 from beamdae.results.solution import Solution
 
 Array = np.ndarray
@@ -174,11 +174,15 @@ class BeamErrorEstimator:
 
 def _compare(run: PeriodRun, other: PeriodRun) -> dict[str, float]:
     """Return the relative errors of the columns and of a free period, see `BeamError.columns`."""
-    columns, others = run.solution.columns, other.solution.columns
+    ranges, others = run.solution._column_ranges, other.solution._column_ranges
     errors = {"period [s]": run.period_map.period / other.period_map.period - 1.0}
     for header in _moving_columns(run.solution):
-        sizes = [(f(columns[header]), f(others[header])) for f in (half_range, largest_magnitude)]
-        errors[header] = max((x / max(exact, _TINY) - 1.0 for x, exact in sizes), key=abs)
+        span, exact = ranges[header], others[header]
+        ratios = (
+            span.half_range / max(exact.half_range, _TINY),
+            span.largest_magnitude / max(exact.largest_magnitude, _TINY),
+        )
+        errors[header] = max((x - 1.0 for x in ratios), key=abs)
     return errors
 
 
@@ -186,7 +190,7 @@ def _moving_columns(solution: Solution) -> list[str]:
     """Return the headers of the columns that are not at the level of rounding errors."""
     columns = solution.columns
     values = np.stack(list(columns.values()), axis=1)
-    sizes = np.array([half_range(x) for x in columns.values()])
+    sizes = np.array([x.half_range for x in solution._column_ranges.values()])
     vanishing = mark_vanishing_columns(tuple(columns), sizes, solution.equations.length, values)
     return [name for name, vanishes in zip(columns, vanishing, strict=True) if not vanishes]
 

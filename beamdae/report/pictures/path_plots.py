@@ -33,7 +33,6 @@ from beamdae.results.columns import (
 from beamdae.results.displays import Plot
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.frequency_response import FrequencyResponse
-from beamdae.results.periodic_motion import largest_magnitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -256,7 +255,7 @@ def _draw_magnitudes(
     header = select_column("frequency_response", response.points[0].solution.columns, column)
     if Header.of(header).unit in ("m", "rad"):
         return
-    magnitudes = np.array([largest_magnitude(x.solution.columns[header]) for x in response.points])
+    magnitudes = response._largest_magnitudes(header)
     ratio = magnitudes.max() / (amplitudes.max() or np.inf)
     if _MIN_MAGNITUDE_RATIO < ratio < _MAX_MAGNITUDE_RATIO:
         axis.plot(values, magnitudes, ":", color=COLORS[2], lw=1.6, label="largest magnitude")
