@@ -402,3 +402,20 @@ def test_regression_forces_in_axes_of_a_turning_blade_are_periodic():
     mech.add(bd.Force("flow", blade.end, load, axes="body"))
     mech.observe("tip", blade.end)
     assert bd.periodic(mech, 2.0 * np.pi / speed, settle=1).status.success
+
+
+@pytest.mark.parametrize(
+    "law", [lambda t: 2.0 * np.pi * t, lambda t: 0.4 * np.cos(2.0 * np.pi * t)]
+)
+def test_regression_rounding_errors_at_dead_centers_are_no_lost_velocities(law):
+    """The joints "did not allow" crank.y_dot = -1.6e-26 m/s of a crank at 6.3 rad/s or at rest."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
+    ram = mech.add(bd.RigidBody("ram", 20.0, 0.1, center=(0.0, -0.25)))
+    base = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("shaft", base, crank.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", base, crank.at(0.0, 0.0), law))
+    mech.add(bd.Distance("rod", crank.at(0.0, 0.05), ram.at(0.0, -0.25)))
+    guide = mech.ground.at(0.0, -0.25)
+    mech.add(bd.Prismatic("guide", guide, ram.at(0.0, -0.25), direction=(0.0, 1.0)))
+    assert bd.periodic(mech, period=1.0).warnings == ()

@@ -362,6 +362,21 @@ def test_regression_rounding_errors_of_start_velocities_have_no_warning(speed, c
     assert len([x for x in solution.warnings if "do not allow" in x]) == count
 
 
+@pytest.mark.parametrize(("speed", "count"), [(1e-20, 0), (0.1, 1)])
+def test_regression_rounding_errors_of_reversals_are_no_lost_velocities(speed, count):
+    """A pendulum that starts at rest had a warning of a velocity of 1e-20 m/s."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    rod = mech.add(bd.RigidBody.rod("rod", (0.0, 0.0), (1.0, 0.0), mass=1.0))
+    mech.add(bd.Revolute("hinge", mech.ground.at(0.0, 0.0), rod.at(0.0, 0.0)))
+    equations = bd.equations_of_motion(mech)
+    v0 = np.zeros(equations.n)
+    v0[list(equations.q_names).index("rod.x")] = speed
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        solution = bd.simulate(replace(equations, v0=v0), bd.Radau(1e-3), t_end=1e-3)
+    assert len([x for x in solution.warnings if "do not allow" in x]) == count
+
+
 def test_regression_a_load_with_a_table_is_stated_once_per_run(monkeypatch):
     """Each check of a run stated and compiled it again, half of the time of short runs."""
     mech = bd.Mechanism()

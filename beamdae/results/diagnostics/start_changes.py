@@ -13,7 +13,7 @@ Array = np.ndarray
 
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
-_MAX_ROUNDING = 1e-12  # relative to the largest requested velocity of all parts
+_MAX_ROUNDING = 1e-12  # of velocities, relative to those of all parts
 _AS_DRAWN = "as drawn"
 
 
@@ -82,7 +82,7 @@ def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     summary = StartSummary(request, tuple(changes), "")
     warning = "" if is_moved else _describe_displacement(e, summary.largest)
     if request == _AS_DRAWN and not warning:
-        warning = _describe_lost_velocity(e, v, state.v)
+        warning = _describe_lost_velocity(e, v, state)
     return replace(summary, warning=warning)
 
 
@@ -98,12 +98,21 @@ def _describe_displacement(e: EquationsOfMotion, change: StartChange | None) -> 
     )
 
 
-def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Array) -> str:
+def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State) -> str:
     """Return a sentence on the requested velocity that changed most, or an empty string."""
-    worst, largest = None, _MAX_UNREPORTED_VELOCITY_CHANGE
+    actual, worst, largest = state.v, None, _MAX_UNREPORTED_VELOCITY_CHANGE
     lengths, angles = (
         np.array([x.unit == unit for x in e.coordinates], bool) for unit in ("m", "rad")
     )
+
+    def largest_speed(v: Array, size: float, kind: int) -> float:
+        """Return the largest velocity by motions of both kinds of a part with this size.
+
+        At a dead center, all translations are rounding errors of rotations.
+        """
+        speeds = np.max(np.abs(v[lengths]), initial=0.0), np.max(np.abs(v[angles]), initial=0.0)
+        return float(max(speeds[0] / size, speeds[1]) if kind else max(speeds[0], speeds[1] * size))
+
     # Elastic coordinates adapt to the rigid motion.
     for part in (x for x in e.parts if not x.is_state):
         rows = np.arange(part.rows.start, part.rows.stop - len(e.q_names[part.deformations]))
@@ -115,15 +124,16 @@ def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, actual: Arra
         for vector, kind in vectors:
             size = np.max(np.abs(requested[vector]), initial=0.0)
             rows_of_kind = angles if kind else lengths
-            if size <= _MAX_ROUNDING * np.max(np.abs(requested[rows_of_kind]), initial=0.0):
+            extent = part.size if kind else 1.0
+            # A motion that reverses has no velocity, but this one after a travel of its length.
+            reached = np.sqrt(largest_speed(state.a, part.size, kind) * e.length / extent)
+            if size <= _MAX_ROUNDING * max(largest_speed(requested, part.size, kind), reached):
                 size = 0.0
             if not size and part.given_velocities[kind]:
                 # A given zero is compared with the motion of the other bodies, unless this motion
                 # is the rounding error of motions of the other kind.
                 size = np.max(np.abs(actual[rows_of_kind]), initial=0.0)
-                others = np.max(np.abs(actual[lengths if kind else angles]), initial=0.0)
-                others *= 1.0 / part.size if kind else part.size
-                if size <= _MAX_ROUNDING * others:
+                if size <= _MAX_ROUNDING * largest_speed(actual, part.size, kind):
                     size = 0.0
             for k in vector if size else ():
                 change = abs(actual[k] - requested[k]) / size
