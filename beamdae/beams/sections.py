@@ -493,6 +493,11 @@ class VaryingSection:
         """Sections by arc length [m]; beams evaluate most points several times."""
         return {}
 
+    @cached_property
+    def stress_sections(self) -> dict[tuple[float, ...], tuple[float, ...]]:
+        """Refined arc lengths [m] by given ones, see `section_samples.stress_sections`."""
+        return {}
+
     def at(self, s: float) -> Section:
         """Return the section at arc length s [m].
 

@@ -12,11 +12,15 @@ from functools import cache
 from typing import Any, Protocol
 
 import casadi as ca
+import numpy as np
 
 from beamdae.beams.element_data import ElementData, ElementDataLayout
+from beamdae.beams.sections import Section, VaryingSection
 from beamdae.symbolic.formula import Formula
 from beamdae.symbolic.functions.compiled import RowFunction
 from beamdae.symbolic.statements import SX, Local
+
+Array = np.ndarray
 
 # Components of a strain vector (eps11, 2 eps12, kappa11) and of (EA, GA, EI).
 AXIAL = 0
@@ -109,7 +113,7 @@ class _StrainElement(Protocol):
 class InterpolatedStrains:
     """Strains at a section, interpolated between the stiffness points of its element.
 
-    `numbers` are the interpolation weights of the points, then the values at all points: one
+    `numbers` are the `interpolation_weights` of the points, then the values at all points: one
     quantity of `layout.stiffness_point` after another, without the quadrature weight.
     """
 
@@ -118,13 +122,43 @@ class InterpolatedStrains:
     def __call__(self, local: Local, numbers: Any) -> SX:
         """Return the strains (3,) from local coordinates."""
         layout = self.element.layout
-        count, rows = layout.stiffness_points, range(1, len(layout.stiffness_point))
+        count, n_weights = layout.stiffness_points, STRAIN_SIZE if layout.varying else 1
+        rows = range(n_weights, n_weights + len(layout.stiffness_point) - 1)
         points = [ca.vertcat(0, *(numbers[i * count + k] for i in rows)) for k in range(count)]
         strains = self.element.strain_points(SX(ca.horzcat(*points)), local.q)
         total = SX.zeros(STRAIN_SIZE)
         for k, (_, strain) in enumerate(strains):
-            total += numbers[k] * strain
+            weights = [numbers[i * count + k] for i in range(n_weights)]
+            total += (ca.vertcat(*weights) if layout.varying else weights[0]) * strain
         return total
+
+
+def interpolation_weights(
+    section: Section | VaryingSection, weights: Sequence[float], points: Array, s: float
+) -> list[float]:
+    """Return the weights of `InterpolatedStrains` at a section.
+
+    In elements whose section varies, the section forces are interpolated, because they are smooth
+    where stiffnesses have kinks or jumps: the strains are the interpolated forces divided by the
+    stiffnesses at `s`, and have one row of weights for each component.
+
+    Parameters
+    ----------
+    section
+        Section of the beam.
+    weights
+        Values at `s` of the Lagrange polynomials of the stiffness points.
+    points
+        Arc lengths of the stiffness points of the element [m].
+    s
+        Arc length of the section [m].
+    """
+    if isinstance(section, VaryingSection):
+        stiffness = np.array([(x.EA, x.GA, x.EI) for x in map(section.at, points.tolist())])
+        here = section.at(s)
+        ratios = stiffness.T / np.array([[here.EA], [here.GA], [here.EI]])
+        return np.ravel(ratios * np.array(weights)).tolist()
+    return list(weights)
 
 
 def fiber_strain(local: Local, strains: Callable[[Local], SX], offset: Callable[[], Any]) -> SX:

@@ -301,8 +301,10 @@ class Solution(RunData, TimeSeries):
         s
             An arc length or several arc lengths [m]. Defaults to the element boundaries, the
             sections at which concentrated loads are fixed, and three sections between neighbors.
-            Loads, and jumps of the cross-section or curvature, have sections on both sides. Given
-            sections are those just beyond a load or a jump, except at the end of the beam.
+            Loads, and jumps of the cross-section or curvature, have sections on both sides. If the
+            cross-section varies, its kinks and further sections are added, between which stresses
+            are at most 0.2 % larger. Given sections are those just beyond a load or a jump, except
+            at the end of the beam.
 
         Raises
         ------

@@ -232,8 +232,9 @@ def test_welded_beams_share_section_law_and_free_shape():
         assert_allclose(heights, (0.0175, 0.015, 0.0125, 0.01), rtol=1e-12)
         mech.observe("forces", bodies[2].section_forces(0.25))
         moment = wedge(0.75).EI / 2.0
+        # Forces are interpolated by parabolas, but the moment is cubic in the drawn arc.
         assert_allclose(
-            NumericEquations(mech).observed("forces"), (0.0, 0.0, -moment), atol=1e-9 * moment
+            NumericEquations(mech).observed("forces"), (0.0, 0.0, -moment), atol=1e-4 * moment
         )
 
 

@@ -31,7 +31,7 @@ from beamdae.beams.mesh import Mesh
 from beamdae.beams.reference_frames import has_chord
 from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights, shape_functions
-from beamdae.beams.strains import InterpolatedStrains
+from beamdae.beams.strains import InterpolatedStrains, interpolation_weights
 from beamdae.curves.plane_curves import rotate_points
 from beamdae.errors import BeamdaeError, require_choice
 from beamdae.read_only import read_only_data
@@ -331,8 +331,11 @@ class FloatingFrame(FormulationKinematics):
         """Return the function for the strains at arc length s [m].
 
         The strains are interpolated between the stiffness quadrature points, where the strains of
-        an element are most accurate.
+        an element are most accurate. Where the section varies, the section forces are interpolated,
+        see `interpolation_weights`.
         """
+        if isinstance(self.section, VaryingSection):
+            return self._interpolate_strains(s)
         return self._geometry.derive(
             ("strains", s, self.element), lambda: self._interpolate_strains(s)
         )
@@ -344,7 +347,7 @@ class FloatingFrame(FormulationKinematics):
         axis = self.mesh_in_frame.axis(np.full(points, element), gauss)
         s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
         prestrains = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
-        weights = lagrange_weights(gauss, xi)
+        weights = interpolation_weights(self.section, lagrange_weights(gauss, xi), s_points, s)
         numbers = [*weights, *axis.curvature, *(1.0 / axis.ds), *np.ravel(prestrains)]
         values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
         return PointValues(self._element_operator(element), values)

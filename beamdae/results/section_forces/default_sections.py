@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from beamdae.beams.beam import Beam
+from beamdae.beams.section_samples import stress_sections
+from beamdae.beams.sections import Section
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.results.section_forces.applied_loads import collect_applied_loads
 from beamdae.results.section_forces.balance import SAME_SECTION_TOLERANCE, RowGroup
@@ -49,7 +51,19 @@ def default_sections(
         # The end of a stretch is the start of the next one, except on the other side of a jump.
         arc_lengths.append(stretch[: _SECTIONS_PER_STRETCH - 1 + has_jump])
         before.append(np.arange(len(arc_lengths[-1])) == _SECTIONS_PER_STRETCH - 1)
-    return np.concatenate(arc_lengths), np.concatenate(before)
+    return _add_stress_sections(beam, np.concatenate(arc_lengths), np.concatenate(before))
+
+
+def _add_stress_sections(beam: Beam, s: Array, before: Array) -> tuple[Array, Array]:
+    """Return arc lengths and sides, with further ones where the section varies."""
+    if isinstance(beam.section, Section):
+        return s, before
+    at_sides = np.where(before, beam.mesh.just_before(s), s)
+    refined = np.array(stress_sections(beam.section, at_sides.tolist()))
+    places = np.searchsorted(refined, at_sides)
+    all_before = np.zeros(len(refined), bool)
+    refined[places], all_before[places] = s, before
+    return refined, all_before
 
 
 def _jumps_of_section(beam: Beam) -> list[float]:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdae.beams.beam import Beam
-from beamdae.beams.sections import VaryingSection
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
@@ -96,8 +95,8 @@ def mesh_error_warnings(
     layers, such as those near the clamps of beams under tension, of the length sqrt(EI / N), and
     loads within elements. At its largest magnitude, a column is compared with the section forces in
     equilibrium with the loads, whose errors are much smaller; see `SectionForces`. If loads act
-    within elements, or the cross-section varies, a largest stress over the length of the beam is
-    compared with that in the sections of `section_forces`, which include those at the loads.
+    within elements, a largest stress over the length of the beam is compared with that in the
+    sections of `section_forces`, which include those at the loads.
 
     Parameters
     ----------
@@ -163,21 +162,16 @@ class _Evaluator:
         def convert(forces: Array, s: tuple[float, ...]) -> Array:
             return Beam.values_of_section_forces(quantity, forces, s)[column]
 
-        # Between the stiffness points, section forces of varying sections follow from polynomials
-        # of the strains, which are less smooth than the forces.
-        section_varies = isinstance(beam.section, VaryingSection)
         indicated = np.inf
         points = self._evaluate_points(beam, row)
-        if points is not None and beam.mesh.elements > 1 and not section_varies:
+        if points is not None and beam.mesh.elements > 1:
             interpolations = _interpolate(beam, points, sections, self._attached_at(beam))
             if interpolations is not None:
                 own, smoothed = (convert(x, sections) for x in interpolations)
                 indicated = float(np.max(np.abs(smoothed - own)))
         # The sections of a largest stress are at element ends. The comparison with further sections
         # takes more time than the whole equilibrium of a small beam.
-        has_further_sections = Beam.covers_beam(quantity) and (
-            section_varies or self._has_loads_within_elements(beam)
-        )
+        has_further_sections = Beam.covers_beam(quantity) and self._has_loads_within_elements(beam)
         if indicated < _MIN_INDICATED_ERROR * abs(value) and not has_further_sections:
             return None
         s = (*sections, *beam.mesh.element_bounds.tolist())
