@@ -49,6 +49,7 @@ from beamdae.results.diagnostics.resolution.small_motions import small_motion_wa
 from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import is_motionless
+from beamdae.results.diagnostics.rounding_limits import rounding_limits, without_rounding_errors
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
@@ -99,7 +100,7 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     has_errors = run._has_fixed_steps and run.equations.m < run.equations.n
     if has_errors and not run._is_at_rest:
         yield from long_step_warnings(
-            run.step_extremes,
+            without_rounding_errors(run.equations, run.step_extremes),
             run.trajectory.steps,
             run.trajectory.end - run.trajectory.start,
             run.equations.length,
@@ -109,7 +110,11 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     yield from small_motion_warnings(run.equations, run.trajectory, run.integrator)
     if not is_motionless(run.equations, run.trajectory):
         yield from sudden_vibration_warnings(
-            run.equations, run.trajectory, run.step_extremes, run._observe, run.integrator
+            run.equations,
+            run.trajectory,
+            without_rounding_errors(run.equations, run.step_extremes),
+            run._observe,
+            run.integrator,
         )
 
 
@@ -137,6 +142,7 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
         run.equations.length,
         run.integrator.get("rtol") or 0.0,
         lambda: find_drift(run),
+        rounding_limits(run.equations, list(run.columns)),
     )
 
 

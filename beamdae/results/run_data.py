@@ -34,6 +34,7 @@ from beamdae.results.diagnostics.resolution.missed_peaks import (
     measure_step_extremes,
 )
 from beamdae.results.diagnostics.rest import is_at_rest, is_motionless
+from beamdae.results.diagnostics.rounding_limits import without_rounding_errors
 from beamdae.results.diagnostics.singular_positions import (
     SingularPosition,
     find_singular_positions,
@@ -165,7 +166,9 @@ class RunData:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
         if self._is_at_rest:
             return ColumnDict()
-        extremes: Mapping[str, StepExtremes] = self.step_extremes
+        extremes: Mapping[str, StepExtremes] = without_rounding_errors(
+            self.equations, self.step_extremes
+        )
         if is_motionless(self.equations, self.trajectory):
             items = extremes.items()
             extremes = {k: x for k, x in items if Header.of(k).unit not in UNITS_OF_MOTIONS}

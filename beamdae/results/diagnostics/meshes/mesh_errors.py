@@ -39,8 +39,8 @@ _MIN_INDICATED_SHARE = 0.14
 # Values below this share of those that the largest of N, Q and M / radius of gyration would cause
 # have errors relative to this share; those of unloaded sections are rounding errors.
 _MIN_STRESS_SHARE = 1e-3
-# So do strains below this one in beams without loads, whose rounding errors are up to 1e-13.
-_ROUNDING_STRAIN = 1e-11
+# So do strains below this one in beams without loads, whose rounding errors are up to 1e-12.
+_ROUNDING_STRAIN = 1e-10
 _SAME_VALUE = 1e-6  # relative difference of values that are not distinguished
 
 

@@ -45,6 +45,7 @@ def coarse_row_warnings(
     length: float,
     rtol: float = 0.0,
     find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
+    rounding: Array | float = 0.0,
 ) -> Iterator[str]:
     """Yield a warning if columns vibrate with fewer than about six output rows per period.
 
@@ -66,6 +67,8 @@ def coarse_row_warnings(
         Tolerance of the run; 0 for fixed steps.
     find_drift
         Function that returns the drift of the constraints in positions [m] and velocities [m/s].
+    rounding
+        Half ranges of the columns up to which they are rounding errors, see `rounding_limits`.
     """
     if len(t) < _MIN_ROWS or not columns:
         return
@@ -82,6 +85,7 @@ def coarse_row_warnings(
     duration = float(t[-1] - t[0])
     moves = _find_moving(headers, half_range, magnitude, length, duration, min_half_range)
     moves &= ~mark_constant_columns(headers, rows, half_range, length, rtol)
+    moves &= half_range > rounding
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)
     exceeds = excess > _MIN_EXCESS * half_range

@@ -1,0 +1,54 @@
+"""Ranges of columns up to which forces, strains and accelerations are rounding errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from beamdae.beams.beam import beams_of
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.results.columns import ColumnDict, Header
+from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
+
+# Strains of geometrically exact beams that fall freely 4 m above the origin, with elements of
+# 15 mm, are up to 1e-12; those of beams in floating frames are smaller.
+ROUNDING_STRAIN = 1e-11
+# Accelerations in free fall vary by up to 1e-10 of gravity, divided by the length of the mechanism
+# for angles.
+_ROUNDING_OF_GRAVITY = 1e-9
+
+
+def rounding_limits(equations: EquationsOfMotion, headers: Sequence[str]) -> np.ndarray:
+    """Return the half ranges of columns (columns,) up to which they may be rounding errors.
+
+    In free fall, all strains, stresses and forces of a beam are rounding errors, and so are
+    reactions at its joints and changes of accelerations. The limits are a strain of 1e-11, the
+    stresses, forces and moments that it causes in the stiffest beam, and accelerations of 1e-9 of
+    gravity. They are zero for columns in other units.
+    """
+    sections = [beam.section.at(0.5 * beam.length) for beam in beams_of(equations.mechanism)]
+    mechanism = equations.mechanism
+    gravity = 0.0 if mechanism is None else float(np.linalg.norm(mechanism.gravity))
+    acceleration = _ROUNDING_OF_GRAVITY * gravity
+    limits = {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
+    if sections:
+        limits["-"] = ROUNDING_STRAIN
+        limits["Pa"] = ROUNDING_STRAIN * max(x.material.E for x in sections)
+        limits["N"] = ROUNDING_STRAIN * max(x.EA for x in sections)
+        limits["N m"] = ROUNDING_STRAIN * max(np.sqrt(x.EA * x.EI) for x in sections)
+    return np.array([limits.get(Header.of(x).unit, 0.0) for x in headers])
+
+
+def without_rounding_errors(
+    equations: EquationsOfMotion, extremes: Mapping[str, StepExtremes]
+) -> ColumnDict:
+    """Return the extremes of the columns whose range exceeds the `rounding_limits`."""
+    limits = rounding_limits(equations, list(extremes)).tolist()
+    return ColumnDict(
+        {
+            header: x
+            for (header, x), limit in zip(extremes.items(), limits, strict=True)
+            if not 0.5 * (x.max - x.min) <= limit
+        }
+    )
