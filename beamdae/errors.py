@@ -686,6 +686,12 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
+def format_percent(fraction: float) -> str:
+    """Return a fraction in percent with two significant digits, such as "2.1 %" or "130 %"."""
+    digits = f"{100.0 * fraction:.2g}"
+    return f"{float(digits):.0f} %" if "e+" in digits else f"{digits} %"
+
+
 def set_fields(instance: Any, **values: Any) -> None:
     """Set attributes of an instance, even of a frozen dataclass."""
     for name, value in values.items():

@@ -38,6 +38,7 @@ from beamdae.curves.plane_curves import ARC_LENGTH_TOLERANCE, PlaneCurve, Segmen
 from beamdae.errors import (
     BeamdaeError,
     as_real,
+    format_percent,
     optional_finite,
     optional_point,
     require_choice,
@@ -1138,7 +1139,7 @@ def warn_about_moving_load(part: str, beam: Beam, attached: Sequence[AttachedPar
         count = math.ceil((factor / _RECOMMENDED_MOVING_LOAD_ERROR) ** (1.0 / order))
         warn_user(
             f"{part}: elements of {beam.name} do not bend sharply below a load that moves along "
-            f"them; the error of its largest deflection is about {100.0 * error:.2g} % (more "
+            f"them; the error of its largest deflection is about {format_percent(error)} (more "
             f"between clamps); use elements={count} or more."
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm
-from beamdae.errors import list_first, warn_user
+from beamdae.errors import format_percent, list_first, warn_user
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.radau.radau import Radau
 from beamdae.results.columns import remove_unit
@@ -114,7 +114,7 @@ def _estimate_output_errors(
 def _describe_errors(large: Mapping[str, float], has_fixed_steps: bool) -> str:
     """Return the warning about outputs whose estimated errors are too large."""
     worst = sorted(large, key=lambda header: -large[header])
-    listed = [f"{remove_unit(x)} {100.0 * large[x]:.2g} %" for x in worst]
+    listed = [f"{remove_unit(x)} {format_percent(large[x])}" for x in worst]
     setting = "step" if has_fixed_steps else "rtol"
     return (
         f"the estimated errors of {list_first(listed, _MAX_NAMES)} of half the range are large; "

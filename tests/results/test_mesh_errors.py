@@ -11,6 +11,7 @@ import pytest
 from support import rotating_blade
 
 import beamdae as bd
+from beamdae.errors import format_percent
 
 TITANIUM = bd.Material(E=114e9, nu=0.34, rho=4430.0)
 LENGTH, WIDTH, HEIGHT = 0.6, 0.05, 0.0015
@@ -117,3 +118,36 @@ def test_section_forces_of_beams_in_a_feedback_loop() -> None:
 def test_rounding_errors_of_unloaded_beams_have_no_warning() -> None:
     assert mesh_warnings(bd.equilibrium(clamped_strip(8, 0.0, 0.0, formulation="exact"))) == []
     assert mesh_warnings(bd.equilibrium(rotating_blade(64))) == []
+
+
+def build_slider_crank(elements: int) -> bd.Mechanism:
+    """Return a slider-crank at 200 rpm whose rod bends by its inertia."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    crank = mech.add(bd.RigidBody("crank", 10.0, 0.05))
+    ram = mech.add(bd.RigidBody("ram", 20.0, 0.1, center=(0.0, -0.25)))
+    shaft = mech.ground.at(0.0, 0.0)
+    mech.add(bd.Revolute("shaft", shaft, crank.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", shaft, crank.at(0.0, 0.0), lambda t: 200.0 * np.pi / 30.0 * t))
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.04, damping=1e-5)
+    line = bd.Line((0.0, 0.05), (0.0, -0.25))
+    rod = mech.add(bd.Beam("rod", line, section, elements=elements))
+    mech.add(bd.Revolute("big end", crank.at(0.0, 0.05), rod.start))
+    mech.add(bd.Revolute("small end", rod.end, ram.at(0.0, -0.25)))
+    guide = mech.ground.at(0.0, -0.25), ram.at(0.0, -0.25)
+    mech.add(bd.Prismatic("guide", *guide, direction=(0.0, 1.0)))
+    mech.observe("hinge", rod.section_forces(0.0))
+    return mech
+
+
+@pytest.mark.slow(reason="compiles the checks of a mechanism with a beam")
+def test_regression_moments_in_hinges_have_no_mesh_error() -> None:
+    """A moment of 0.01 N m in a hinge had a mesh error of 6 %."""
+    run = bd.simulate(build_slider_crank(2), bd.GeneralizedAlpha(4e-3), t_end=0.16)
+    assert not mesh_warnings(run)
+
+
+def test_regression_large_percentages_have_no_exponent() -> None:
+    """Errors of 100 % were printed as 1e+02 %."""
+    fractions = (0.0214, 0.2, 0.994, 0.996, 1.234, 12.0)
+    texts = ["2.1 %", "20 %", "99 %", "100 %", "120 %", "1200 %"]
+    assert [format_percent(x) for x in fractions] == texts

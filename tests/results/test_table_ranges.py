@@ -81,3 +81,42 @@ def test_regression_arguments_in_other_units_than_a_table_carry_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bd.simulate(falling(pad), t_end=0.452)
+
+
+def depth(point, t):
+    """Return the fallen distance [m]."""
+    return 1.0 - point.position[1]
+
+
+@pytest.mark.parametrize("kind", ["linear", "pchip", "spline"])
+def test_regression_runs_that_hardly_use_a_table_have_a_warning(kind):
+    """A table over mm instead of m gave 0.1 % of its force, without a warning."""
+    table = bd.table([0.0, 100.0, 300.0, 500.0], [0.0, 3.0, 5.0, 6.0], kind=kind, name="curve")
+    message = (
+        r"^pull: x of curve is 0 to 0.44\d* during the whole run, 0.088 % of the range 0 to 500 of "
+        "the table; check the units of the table and of its argument.$"
+    )
+    with pytest.warns(bd.BeamdaeWarning, match=message):
+        bd.simulate(falling(table, depth), t_end=0.3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "argument"),
+    [
+        # Other points of operation, and small motions about zero.
+        ([0.0, 100.0, 300.0, 500.0], lambda point, t: 200.0 + depth(point, t)),
+        ([-30.0, -10.0, 10.0, 30.0], depth),
+        # Rows for small motions.
+        ([0.0, 0.1, 0.2, 500.0], depth),
+        # Constant arguments, and times.
+        ([0.0, 100.0, 300.0, 500.0], lambda point, t: point.position[0]),
+        ([0.0, 100.0, 300.0, 500.0], lambda point, t: t),
+        # A pad that is touched at the end of a long way.
+        ([0.0, 0.05, 0.1, 0.2], lambda point, t: depth(point, t) - 0.44),
+    ],
+)
+def test_small_motions_in_tables_have_no_warning(rows, argument):
+    table = bd.table(rows, [0.0, 3.0, 5.0, 6.0], kind="linear")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bd.simulate(falling(table, argument), t_end=0.3)

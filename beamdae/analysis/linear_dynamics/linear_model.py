@@ -28,6 +28,7 @@ from beamdae.equations.starts.steady_rotation import RotatingCoordinates
 from beamdae.errors import (
     BeamdaeError,
     format_count,
+    format_percent,
     require_finite,
     require_positive,
     require_sequence,
@@ -272,7 +273,7 @@ class LinearModel(HasPage):
         more = f" (as do {len(missed) - 1} others)" if len(missed) > 1 else ""
         return (
             f"frequency_response: the resonance at {f:.6g} Hz{more} lies between frequencies "
-            f"that reach {100.0 * share:.2g} % of its peak, because its bandwidth is "
+            f"that reach {format_percent(share)} of its peak, because its bandwidth is "
             f"{bandwidth:.2g} Hz; add those of abs(model.poles.imag) / (2 * np.pi) between "
             f"{grid[0]:.4g} and {grid[-1]:.4g} Hz to the frequencies."
         )

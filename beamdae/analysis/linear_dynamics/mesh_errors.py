@@ -19,6 +19,7 @@ from beamdae.beams.dispersion import (
 )
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.errors import format_percent
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.section_forces.balance import elastic_axial_forces, elastic_section_forces
 
@@ -98,7 +99,7 @@ def mesh_warnings(
             continue
         k = int(reported[np.argmin(rates[reported])])
         error = float(errors[k])
-        size = f"about {100.0 * error:.2g} %"
+        size = f"about {format_percent(error)}"
         if error > _MAX_ESTIMATE:
             size = f"more than {100.0 * _MAX_ESTIMATE:g} %"
         ratio = min(error, _MAX_ESTIMATE) / _RECOMMENDED_ERROR

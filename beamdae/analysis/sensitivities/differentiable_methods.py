@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.sensitivities.model_differences import derivative_call
-from beamdae.errors import BeamdaeError, BeamdaeWarning, short_repr, warn_user
+from beamdae.errors import BeamdaeError, BeamdaeWarning, format_percent, short_repr, warn_user
 from beamdae.integrators import Auto, GeneralizedAlpha, Ida, Radau
 from beamdae.results.solution import Solution
 
@@ -157,7 +157,7 @@ def warn_of_step_errors(
     others = ""
     if len(words) > 1:
         others = f" (and above {100.0 * _MAX_STEP_ERROR:g} % for {len(words) - 1} more)"
-    size = f"{100.0 * errors[worst]:.2g} %" if errors[worst] <= 1.0 else "more than 100 %"
+    size = f"{format_percent(errors[worst])}" if errors[worst] <= 1.0 else "more than 100 %"
     size += describe(errors[worst])
     warn_user(
         f"{derivative_call()}: the error of {worst} of {model} due to {cause} is estimated at "

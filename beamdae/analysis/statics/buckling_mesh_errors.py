@@ -15,7 +15,7 @@ from beamdae.beams.dispersion import (
 )
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.section_forces.balance import elastic_section_forces
 
 Array = np.ndarray
@@ -168,7 +168,7 @@ def _measure_bending(
 def _describe(beams: Sequence[Beam], errors: Array) -> tuple[str, str, str]:
     """Return cause, size and remedy of the error of a mode by each beam (beams,), as text."""
     error = float(errors.sum())
-    size = f"about {100.0 * error:.2g} %"
+    size = f"about {format_percent(error)}"
     if error > _MAX_ESTIMATE:
         size = f"more than {100.0 * _MAX_ESTIMATE:g} %"
     # Equal beams differ by rounding only.

@@ -1,4 +1,4 @@
-"""Warnings about runs in which the argument of a table leaves a table that holds its values."""
+"""Warnings about runs in which the argument of a table leaves it, or hardly uses its range."""
 
 from __future__ import annotations
 
@@ -7,17 +7,33 @@ from collections.abc import Iterator
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.table_arguments import compile_table_arguments, find_distinct
+from beamdae.equations.table_arguments import (
+    TableArgumentTerm,
+    compile_table_arguments,
+    find_distinct,
+)
+from beamdae.errors import format_percent
 from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
 
 # Distances outside a table that is zero or constant there, relative to its range, that are errors
 # of units: after a start inside the table, and during the whole run.
 _MAX_EXCESS, _MAX_DISTANCE = 300.0, 100.0
 _MIN_EXCESS = 1e-3  # distance outside a table relative to its range; less hardly changes its value
+# Arguments in wrong units, such as m in a table over mm, stay near zero: within this share of the
+# range inside the table and of its largest row, and within this one outside. Smaller motions than
+# the last share are those of parts at rest.
+_MAX_USED_SHARE, _MAX_MOTION, _MIN_USED_SHARE = 0.01, 0.03, 1e-6
+# Characteristics through zero, such as those of springs, are often made for larger motions. There,
+# the share is that of a unit that is 1000 times as large.
+_MAX_SHARE_AROUND_ZERO = 1e-3
+# Rows between the least and the largest argument: tables with more rows there are meant for it.
+_MAX_USED_ROWS = 1
 
 
 def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
-    """Yield one warning per argument and side of a table that a run leaves.
+    """Yield one warning per argument and side of a table that a run leaves, or hardly uses.
 
     Tables over time are exempt, because they usually hold their last value, and so are sides at
     which the table is zero or constant: one-sided forces and limits continue there as they should,
@@ -41,6 +57,7 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
         if not times:
             continue
         t, x = np.concatenate(times), np.concatenate(values)
+        yield from _unused_range_warnings(term, x)
         low, high = term.limits
         excesses = (low - x, x - high)
         for side, row, excess in zip((0, -1), ("first", "last"), excesses, strict=True):
@@ -61,3 +78,27 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
                     f"extend the table, repeat its {row} value there if it stays constant, or end "
                     "the run there with outside='error'."
                 )
+
+
+def _unused_range_warnings(term: TableArgumentTerm, values: Array) -> Iterator[str]:
+    """Yield a warning if an argument moves in a table, but so little that its unit seems wrong."""
+    (low, high), rows = term.limits, term.table.axes[term.axis]
+    inside = np.clip(values, low, high)
+    first, last = float(inside.min()), float(inside.max())
+    share, size = (last - first) / (high - low), max(abs(low), abs(high))
+    max_share = _MAX_SHARE_AROUND_ZERO if low < 0.0 < high else _MAX_USED_SHARE
+    is_near_zero = max(abs(first), abs(last)) <= max_share * size
+    is_small = np.ptp(values) < _MAX_MOTION * (high - low)
+    used_rows = np.count_nonzero((rows > first) & (rows < last))
+    if (
+        is_near_zero
+        and is_small
+        and _MIN_USED_SHARE < share < max_share
+        and used_rows <= _MAX_USED_ROWS
+    ):
+        yield (
+            f"{term.part}: {term.table.arguments[term.axis]} of {term.table.name} is "
+            f"{first:.4g} to {last:.4g} during the whole run, {format_percent(share)} of the range "
+            f"{low:.6g} to {high:.6g} of the table; check the units of the table and of its "
+            "argument."
+        )

@@ -10,6 +10,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.friction_sliding import SlidingTerm, compile_sliding
 from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.errors import format_percent
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.results.trajectory import Trajectory
 
@@ -182,7 +183,7 @@ class _Sliding:
         speed = self.law.speed * _RECOMMENDED_REVERSAL_CREEP / share
         return (
             f"{self.name}: at each reversal, where friction should hold it, it creeps over "
-            f"{100.0 * share:.2g} % of the distance between reversals, because {name} is "
+            f"{format_percent(share)} of the distance between reversals, because {name} is "
             f"{self.law.speed:g} m/s, which relaxes forces that friction holds; use "
             f"{name}={speed:.2g} or less."
         )

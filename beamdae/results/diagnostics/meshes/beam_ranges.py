@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
-from beamdae.errors import kind_of_message, name_with_others
+from beamdae.errors import format_percent, kind_of_message, name_with_others
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
 
@@ -110,7 +110,7 @@ class BeamRange:
         """Return a warning about the error of a quantity, with the remedies."""
         consequence = "the deformation is wrong"
         if error < _MAX_ESTIMATED_ERROR:
-            consequence = f"the error of {quantity} is at most about {100 * error:.2g} %"
+            consequence = f"the error of {quantity} is at most about {format_percent(error)}"
         motion = ""
         if _is_stretched(self.deflection, self.rotation):
             motion = "is stretched or compressed"

@@ -12,7 +12,7 @@ from beamdae.beams.beam import Beam
 from beamdae.beams.shape_functions import gauss_points, lagrange_weights
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State, format_headers
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import remove_unit, split_unit
 from beamdae.results.diagnostics.meshes.moving_loads import measured_quantity
 from beamdae.results.section_forces.balance import (
@@ -36,6 +36,9 @@ _MIN_SHARE = 0.25
 # were measured where the strains of a floating frame are wrong.
 _MIN_INDICATED_ERROR = 0.01
 _MIN_INDICATED_SHARE = 0.14
+# Columns whose largest magnitude is below this share of the largest one along the beam in the run,
+# such as moments in hinges, are negligible. The latter is that in this number of rows.
+_NEGLIGIBLE_SHARE, _COMPARED_ROWS = 0.05, 50
 # Values below this share of those that the largest of N, Q and M / radius of gyration would cause
 # have errors relative to this share; those of unloaded sections are rounding errors.
 _MIN_STRESS_SHARE = 1e-3
@@ -199,7 +202,26 @@ class _Evaluator:
             _MIN_SHARE * float(np.max(np.abs(balanced))),
             float(np.max(np.abs(units))),
         )
-        return _ColumnError(header, s[largest], value, value + change, abs(change) / scale)
+        relative = abs(change) / scale
+        if relative > _MAX_UNREPORTED_ERROR and not Beam.covers_beam(quantity):
+            rows = np.unique(np.linspace(0, len(values) - 1, _COMPARED_ROWS).astype(int))
+            along_beam = (self._find_largest(quantity, column, beam, k) for k in rows.tolist())
+            if max(abs(value), abs(value + change)) < _NEGLIGIBLE_SHARE * max(along_beam):
+                return None
+        return _ColumnError(header, s[largest], value, value + change, relative)
+
+    def _find_largest(self, quantity: Quantity, column: int, beam: Beam, row: int) -> float:
+        """Return the largest magnitude of a column at the stiffness points of a beam in a row."""
+        points = self._evaluate_points(beam, row)
+        if points is None:
+            return 0.0
+        xi, _ = gauss_points(points.shape[1])
+        starts, lengths = beam.mesh.element_bounds[:-1], beam.mesh.element_lengths
+        s = (starts[:, None] + 0.5 * (1.0 + xi) * lengths[:, None]).ravel()
+        forces = points.reshape(len(s), -1).T
+        return float(
+            np.max(np.abs(Beam.values_of_section_forces(quantity, forces, s.tolist())[column]))
+        )
 
 
 def _find_attached_sections(equations: EquationsOfMotion, beam: Beam) -> tuple[float, ...]:
@@ -302,4 +324,4 @@ def _describe(beam: Beam, errors: list[_ColumnError]) -> str:
 
 
 def _percent(error: _ColumnError) -> str:
-    return f"{100.0 * error.relative:.2g} %"
+    return format_percent(error.relative)

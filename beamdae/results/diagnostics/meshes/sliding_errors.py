@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 from beamdae.beams.beam import Beam
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import format_percent
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -73,9 +74,9 @@ def sliding_error_warnings(equations: EquationsOfMotion, trajectory: Trajectory)
         elements = min(math.ceil(factor * beam.mesh.elements), MAX_ELEMENTS_WITH_SLIDER)
         yield (
             f"{load.name}: the mesh error of its reaction, and of all forces that follow it, is "
-            f"about {100.0 * error:.2g} % (root mean square, relative to their variation), because "
-            f"the elements of {beam.name} are too stiff below the point, and the vibration too "
-            f"fast; use {elements} elements."
+            f"about {format_percent(error)} (root mean square, relative to their variation), "
+            f"because the elements of {beam.name} are too stiff below the point, and the vibration "
+            f"too fast; use {elements} elements."
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, format_percent
 from beamdae.results.columns import largest_of_kind
 from beamdae.results.trajectory import Trajectory
 
@@ -82,7 +82,7 @@ def driven_reaction_warnings(
     at = t[rows[np.argmax(difference[:, worst])]]
     remedy = "choose Radau(), or reduce the step" if rtol is None else "reduce rtol"
     return (
-        f"{list(columns)[worst]}: wrong by {100.0 * error[worst]:.2g} % of half its range at "
+        f"{list(columns)[worst]}: wrong by {format_percent(error[worst])} of half its range at "
         f"t = {at:.4g} s, because steps resolve the motion, which joints and drivers prescribe, "
         f"but not this reaction; {remedy}.",
     )
