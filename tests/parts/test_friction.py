@@ -283,3 +283,26 @@ def test_ida_converges_for_friction_in_guides_of_fully_driven_bodies():
     exact = radau.observed["guide.F [N]"]
     # Rows between steps are interpolated by polynomials, across the reversal of friction.
     assert_allclose(ida.observed["guide.F [N]"], exact, rtol=0, atol=1e-2 * np.ptp(exact))
+
+
+@pytest.mark.parametrize(("frequency", "friction_speed"), [(1.0, 1e-3), (1.0, 1e-4), (4.0, 1e-3)])
+def test_regression_friction_does_not_overshoot_in_the_torque_of_a_driver(
+    frequency, friction_speed
+):
+    """The torque between steps exceeded its peak by 4 to 61 %, without a warning."""
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", 0.5, 3e-4, center=(0.0, 0.0)))
+    bearing = mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Force("side", hub.at(0.0, 0.0), (0.0, -500.0)))
+    law = bd.sine(0.785, frequency)
+    motor = mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law))
+    steel = bd.Material.of("steel")
+    section = bd.Section.rectangle(steel, width=0.02, height=4e-3, damping=5e-4)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=4))
+    mech.add(bd.Weld("weld", hub.at(0.0, 0.0), arm.start))
+    mech.add(bd.Friction("friction", bearing, 0.2, friction_speed, radius=0.02))
+    mech.observe("motor", motor.drive)
+    solution = run(mech, None, 2.0 / frequency, 1e-3 / frequency)
+    # Runs with steps of 2e-6 s.
+    expected = 2.429 if frequency == 1.0 else 9.281
+    assert_allclose(np.max(np.abs(solution["motor.M"])), expected, rtol=5e-3)

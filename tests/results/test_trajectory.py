@@ -241,3 +241,22 @@ def test_positions_at_steps_are_those_of_the_polynomials():
     positions = interval.positions_at(t[2:9])
     assert_array_equal(positions, interval.interpolate(interval.rows.q, t[2:9]))
     assert_array_equal(positions, interval.rows.q[2:9])
+
+
+@pytest.mark.parametrize("nodes_per_step", [1, 3])
+@pytest.mark.parametrize("width", [1e-6, 0.01, 0.03, 0.1])
+def test_regression_jumps_within_steps_do_not_overshoot(nodes_per_step, width):
+    """Polynomials through a reaction that jumped within a step exceeded it by up to 30 %."""
+
+    def step(t):
+        return np.tanh((t - 0.5) / width)
+
+    ends = np.linspace(0.0, 1.0, 11) + 0.03
+    nodes = ends
+    if nodes_per_step == 3:
+        nodes = np.append((ends[:-1, None] + np.append(0.0, C[:-1]) * 0.1).ravel(), ends[-1])
+    t = np.linspace(nodes[0], nodes[-1], 2001)
+    state = make_interval(nodes, (np.sin, np.sin, step, step), nodes_per_step=nodes_per_step).at(t)
+    for values in (state.a, state.lam):
+        assert np.max(np.abs(values)) < 1.01
+    assert_allclose(state.v[:, 0], np.sin(t), rtol=0.0, atol=1e-5)
