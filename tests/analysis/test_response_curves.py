@@ -7,7 +7,11 @@ import pytest
 
 import beamdae as bd
 from beamdae.analysis.periodic.monodromy import LinearizationError
-from beamdae.analysis.periodic.periodic_continuation import ResponseCurve, _follow_curve
+from beamdae.analysis.periodic.periodic_continuation import (
+    _NOT_CONVERGED,
+    ResponseCurve,
+    _follow_curve,
+)
 from beamdae.analysis.periodic.shooting import PeriodRun, Tolerance
 from beamdae.report.pictures.path_plots import create_response_figure
 from beamdae.results.column_ranges import ColumnRange
@@ -178,7 +182,9 @@ def test_regression_response_of_a_blade_over_two_resonances():
 def test_regression_a_failed_response_has_a_table_with_its_columns(monkeypatch):
     """The table had no columns, and its CSV file no header."""
     module = "beamdae.analysis.periodic.periodic_continuation"
-    incomplete = SimpleNamespace(relative_deviation=1.0)
+    incomplete = SimpleNamespace(
+        relative_deviation=1.0, resolved_monodromy=lambda: np.diag([0.9, 0.9])
+    )
     monkeypatch.setattr(f"{module}.settle_and_solve", lambda *arguments: (incomplete, 3))
     with pytest.warns(bd.BeamdaeWarning, match=r"use bd\.linearize\(\.\.\.\)\.frequency_resp"):
         response = bd.frequency_response(pushed_mass, "frequency", (40.0, 41.0))
@@ -262,6 +268,47 @@ def arc_point(value, s, slope):
     return SimpleNamespace(
         value=value, iterations=3, position=s, as_response_point=lambda sign, errors: point
     )
+
+
+def test_regression_curves_that_end_without_damping_name_it():
+    """Curves of undamped structures ended because "Newton's method does not converge"."""
+    growth = np.exp(1j)
+    moduli = {"damped": [0.9 * growth, 0.9 / growth], "fold": [1.0, 0.2]}
+    moduli["undamped"] = [1.0002 * growth, 0.9998 / growth, 0.5, 1e-9]
+    sentences = {}
+    for name, multipliers in moduli.items():
+        point = ResponsePoint(1.0, 1.0, run_with_columns({}), np.array(multipliers))
+        curve = SimpleNamespace(
+            ends=(0.0, 2.0),
+            describe=lambda value: f"speed = {value:.6g}",
+            first_point=lambda settle, point=point: (
+                SimpleNamespace(value=1.0, as_response_point=lambda *_: point),
+                "",
+            ),
+            next_point=lambda *_: (None, _NOT_CONVERGED),
+        )
+        sentences[name] = _follow_curve(curve, [], 0, 0.1, 0.1, 100).sentence
+    assert "vibrations are undamped (2 multipliers" in sentences["undamped"]
+    assert "; add damping, such as damping= of the sections" in sentences["undamped"]
+    assert sentences["damped"] == sentences["fold"] == f"speed = 1: {_NOT_CONVERGED}"
+
+
+@SLOW
+def test_regression_first_motions_at_undamped_resonances_name_the_damping():
+    """The message recommended to change the start, or to increase settle=."""
+
+    @bd.model(t_end=1.0)
+    def undamped(frequency=10.0):
+        mech = bd.Mechanism()
+        mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+        ground = mech.ground.at(-1.0, 0.0)
+        mech.add(bd.PointOnLine("rail", ground, mass.point, (1.0, 0.0)))
+        mech.add(bd.SpringDamper("spring", ground, mass.point, (20.0 * np.pi) ** 2))
+        mech.add(bd.Force("push", mass.point, (bd.sine(1.0, frequency), 0.0)))
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match="no periodic motion .* vibrations are undamped"):
+        bd.frequency_response(undamped, "frequency", (10.0, 11.0), settle=3)
 
 
 def test_regression_unsolvable_linearized_equations_are_no_first_motion(monkeypatch):

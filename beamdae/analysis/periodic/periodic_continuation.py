@@ -86,6 +86,10 @@ _LINEAR_REMEDY = "or, for small motions, use bd.linearize(...).frequency_respons
 _NOT_CONVERGED = f"Newton's method does not converge; reduce step= {_LINEAR_REMEDY}"
 _SHARP_TURN = f"the curve turns too sharply for the steps; reduce step= {_LINEAR_REMEDY}"
 _REVERSAL = f"the parameter reverses where the curve has no fold; reduce step= {_LINEAR_REMEDY}"
+# Largest distance of the moduli of multipliers of undamped vibrations from 1, by errors of runs and
+# of multipliers close to a resonance; a damping ratio of 0.1 % has 6e-3 at the first resonance.
+_UNDAMPED_MARGIN = 1e-3
+_MIN_UNDAMPED = 2  # multipliers of a vibration; a fold has one that is 1
 
 
 @single_threaded
@@ -260,6 +264,8 @@ def _follow_curve(
         if next_point is None:
             step *= _CUT_FACTOR
             if step < _MIN_STEP_RATIO * first_step:
+                if reason in (_NOT_CONVERGED, _SHARP_TURN, _REVERSAL):
+                    reason = _explain_failure(reason, points[-1].multipliers)
                 return Status("failed", f"{curve.describe(point.value)}: {reason}")
             continue
         if sign * (next_point.value - last) > 0.0:
@@ -280,6 +286,18 @@ def _follow_curve(
         "increase max_points"
     )
     return Status("limited", sentence)
+
+
+def _explain_failure(reason: str, multipliers: Array) -> str:
+    """Return the reason why no motion is found, with missing damping as its likely cause."""
+    count = int(np.sum(np.abs(np.abs(multipliers) - 1.0) <= _UNDAMPED_MARGIN))
+    if count < _MIN_UNDAMPED:
+        return reason
+    return (
+        f"{reason.partition(';')[0]}, probably because vibrations are undamped ({count} "
+        "multipliers have the modulus 1) and amplitudes at resonances are infinite; add damping, "
+        f"such as damping= of the sections, {_LINEAR_REMEDY}"
+    )
 
 
 def _describe_return(curve: ResponseCurve, points: list[ResponsePoint]) -> str:
@@ -470,10 +488,12 @@ class ResponseCurve:
         try:
             run, iterations = settle_and_solve(period_map, settle, self.tolerance)
             if run.relative_deviation > self.tolerance.accepted:
-                return None, (
+                reason = (
                     f"no periodic motion was found at {self.describe(value)}; change "
                     f"the start of the model, increase settle= {_LINEAR_REMEDY}"
                 )
+                multipliers = floquet_multipliers(run.resolved_monodromy())
+                return None, _explain_failure(reason, multipliers)
             return self._complete_point(run, value, None, iterations), ""
         except (IncompleteRunError, LinearizationError) as error:
             return None, f"{self.describe(value)}: {_failure_reason(error)}"
