@@ -54,18 +54,25 @@ class StallDetector:
         return None
 
     def _describe_stall(self, t: float, step: float) -> str:
-        remaining = (self.end - t) / step if step > 0.0 else float("inf")
-        causes = "extreme loads, speeds or stiffnesses, or a law that grows without bound"
+        causes = (
+            "extreme loads, speeds or stiffnesses, or a law that grows without bound or jumps, "
+            "such as np.arctan2 at 180 degrees"
+        )
         remedies = "check values and units"
         if self.periods > _MANY_PERIODS:
             causes = (
                 f"{self.periods:.2g} periods of motion, which tighten the tolerance, or {causes}"
             )
             remedies += ", increase rtol, end the run earlier, use GeneralizedAlpha(step)"
+        pace = "steps have shrunk to 0 s, so the run makes no progress"
+        # Steps that are repeated from an earlier time make less than none.
+        if step > 0.0:
+            pace = (
+                f"steps have shrunk to {step:.2g} s, so the run would need "
+                f"{(self.end - t) / step:.2g} more steps"
+            )
         return (
-            f"steps have shrunk to {step:.2g} s, so the run would need {remaining:.2g} "
-            f"more steps, possibly because of {causes}; {remedies}, or set max_steps to "
-            "continue anyway"
+            f"{pace}, possibly because of {causes}; {remedies}, or set max_steps to continue anyway"
         )
 
 

@@ -435,3 +435,14 @@ def test_signal_at_any_moment_keeps_the_steps_or_is_raised(integrator):
         if solution is not None:
             assert solution.status.kind in ("ok", "interrupted")
             assert np.isfinite(solution.table().to_numpy()).all()
+
+
+def test_regression_runs_without_progress_do_not_need_inf_steps():
+    """Steps that had shrunk to zero led to "the run would need inf more steps"."""
+    detector = limits.StallDetector(1.0)
+    window = limits._STALL_WINDOWS[0][0]
+    reasons = [detector.stall_reason(0.5, k, 1) for k in range(window + 1)]
+    sentence = reasons[-1]
+    assert sentence is not None
+    assert sentence.startswith("steps have shrunk to 0 s, so the run makes no progress, possibly")
+    assert "inf" not in sentence

@@ -683,3 +683,22 @@ def test_tables_near_their_values_have_no_warning():
         # Constant up to rounding errors.
         bd.table([0.0, 1e-6, 2.0, 3.0], [5.0, 5.0, 5.0 + 1e-15, 5.0])
         bd.table([0.0, 1.0, 2.0], [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("wrap", [np.mod, np.fmod])
+def test_regression_laws_that_repeat_name_what_repeats(wrap):
+    """The remedies for remainders were functions for one-sided terms and signs."""
+    mech = bd.Mechanism()
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    message = "a table whose rows are repeated for all periods of the run.$"
+    with pytest.raises(bd.BeamdaeError, match=message):
+        mech.add(bd.ForceLaw("cycle", ball.point, lambda p, t: (wrap(p.position[0], 1.0), 0.0)))
+
+
+@pytest.mark.parametrize("kind", ["linear", "pchip"])
+def test_rows_of_all_periods_repeat_a_force(kind):
+    rows, values, periods = np.array([0.0, 0.3, 0.6, 1.0]), np.array([0.0, 2.0, 1.0, 0.0]), 4
+    x = np.concatenate([[0.0], *(rows[1:] + k for k in range(periods))])
+    cycles = bd.table(x, [0.0, *np.tile(values[1:], periods)], kind)
+    inner = np.linspace(1.0, 2.0, 41)
+    np.testing.assert_allclose(cycles(inner + 1.0), cycles(inner), atol=1e-12)

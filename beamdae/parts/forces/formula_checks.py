@@ -29,6 +29,11 @@ _JUMP_OPERATIONS = {
 _SMOOTH_ALTERNATIVES = (
     "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
 )
+_PERIODIC_ALTERNATIVE = (
+    "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table whose "
+    "rows are repeated for all periods of the run"
+)
+_PERIODIC_OPERATIONS = ("floor", "fmod")
 _VECTOR_ADVICE = (
     "Use vectors of equal length, or write their product by components, such as "
     "a[0] * b[0] + a[1] * b[1]."
@@ -127,9 +132,10 @@ def require_continuous_formula(
     operations = {formula.instruction_id(k) for k in steps}
     jumps = [name for operation, name in _JUMP_OPERATIONS.items() if operation in operations]
     if jumps:
+        is_periodic = any(x in jumps for x in _PERIODIC_OPERATIONS)
         raise BeamdaeError(
             f"{part}: {what} must be continuous, but uses {', '.join(jumps)}; use "
-            f"{_SMOOTH_ALTERNATIVES}."
+            f"{_PERIODIC_ALTERNATIVE if is_periodic else _SMOOTH_ALTERNATIVES}."
         )
 
 
