@@ -26,6 +26,7 @@ from beamdae.results.diagnostics.contacts.hard_impacts import hard_impact_warnin
 from beamdae.results.diagnostics.contacts.impact_speeds import impact_speed_warnings
 from beamdae.results.diagnostics.contacts.impacts import impact_warnings
 from beamdae.results.diagnostics.contacts.slow_sliding import slow_sliding_warnings
+from beamdae.results.diagnostics.contacts.untouched_contacts import untouched_contact_warnings
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
 from beamdae.results.diagnostics.meshes.beam_ranges import (
     range_warnings,
@@ -207,6 +208,13 @@ def _unstable_start(run: RunData) -> Iterable[str]:
     return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
 
 
+def _untouched_contacts(run: RunData) -> Iterable[str]:
+    start, end = run.trajectory.start, run.trajectory.end
+    # A run that was stopped early, or resumed, may touch later, or have touched before.
+    is_complete = start == 0.0 and end >= run.model.get("t_end", end)
+    return untouched_contact_warnings(run.equations, run.trajectory) if is_complete else ()
+
+
 def _idle_parts(run: RunData) -> Iterable[str]:
     start, end = run.trajectory.start, run.trajectory.end
     # A run that was stopped early does not show which parts act later.
@@ -261,6 +269,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),
     _of_motion(deep_contact_warnings),
+    _untouched_contacts,
     _mesh_errors,
     _long_elements,
     _of_motion(moving_load_warnings),

@@ -1,0 +1,52 @@
+"""Warnings about the only contact of a mechanism whose bodies do not touch."""
+
+from __future__ import annotations
+
+import pytest
+
+import beamdae as bd
+
+
+def dropped_ball(
+    height: float = 1.0, floor: float = 0.0, side: float = 1.0, contacts: int = 1
+) -> bd.Mechanism:
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 0.1, at=(0.0, height)))
+    surface = bd.LineSurface(mech.ground.at(0.0, floor), direction=(side, 0.0))
+    for number in range(contacts):
+        name = "floor" if number == 0 else f"guard {number}"
+        mech.add(bd.Contact(name, ball.point, surface, 1e4, restitution=0.5, impact_speed=4.0))
+    mech.observe("ball", ball.point)
+    return mech
+
+
+def untouched(mech: bd.Mechanism, t_end: float) -> list[str]:
+    run = bd.simulate(mech, t_end=t_end, output_step=t_end / 200.0)
+    return [x for x in run.warnings if "do not touch" in x]
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_regression_runs_that_end_before_the_only_contact_have_a_warning() -> None:
+    """A drop test that ended in free fall had no warning."""
+    (sentence,) = untouched(dropped_ball(), 0.3)
+    assert sentence == (
+        "floor: the bodies do not touch during the run, and their smallest distance is 0.559 m at "
+        "t = 0.3 s; use a later t_end=, or check the place of the surface."
+    )
+    (sentence,) = untouched(dropped_ball(floor=2.0, side=-1.0), 0.6)
+    assert "smallest distance is 1 m at t = 0 s; check the place and the direction" in sentence
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
+    assert untouched(dropped_ball(), 0.5) == []
+    assert untouched(dropped_ball(contacts=2), 0.3) == []
+    # A stop of a vibration.
+    mech = dropped_ball(height=0.2, floor=-0.5)
+    ball = mech.parts["ball"].point
+    mech.add(bd.Spring("spring", mech.ground.at(0.0, 1.2), ball, 40.0, free_length=1.0))
+    assert untouched(mech, 1.0) == []
+    # A run that an event may stop.
+    mech = dropped_ball()
+    mech.when("ball.y", 0.1)
+    assert untouched(mech, 0.3) == []
