@@ -198,37 +198,47 @@ class Interval:
         if self._degree(_DEGREE_OF_REACTIONS) != self._degree(_DEGREE_OF_MOTION):
             reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
-        accelerations, multipliers = (self._without_overshoot(reaction, x) for x in (a, lam))
+        limits = self._overshoot_limits(reaction)
+        accelerations, multipliers = (limits(_combine(reaction, x), x) for x in (a, lam))
         return State(positions, _combine(motion, v), accelerations, multipliers)
 
-    def _without_overshoot(self, weights: sp.csr_array, values: Array) -> Array:
-        """Return the polynomials through `values` without their overshoot beside jumps.
+    def _overshoot_limits(self, weights: sp.csr_array) -> Callable[[Array, Array], Array]:
+        """Return a function that removes the overshoot of polynomials beside jumps.
+
+        Its arguments are the polynomials at j times and their values at the nodes, (j, c) and
+        (k, c).
 
         Parameters
         ----------
         weights
             Lagrange weights (j, k) of the nodes at the times.
-        values
-            Values of c quantities at the nodes, (k, c).
         """
-        result = _combine(weights, values)
-        if not len(result) or weights.indptr[1] <= _DEGREE_OF_REACTIONS:
-            return result
-        through = weights.indices.reshape(len(result), -1).T
+        count = weights.shape[0]
+        if not count or weights.indptr[1] <= _DEGREE_OF_REACTIONS:
+            return lambda polynomials, values: polynomials
+        through = weights.indices.reshape(count, -1).T
         x = self.nodes[through]
-        degree, span = len(x) - 1, x[-1] - x[0]
+        degree = len(x) - 1
+        distances = x[:, None] - x + np.eye(len(x))[..., None]
         # Short pieces have polynomials of lower degree, which repeat a node.
         is_complete = np.all(np.diff(x, axis=0) > 0.0, axis=0)
-        leading = np.zeros_like(result)
-        low, high = np.full_like(result, np.inf), np.full_like(result, -np.inf)
-        for k, node in enumerate(through):
-            distances = np.where(is_complete, np.delete(x[k] - x, k, axis=0), 1.0)
-            factor = is_complete * (span**degree / np.prod(distances, axis=0))
-            leading += factor[:, None] * values[node]
-            np.minimum(low, values[node], out=low)
-            np.maximum(high, values[node], out=high)
-        limit = _MAX_LEADING_SHARE * comb(2 * degree, degree) * (high - low)
-        return np.where(np.abs(leading) > limit, np.clip(result, low, high), result)
+        divisors = np.where(is_complete, np.prod(distances, axis=1), np.inf)
+        # Legendre coefficients of the highest degree, relative to their limit.
+        by_node = (x[-1] - x[0]) ** degree / (_MAX_LEADING_SHARE * comb(2 * degree, degree))
+        by_node = (by_node / divisors)[..., None]
+
+        def limit(polynomials: Array, values: Array) -> Array:
+            leading = by_node[0] * values[through[0]]
+            low = high = values[through[0]]
+            for node, factor in zip(through[1:], by_node[1:], strict=True):
+                leading += factor * values[node]
+                low, high = np.minimum(low, values[node]), np.maximum(high, values[node])
+            jumps = np.abs(leading) > high - low
+            if jumps.any():
+                polynomials[jumps] = np.clip(polynomials, low, high)[jumps]
+            return polynomials
+
+        return limit
 
     def positions_at(self, t: Array, coordinates: Sequence[int] | slice | None = None) -> Array:
         """Return the coordinates q of `at` (j, n), or only some of them."""
