@@ -351,6 +351,7 @@ def test_regression_states_that_grow_in_each_period_are_named():
         bd.periodic(mech, 2.5, bd.Radau(1e-5))
 
 
+@pytest.mark.slow(reason="a second")
 def test_regression_axial_vibrations_of_beams_do_not_limit_the_corrections():
     """Each correction was limited to 3 amplitudes of an axial vibration that decays at once."""
     frequency = 4.2

@@ -66,6 +66,7 @@ def test_regression_errors_of_strains_include_the_resonance(frequency, accelerat
     assert exact.beam_error is None
 
 
+@pytest.mark.slow(reason="a second")
 def test_strains_have_no_warning_away_from_the_resonance():
     motion = motion_of(30.0, 25.0)
     assert motion.beam_error.size < 1e-3

@@ -333,6 +333,7 @@ def test_progress_is_called_with_the_points():
     assert len(points) > 1
 
 
+@pytest.mark.slow(reason="a second")
 def test_response_with_other_parameters():
     @bd.model(t_end=1.0)
     def pushed(frequency=40.0, force=1.0):

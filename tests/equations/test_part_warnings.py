@@ -56,6 +56,7 @@ def in_circle(at, side):
 # Starts inside a surface --------------------------------------------------------------------------
 
 
+@pytest.mark.slow(reason="a second")
 def test_a_reversed_floor_is_reported_with_part_depth_and_remedy():
     (sentence,) = findings(on_floor(1.0, (-1.0, 0.0)))
     assert sentence.startswith("floor: ball at (0, 1) starts 1 m inside the surface")
@@ -172,6 +173,7 @@ def test_contacts_that_springs_do_not_hold_are_reported():
     )
 
 
+@pytest.mark.slow(reason="a second")
 def test_the_weight_of_a_heavy_carrier_does_not_explain_the_penetration_of_a_light_body():
     for mass, is_reported in ((1e-3, True), (1e3, False)):
         mech = world()

@@ -90,6 +90,7 @@ def test_forces_that_elements_resolve_have_no_warning(build):
     assert not run(build())[1]
 
 
+@pytest.mark.slow(reason="a second")
 def test_stated_error_and_elements_of_a_rod():
     """Peaks of 4, 20 and 640 elements: 168, 69 and 58 kN; waves need 40 elements."""
     solution, (text,) = run(rod(20, 5e10, damping=1e-6))

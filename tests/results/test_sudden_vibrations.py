@@ -41,6 +41,7 @@ def test_regression_rates_and_reactions_after_a_sudden_load_have_a_warning():
     assert 0.5 < estimate / max(errors) < 2.0
 
 
+@pytest.mark.slow(reason="a second")
 def test_recommended_steps_are_sufficient():
     _, (warning,) = _run(_suddenly_loaded(), t_end=0.02)
     max_step = float(re.search(r"max_step=([\d.e-]+)", warning)[1])
