@@ -122,7 +122,7 @@ class ThinnedRows:
         # Only the rows that are kept are copied: they take most of the memory of a long run.
         is_output = selection < len(outputs)
         kept_rows = np.empty((len(selection), rows.shape[1]))
-        output_rows = np.column_stack([outputs, *interval.at(outputs)])
+        output_rows = np.column_stack([outputs, *interval.at(outputs, limited=True)])
         kept_rows[is_output] = output_rows[selection[is_output]]
         kept_rows[~is_output] = rows[ends[selection[~is_output] - len(outputs)]]
         first = max((last - tail_rows) // rows_per_step * rows_per_step, self.first)

@@ -105,7 +105,7 @@ class RunData:
 
     @cached_property
     def _output(self) -> tuple[Array, State]:
-        return self.trajectory.at(self.t)
+        return self.trajectory.at(self.t, limited=True)
 
     @cached_property
     def columns(self) -> dict[str, Array]:
@@ -250,7 +250,7 @@ class RunData:
 
     def _observe_at(self, times: Array) -> Array:
         """Return rows of the observed columns at ascending times [s]."""
-        rows, state = self.trajectory.at(times)
+        rows, state = self.trajectory.at(times, limited=True)
         return self._observe(rows, *state)
 
     def summary(self) -> dict[str, Any]:
@@ -281,7 +281,7 @@ class RunData:
         for k in range(0, max(len(self.t), 1), count):
             block = slice(k, k + count)
             if is_large:
-                times, state = self.trajectory.at(self.t[block])
+                times, state = self.trajectory.at(self.t[block], limited=True)
                 blocks.append(rows(times, *state))
             else:
                 times, state = self._output

@@ -86,8 +86,8 @@ class Interval:
     one degree higher, with a linear correction that matches q at the end of the step.
 
     If forces such as dry friction jump within a step, a and lam jump, and polynomials through them
-    overshoot. Components whose Legendre coefficient of the highest degree exceeds 4 % of their
-    range at the nodes of the polynomial do not leave this range.
+    overshoot. In the results of runs, components whose Legendre coefficient of the highest degree
+    exceeds 4 % of their range at the nodes of the polynomial do not leave this range.
 
     Hermite interpolation is not used: with the step size h, the terms h v and h^2 a contain modes
     that the step does not resolve, and stiff sections would amplify these modes to spurious forces
@@ -183,8 +183,12 @@ class Interval:
         step = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
         return step if np.array_equal(self.t[step], t) else None
 
-    def at(self, t: Array) -> State:
-        """Return the states at times (j,) [s] inside the interval, one row per time."""
+    def at(self, t: Array, limited: bool = False) -> State:
+        """Return the states at times (j,) [s] inside the interval, one row per time.
+
+        If `limited`, a and lam do not overshoot beside jumps; then, they are no linear functions of
+        the states at the nodes.
+        """
         if self.nodes_per_step == 1 and np.array_equal(t, self.nodes):
             # Not copied: long runs may store output rows only.
             return self.rows
@@ -198,25 +202,25 @@ class Interval:
         if self._degree(_DEGREE_OF_REACTIONS) != self._degree(_DEGREE_OF_MOTION):
             reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
-        limits = self._overshoot_limits(reaction)
-        accelerations, multipliers = (limits(_combine(reaction, x), x) for x in (a, lam))
-        return State(positions, _combine(motion, v), accelerations, multipliers)
+        reactions = _combine(reaction, a), _combine(reaction, lam)
+        if limited and self._degree(_DEGREE_OF_REACTIONS) >= _DEGREE_OF_REACTIONS and len(t):
+            limit = self._overshoot_limit(reaction)
+            limit(reactions[0], a)
+            limit(reactions[1], lam)
+        return State(positions, _combine(motion, v), *reactions)
 
-    def _overshoot_limits(self, weights: sp.csr_array) -> Callable[[Array, Array], Array]:
+    def _overshoot_limit(self, weights: sp.csr_array) -> Callable[[Array, Array], None]:
         """Return a function that removes the overshoot of polynomials beside jumps.
 
-        Its arguments are the polynomials at j times and their values at the nodes, (j, c) and
-        (k, c).
+        Its arguments are the values of the polynomials at j times, which it changes, and those at
+        the nodes, (j, c) and (k, c).
 
         Parameters
         ----------
         weights
             Lagrange weights (j, k) of the nodes at the times.
         """
-        count = weights.shape[0]
-        if not count or weights.indptr[1] <= _DEGREE_OF_REACTIONS:
-            return lambda polynomials, values: polynomials
-        through = weights.indices.reshape(count, -1).T
+        through = weights.indices.reshape(weights.shape[0], -1).T
         x = self.nodes[through]
         degree = len(x) - 1
         distances = x[:, None] - x + np.eye(len(x))[..., None]
@@ -227,7 +231,7 @@ class Interval:
         by_node = (x[-1] - x[0]) ** degree / (_MAX_LEADING_SHARE * comb(2 * degree, degree))
         by_node = (by_node / divisors)[..., None]
 
-        def limit(polynomials: Array, values: Array) -> Array:
+        def limit(polynomials: Array, values: Array) -> None:
             leading = by_node[0] * values[through[0]]
             low = high = values[through[0]]
             for node, factor in zip(through[1:], by_node[1:], strict=True):
@@ -236,7 +240,6 @@ class Interval:
             jumps = np.abs(leading) > high - low
             if jumps.any():
                 polynomials[jumps] = np.clip(polynomials, low, high)[jumps]
-            return polynomials
 
         return limit
 
@@ -563,11 +566,14 @@ class Trajectory:
         index = np.argmax([here for _, here in parts], axis=0)
         return lambda data: np.array([p[data] for p in numbers])[index]
 
-    def at(self, times: Array) -> tuple[Array, State]:
-        """Return rows (t, branch), (k, 2), and the states at ascending times (k,) [s]."""
+    def at(self, times: Array, limited: bool = False) -> tuple[Array, State]:
+        """Return rows (t, branch), (k, 2), and the states at ascending times (k,) [s].
+
+        See `Interval.at` for `limited`.
+        """
         index = self.interval_index(times)
         branches = np.array([interval.branch for interval in self.intervals])[index]
-        parts = [x.at(times[index == k]) for k, x in enumerate(self.intervals)]
+        parts = [x.at(times[index == k], limited) for k, x in enumerate(self.intervals)]
         state = parts[0]
         if len(parts) > 1:
             state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
@@ -638,7 +644,7 @@ class Instant(NamedTuple):
             )
         times = np.array([t])
         trajectory.warn_between_rows("Solution.at", times)
-        rows, state = trajectory.at(times)
+        rows, state = trajectory.at(times, limited=True)
         interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
         state = read_only(State(*(x[0] for x in state)))
         return cls(read_only(rows[0]), state, interval.configuration)

@@ -256,7 +256,9 @@ def test_regression_jumps_within_steps_do_not_overshoot(nodes_per_step, width):
     if nodes_per_step == 3:
         nodes = np.append((ends[:-1, None] + np.append(0.0, C[:-1]) * 0.1).ravel(), ends[-1])
     t = np.linspace(nodes[0], nodes[-1], 2001)
-    state = make_interval(nodes, (np.sin, np.sin, step, step), nodes_per_step=nodes_per_step).at(t)
+    state = make_interval(nodes, (np.sin, np.sin, step, step), nodes_per_step=nodes_per_step).at(
+        t, limited=True
+    )
     for values in (state.a, state.lam):
         assert np.max(np.abs(values)) < 1.01
     assert_allclose(state.v[:, 0], np.sin(t), rtol=0.0, atol=1e-5)

@@ -141,7 +141,7 @@ class _IntervalSample(NamedTuple):
     def states(self) -> State:
         """Return the states at the times."""
         if self.nodes is None:
-            return self.interval.at(self.times)
+            return self.interval.at(self.times, limited=True)
         return State(*(x[self.nodes] for x in self.interval.rows))
 
     def transpose(self, by_state: Array, n: int, by_nodes: Array) -> None:
