@@ -782,7 +782,7 @@ class Beam(Part):
             elements = np.arange(mesh.elements + 1)
             arc_lengths = tuple(np.interp(fractions, elements, mesh.element_bounds).tolist())
             at_sides = tuple(x for s in arc_lengths for x in mesh.sides_of(s))
-            return stress_sections(self.section, at_sides)
+            return stress_sections(self.section, at_sides, self.name)
         return tuple(x for s in arc_lengths for x in mesh.sides_of(s))
 
     def section_forces(self, s: float) -> Quantity:

@@ -9,7 +9,9 @@ axial forces.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from itertools import pairwise
 
 import numpy as np
@@ -44,8 +46,26 @@ _MAX_SECTIONS_PER_INTERVAL = 32
 _Modulus = Callable[[float], Array]  # returns A [m^2] and W [m^3] at an arc length
 
 
+# Sections by the name of the beam, whose numbers of stress sections beams of these names have.
+_REFERENCES: ContextVar[Mapping[str, VaryingSection]] = ContextVar("_REFERENCES")
+
+
+@contextmanager
+def keep_numbers_of_sections(sections: Mapping[str, Section | VaryingSection]) -> Iterator[None]:
+    """Let beams have as many stress sections as those with given sections, by name of the beam.
+
+    Models that differ in the value of a parameter then have columns of the same form.
+    """
+    varying = {name: x for name, x in sections.items() if isinstance(x, VaryingSection)}
+    token = _REFERENCES.set(varying)
+    try:
+        yield
+    finally:
+        _REFERENCES.reset(token)
+
+
 def stress_sections(
-    section: Section | VaryingSection, arc_lengths: Sequence[float]
+    section: Section | VaryingSection, arc_lengths: Sequence[float], beam: str = ""
 ) -> tuple[float, ...]:
     """Return ascending arc lengths [m], with those between at which stresses may be larger.
 
@@ -59,13 +79,22 @@ def stress_sections(
         Section of the beam.
     arc_lengths
         Ascending arc lengths, on both sides of the jumps that they contain.
+    beam
+        Name of the beam, see `keep_numbers_of_sections`.
     """
     if isinstance(section, Section):
         return tuple(arc_lengths)
     key = tuple(arc_lengths)
     if key not in section.stress_sections:
         section.stress_sections[key] = _refine(section, key)
-    return section.stress_sections[key]
+    result = section.stress_sections[key]
+    reference = _REFERENCES.get({}).get(beam)
+    known = {} if reference is None else reference.stress_sections
+    for other_key, other in known.items():
+        if len(other_key) == len(key) and len(other) != len(result):
+            places = other if other_key == key else np.interp(other, other_key, key).tolist()
+            return tuple(places)
+    return result
 
 
 def _refine(section: VaryingSection, arc_lengths: tuple[float, ...]) -> tuple[float, ...]:

@@ -470,3 +470,33 @@ def test_designs_have_the_stress_limit_at_kinks() -> None:
 def test_constant_sections_have_no_further_sections() -> None:
     _, bar = supported_bar(8)
     assert len(bar.sections_of_strains(bar.largest_stress())[1]) == 17 + 7
+
+
+@pytest.mark.slow(reason="two seconds")
+def test_regression_derivatives_where_the_number_of_sections_changes():
+    """Derivatives were refused if the sections next to a taper differed in number."""
+
+    @bd.model(t_end=1.0)
+    def leaf(tip=0.004):
+        mech = bd.Mechanism()
+        section = bd.taper(bd.Section.rectangle, STEEL, width=0.04, height=(0.01, tip))
+        beam = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.5, 0.0)), section, elements=3))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -100.0)))
+        mech.observe("stress", beam.largest_stress())
+        return mech
+
+    def count(tip):
+        return len(leaf(tip=tip).parts["leaf"]._stress_sections(None))
+
+    low, high = 0.002, 0.009
+    assert count(low) > count(high)
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if count(middle) == count(low) else (low, middle)
+    result = bd.equilibrium_sensitivities(leaf, "tip", parameters={"tip": low})
+    ends = [bd.equilibrium(leaf(tip=low * x))["stress.bound"].iloc[-1] for x in (0.98, 1.02)]
+    assert abs(ends[1] - ends[0]) > 0.02 * ends[0]
+    derivative = np.asarray(result.sensitivity("stress.bound", "tip"))[-1]
+    # Another number of sections changes the bound by up to 0.2 %.
+    np.testing.assert_allclose(derivative * 0.04 * low, ends[1] - ends[0], rtol=0.1)

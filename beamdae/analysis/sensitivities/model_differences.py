@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdae.beams.beam import beams_of
+from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm, Observable
 from beamdae.equations.structure import ConstraintTerm, ForceTerm, has_same_patterns
 from beamdae.errors import BeamdaeError, format_exception, warn_user
@@ -350,12 +352,14 @@ def _try_step(
 ) -> _Trial:
     """Return the difference with a step `delta` of the parameter, and its accuracy."""
     value = float(parameters[name])
+    sections = {x.name: x.section for x in beams_of(base.mechanism)}
     for stencil in _STENCILS:
         try:
-            neighbors = tuple(
-                assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
-                for step in stencil.steps
-            )
+            with keep_numbers_of_sections(sections):
+                neighbors = tuple(
+                    assemble(_build_neighbor(model, {**parameters, name: value + step * delta}))
+                    for step in stencil.steps
+                )
         except BeamdaeError as problem:
             rejection = problem
             continue
