@@ -26,8 +26,7 @@ _STABILITY_MARGIN = 1e-4  # moduli of the multipliers of stable motions may exce
 _MAX_MULTIPLIER_ERROR = 1e-2
 _MAX_NAMES = 3  # of beams and of columns in a warning
 _ROUNDED_PERCENT = 10.0  # larger errors are stated without decimals
-# Remedy of warnings about output rows, an option that periodic motions do not have.
-_ROW_OPTION = "output_step="
+# In place of the remedy of warnings about output rows, an option that periodic motions do not have.
 _ROW_REMEDY = (
     "amplitudes include the steps between the rows, but curves and the table of the rows do not."
 )
@@ -230,14 +229,10 @@ def run_warnings(
     """
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
-    sentences = []
-    for sentence in solution.warnings:
-        description, _, remedy = sentence.rpartition("; ")
-        is_about_rows = _ROW_OPTION in remedy
-        if sentence in replaced or (is_about_rows and not includes_rows):
-            continue
-        sentences.append(f"{description}; {_ROW_REMEDY}" if is_about_rows else sentence)
-    return tuple(sentences)
+    about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
+    if not includes_rows:
+        replaced |= set(about_rows)
+    return tuple(about_rows.get(x, x) for x in solution.warnings if x not in replaced)
 
 
 def largest_modulus(multipliers: Array) -> float:

@@ -50,7 +50,7 @@ from beamdae.results.diagnostics.resolution.small_motions import small_motion_wa
 from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import is_motionless
-from beamdae.results.diagnostics.rounding_limits import rounding_limits, without_rounding_errors
+from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
@@ -101,7 +101,7 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
     has_errors = run._has_fixed_steps and run.equations.m < run.equations.n
     if has_errors and not run._is_at_rest:
         yield from long_step_warnings(
-            without_rounding_errors(run.equations, run.step_extremes),
+            run._extremes_above_rounding,
             run.trajectory.steps,
             run.trajectory.end - run.trajectory.start,
             run.equations.length,
@@ -113,7 +113,7 @@ def find_suspected_errors(run: RunData) -> Iterator[SuspectedError]:
         yield from sudden_vibration_warnings(
             run.equations,
             run.trajectory,
-            without_rounding_errors(run.equations, run.step_extremes),
+            run._extremes_above_rounding,
             run._observe,
             run.integrator,
         )

@@ -144,6 +144,11 @@ class RunData:
         )
 
     @cached_property
+    def _extremes_above_rounding(self) -> ColumnDict:
+        """The `step_extremes` of columns that are not rounding errors."""
+        return without_rounding_errors(self.equations, self.step_extremes)
+
+    @cached_property
     def _column_ranges(self) -> ColumnDict:
         """Range of each observed column, including peaks between steps and rows, by header."""
         return measure_column_ranges(
@@ -166,9 +171,7 @@ class RunData:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
         if self._is_at_rest:
             return ColumnDict()
-        extremes: Mapping[str, StepExtremes] = without_rounding_errors(
-            self.equations, self.step_extremes
-        )
+        extremes: Mapping[str, StepExtremes] = self._extremes_above_rounding
         if is_motionless(self.equations, self.trajectory):
             items = extremes.items()
             extremes = {k: x for k, x in items if Header.of(k).unit not in UNITS_OF_MOTIONS}

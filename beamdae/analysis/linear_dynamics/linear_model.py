@@ -228,8 +228,9 @@ class LinearModel(HasPage):
         Warns
         -----
         BeamdaeWarning
-            If the elements of a beam are too long for the modes up to the largest frequency, or 20
-            or more frequencies miss the peak of a resonance between them by more than 5 %.
+            If the elements of a beam are too long for the modes up to 1.5 times the largest
+            frequency, or 20 or more frequencies miss the peak of a resonance between them by more
+            than 5 %.
         """
         values = [
             require_finite("frequency_response", "frequencies", f)

@@ -22,7 +22,7 @@ from beamdae.analysis.linear_dynamics.linearization import (
 )
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.commands import Command, find_commanded_loads
-from beamdae.equations.controller_reads import compile_reads
+from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import ControllerTerm, EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
 from beamdae.errors import BeamdaeError
@@ -171,13 +171,7 @@ def _differentiate_law(
     indices = indices[indices <= last]
     times, states = trajectory.at(every * indices)
     before = trajectory.positions_at(every * (indices - 0.5))[:, term.rows]
-    read = compile_reads(term, equations.p)
-    reads = np.array(
-        [
-            read(float(t[0]), float(t[1]), q, v)
-            for t, q, v in zip(times, states.q, states.v, strict=True)
-        ]
-    )
+    reads = evaluate_reads(term, equations.p, times, states)
     arguments = np.hstack([reads, before])
     n_reads, n_driven = reads.shape[1], len(controller.drives)
     scales = np.ptp(arguments, axis=0)

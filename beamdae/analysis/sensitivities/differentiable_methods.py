@@ -157,7 +157,7 @@ def warn_of_step_errors(
     others = ""
     if len(words) > 1:
         others = f" (and above {100.0 * _MAX_STEP_ERROR:g} % for {len(words) - 1} more)"
-    size = f"{format_percent(errors[worst])}" if errors[worst] <= 1.0 else "more than 100 %"
+    size = format_percent(errors[worst]) if errors[worst] <= 1.0 else "more than 100 %"
     size += describe(errors[worst])
     warn_user(
         f"{derivative_call()}: the error of {worst} of {model} due to {cause} is estimated at "

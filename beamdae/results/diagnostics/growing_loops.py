@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdae import deferred
 from beamdae.equations.commands import Command, compile_commands
-from beamdae.equations.controller_reads import compile_reads
+from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.parts.mechanism import Mechanism
@@ -388,13 +388,7 @@ def _find_limit_cycle(
         if _has_varying_laws(equations.mechanism, times):
             return None
         states = trajectory.at(times)
-        read = compile_reads(term, equations.p)
-        reads = np.array(
-            [
-                read(float(t[0]), float(t[1]), q, v)
-                for t, q, v in zip(states[0], states[1].q, states[1].v, strict=True)
-            ]
-        )
+        reads = evaluate_reads(term, equations.p, *states)
         if _find_decay(reads) > _MAX_DECAY or _moves_on(equations, states[1].q):
             continue
         newest = every * (samples[-_MAX_LAST_SAMPLES:] + 0.5)
@@ -449,12 +443,8 @@ def _list_sampled_signals(
         if not term.controller.reads or last - first < _MIN_LAST_SAMPLES:
             continue
         times, state = trajectory.at(every * samples)
-        read = compile_reads(term, equations.p)
-        reads = [
-            read(float(t[0]), float(t[1]), q, v)
-            for t, q, v in zip(times, state.q, state.v, strict=True)
-        ]
-        yield (*rows[term.rows.start], times[:, 0], np.array(reads))
+        reads = evaluate_reads(term, equations.p, times, state)
+        yield (*rows[term.rows.start], times[:, 0], reads)
 
 
 def _find_last_share(times: Array, values: Array) -> float:
@@ -542,11 +532,8 @@ def _is_switch(
     k = 1 + int(np.argmax(np.abs(np.diff(command[1:]))))
     samples = last[k : k + 2] - 0.5 * controller.every
     times, states = trajectory.at(samples)
-    read = compile_reads(term, equations.p)
-    begin, end = (
-        np.append(read(float(time[0]), float(time[1]), q, v), before)
-        for time, q, v, before in zip(times, states.q, states.v, values[k - 1 : k + 1], strict=True)
-    )
+    reads = evaluate_reads(term, equations.p, times, states)
+    begin, end = np.hstack([reads, values[k - 1 : k + 1]])
     index = round(samples[0] / controller.every)
     levels = []
     for _ in range(_BISECTIONS):

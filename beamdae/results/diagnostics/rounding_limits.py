@@ -13,7 +13,7 @@ from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes
 
 # Strains of geometrically exact beams that fall freely 4 m above the origin, with elements of
 # 15 mm, are up to 1e-12; those of beams in floating frames are smaller.
-ROUNDING_STRAIN = 1e-11
+_ROUNDING_STRAIN = 1e-11
 # Accelerations in free fall vary by up to 1e-10 of gravity, divided by the length of the mechanism
 # for angles.
 _ROUNDING_OF_GRAVITY = 1e-9
@@ -33,10 +33,10 @@ def rounding_limits(equations: EquationsOfMotion, headers: Sequence[str]) -> np.
     acceleration = _ROUNDING_OF_GRAVITY * gravity
     limits = {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
     if sections:
-        limits["-"] = ROUNDING_STRAIN
-        limits["Pa"] = ROUNDING_STRAIN * max(x.material.E for x in sections)
-        limits["N"] = ROUNDING_STRAIN * max(x.EA for x in sections)
-        limits["N m"] = ROUNDING_STRAIN * max(np.sqrt(x.EA * x.EI) for x in sections)
+        limits["-"] = _ROUNDING_STRAIN
+        limits["Pa"] = _ROUNDING_STRAIN * max(x.material.E for x in sections)
+        limits["N"] = _ROUNDING_STRAIN * max(x.EA for x in sections)
+        limits["N m"] = _ROUNDING_STRAIN * max(np.sqrt(x.EA * x.EI) for x in sections)
     return np.array([limits.get(Header.of(x).unit, 0.0) for x in headers])
 
 
