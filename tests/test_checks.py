@@ -429,6 +429,31 @@ def test_regression_sections_higher_than_their_beams_are_long_cause_a_warning():
     assert warnings_of(0.2, bodies=2) == [[], []]
 
 
+def test_dampings_that_seem_to_be_damping_ratios_cause_a_warning():
+    steel, plastic = bd.Material.of("steel"), bd.Material(E=2.4e9, nu=0.35, rho=1240.0)
+
+    def strip(damping, material=steel, length=0.5):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(material, 0.02, 0.004, damping)
+        line = bd.Line((0.0, 0.0), (length, 0.0))
+        beam = mech.add(bd.Beam("strip", line, section, elements=2))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        return mech
+
+    with pytest.warns(bd.BeamdaeWarning, match=r"strip: .* 0\.01 s .*\(13\.4 Hz\).* 0\.42\. For"):
+        mode = bd.modes(strip(0.01), n=1).table().iloc[0]
+    frequency, ratio = mode["frequency [Hz]"], mode["damping ratio [-]"]
+    # The stated ratio is that of the computed mode up to its lower, damped frequency.
+    assert_allclose((frequency, ratio), (13.4 * np.sqrt(1.0 - 0.42**2), 0.42), rtol=5e-3)
+
+    def warns(model):
+        return any("damping ratio" in x for x in bd.check(model, predict=False).warnings)
+
+    assert warns(strip(0.01))
+    usual = [strip(1e-3), strip(1e-4, length=0.05), strip(0.01, plastic), strip(0.01, length=5.0)]
+    assert not any(warns(model) for model in usual)
+
+
 def test_regression_short_pieces_of_a_bar_cause_no_warning():
     """A bar of 50 mm x 50 mm whose pieces are drawn one by one, one of them 40 mm long."""
     mech = bd.Mechanism()

@@ -99,10 +99,18 @@ _BENDING_ERROR_OF_MOVING_LOADS = {4: (3, 0.1), 3: (3, 0.25), 2: (2, 2.9)}
 _MAX_MOVING_LOAD_ERROR = 0.01  # above which `warn_about_moving_load` warns
 _RECOMMENDED_MOVING_LOAD_ERROR = 0.005
 
-# Error of the bending flexibility above which `prepare` warns of sections that change within
-# elements. Deflections of stepped cantilevers have errors of up to 2.5 times this estimate.
 # Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
 _MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
+# Metals have damping ratios below 1e-2. Dampings from 1 ms on are ratios by mistake rather than
+# values that are chosen to damp the fast vibrations of a mechanism, typically 1e-5 to 1e-4 s.
+_MIN_STIFFNESS_OF_METALS = 1e10  # Pa
+_MAX_DAMPING_RATIO_OF_METALS = 0.1
+_MAX_DAMPING_OF_METALS = 1e-3  # s
+# First frequency of a cantilever, (1.8751^2 / (2 pi L^2)) sqrt(EI / rhoA).
+_CANTILEVER_FREQUENCY = 1.8751040687**2 / (2.0 * np.pi)
+
+# Error of the bending flexibility above which `prepare` warns of sections that change within
+# elements. Deflections of stepped cantilevers have errors of up to 2.5 times this estimate.
 _MAX_SECTION_ERROR = 4e-3
 # Differences of the integral of 1 / EI between two quadratures, relative to its sum, and of 1 / EI
 # at the ends of an element from its extrapolation, above which more sections are evaluated.
@@ -231,7 +239,8 @@ class Beam(Part):
     BeamdaeWarning
         If the elements are too long or the section is too high for the curvature of the axis. At
         assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
-        deflections, or the section is over three times as high as the curve is long.
+        deflections, the section is over three times as high as the curve is long, or a damping of
+        at least 1 ms would give a metal cantilever of its length a damping ratio above 0.1.
 
     Examples
     --------
@@ -339,7 +348,8 @@ class Beam(Part):
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
         deflections, sections that change within elements cause an error of more than 0.4 %, or
-        the section is over three times as high as the curve is long.
+        the section is over three times as high as the curve is long, or a damping of at least
+        1 ms would give a metal cantilever of its length a damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not has_fixed_coordinates:
@@ -348,7 +358,7 @@ class Beam(Part):
                 set_fields(self, mesh=mesh)
                 vars(self).pop("kinematics", None)
         set_fields(self, _has_final_mesh=True)
-        _warn_about_thickness(self)
+        _warn_about_units(self)
         _warn_about_sections_inside_elements(self.name, self.mesh, self.section)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
 
@@ -1144,20 +1154,34 @@ def warn_about_moving_load(part: str, beam: Beam, attached: Sequence[AttachedPar
         )
 
 
-def _warn_about_thickness(beam: Beam) -> None:
-    """Warn if the section is much higher than the whole curve is long.
+def _warn_about_units(beam: Beam) -> None:
+    """Warn if the section is too high or its damping too large for any usual beam.
 
-    Other beams continue the segment of a curve.
+    The length is that of the whole curve, because other beams continue the segment of a curve.
     """
     curve = beam.curve
     while isinstance(curve, Segment):
         curve = curve.curve
+    length = curve.length
     sections = [beam.section.at(s) for s in (0.0, 0.5 * beam.length, beam.length)]
     height = max(section.height or 0.0 for section in sections)
-    if height > _MAX_HEIGHT_TO_LENGTH_RATIO * curve.length:
+    if height > _MAX_HEIGHT_TO_LENGTH_RATIO * length:
         warn_user(
             f"{beam.name}: the section is {height:.4g} m high, but the beam is only "
-            f"{curve.length:.4g} m long; give sizes in meters, or model the part as a rigid body."
+            f"{length:.4g} m long; give sizes in meters, or model the part as a rigid body."
+        )
+    root = sections[0]
+    frequency = _CANTILEVER_FREQUENCY * np.sqrt(root.EI / root.rhoA) / length**2
+    ratio = np.pi * frequency * root.damping
+    if (
+        root.material.E >= _MIN_STIFFNESS_OF_METALS
+        and root.damping >= _MAX_DAMPING_OF_METALS
+        and ratio > _MAX_DAMPING_RATIO_OF_METALS
+    ):
+        warn_user(
+            f"{beam.name}: `damping` is a time [s]; {root.damping:g} s gives a cantilever of this "
+            f"section and length ({frequency:.3g} Hz) the damping ratio {ratio:.2g}. For the "
+            "ratio z at the frequency f [Hz], use damping = z / (pi f)."
         )
 
 

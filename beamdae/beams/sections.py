@@ -82,7 +82,7 @@ class Section:
         Shear correction factor k_G of the shear stiffness k_G G A; 5/6 (default) for a rectangle.
     damping
         Kelvin-Voigt retardation time [s]: each section force is stiffness * (strain + damping *
-        strain rate).
+        strain rate). A vibration with the frequency f [Hz] has the damping ratio pi f damping.
     mass_per_length, rotary_inertia_per_length
         rho A [kg/m] and rho I [kg m], for sections with stiffeners or nonstructural mass. Default
         to the values of the material and the shape.
