@@ -81,6 +81,8 @@ class TableArgumentTerm:
     def distance_outside(self, values: Array) -> Array:
         """Return distances from the table beyond rounding errors; negative values are inside."""
         low, high = self.limits
+        if self.table.is_repeated:
+            return np.full(values.shape, low - high)
         return np.maximum(low - values, values - high) - _ROUNDING * (high - low)
 
     def describe(self, value: float) -> str:

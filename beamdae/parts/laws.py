@@ -523,6 +523,12 @@ def _split_at_rows(
             rate, offset = _as_line(part, table, argument, t)
             if rate == 0.0:
                 continue
+            if table.is_repeated and table.kind == "linear":
+                raise BeamdaeError(
+                    f"{part}: {table.name} is repeated and linear, so that a law of time would "
+                    "have breakpoints without end; use kind='pchip', or repeat the rows of one "
+                    "period for the whole run."
+                )
 
             def find_times(values: Any, rate: float = rate, offset: float = offset) -> list[float]:
                 return sorted(((values - offset) / rate).tolist())

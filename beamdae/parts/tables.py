@@ -51,7 +51,7 @@ from beamdae.symbolic.table_calls import (
 Array = np.ndarray
 
 KINDS = ("linear", "pchip", "spline")
-OUTSIDE = ("hold", "error")
+OUTSIDE = ("hold", "error", "repeat")
 _MIN_ROWS = {"linear": 2, "pchip": 2, "spline": 3}
 _DEGREES = {"linear": 1, "pchip": 3, "spline": 3}
 _MAX_AXES = 2
@@ -66,6 +66,9 @@ _SLOPE_ROUNDING = 1e-14
 _MAX_OVERSHOOT = 0.15
 # Smaller overshoots, relative to the largest value, are rounding errors of constant values.
 _MIN_OVERSHOOT = 1e-12
+# Difference of the first and the last value of a repeated table, relative to the largest value,
+# that is a rounding error.
+_MAX_GAP = 1e-9
 
 # Units with two usual meanings, whose columns would be wrong by many powers of ten, or by 9810.
 _GRAM_OR_GRAVITY = "kg or m/s^2 (gn, the standard gravity)"
@@ -206,13 +209,18 @@ class Table:
     def __post_init__(self) -> None:
         coefficients = self.values
         for axis, knots in enumerate(self.axes):
-            rows = _fit_axis(knots, np.moveaxis(coefficients, axis, 0), self.kind)
+            rows = _fit_axis(knots, np.moveaxis(coefficients, axis, 0), self.kind, self.is_repeated)
             coefficients = np.moveaxis(rows, 0, axis)
         object.__setattr__(self, "coefficients", read_only(coefficients))
 
     def __repr__(self) -> str:
         size = " x ".join(str(len(axis)) for axis in self.axes)
         return f"<table {self.name} of {size} values, {self.kind}>"
+
+    @property
+    def is_repeated(self) -> bool:
+        """True if the table is periodic."""
+        return self.outside == "repeat"
 
     @property
     def degree(self) -> int:
@@ -230,8 +238,9 @@ class Table:
         Returns
         -------
         float, ndarray or SX
-            The values. Outside the table, they are those at its edge; symbols may be outside the
-            table even if `outside` is "error", because only the runs stop.
+            The values. Outside the table, they are those at its edge, or of its repetitions;
+            symbols may be outside the table even if `outside` is "error", because only the runs
+            stop.
 
         Raises
         ------
@@ -282,7 +291,11 @@ class Table:
                         "pass outside='hold'."
                     )
         if len(arguments) == 1:
-            return self._evaluate_one(arguments[0])
+            (x,) = arguments
+            if self.is_repeated:
+                center, period = self._period
+                x = x - period * np.rint((x - center) / period)
+            return self._evaluate_one(x)
         result = self.coefficients
         for number, (x, knots) in enumerate(
             zip(np.broadcast_arrays(*arguments), self.axes, strict=True)
@@ -327,14 +340,29 @@ class Table:
         signals[0].keep(numbers)
         return value
 
+    @property
+    def _period(self) -> tuple[float, float]:
+        """Center and length of the range of the only argument."""
+        first, last = self.axes[0][[0, -1]].tolist()
+        return 0.5 * (first + last), last - first
+
     def _express_value(self, x: _Numbers, arguments: tuple[SX, ...]) -> SX:
-        # Outside the table, the value at its edge.
-        inside = [
-            ca.fmin(ca.fmax(argument, limits[0]), limits[1])
-            for argument, limits in zip(arguments, x.limits, strict=True)
-        ]
+        if self.is_repeated:
+            inside = self._wrap(x, arguments)
+        else:
+            # Outside the table, the value at its edge.
+            inside = tuple(
+                ca.fmin(ca.fmax(argument, limits[0]), limits[1])
+                for argument, limits in zip(arguments, x.limits, strict=True)
+            )
         places = [_Place.find(*pair, find_row(*pair)) for pair in zip(inside, x.axes, strict=True)]
         return self._interpolate(x, places)
+
+    def _wrap(self, x: _Numbers, arguments: tuple[SX, ...]) -> tuple[SX, ...]:
+        """Return the argument of a repeated table, reduced to its range."""
+        first, last = ca.vertsplit(x.limits[0])
+        center = 0.5 * (first + last)
+        return (center + ca.remainder(arguments[0] - center, last - first),)
 
     @property
     def _numbers(self) -> _Numbers:
@@ -365,7 +393,9 @@ class Table:
         rounding = [_SLOPE_ROUNDING * np.abs(self.values)]
         if self.kind != "linear":
             for axis, knots in enumerate(self.axes):
-                slopes = [_differentiate_axis(knots, x, axis, self.kind) for x in arrays]
+                slopes = [
+                    _differentiate_axis(knots, x, axis, self.kind, self.is_repeated) for x in arrays
+                ]
                 bounds = [_bound_slopes(knots, x, axis) for x in rounding]
                 # Rounding errors would hide how slopes depend on parameters of a model.
                 arrays += [
@@ -402,12 +432,16 @@ class Table:
         """Return the smooth piece of a time law that is valid around t = `at`.
 
         Before and after the table, it is constant. Within the table, the polynomials at its ends
-        are continued; derivatives at a row are those to its right.
+        are continued; derivatives at a row are those to its right. Repeated tables have one piece.
         """
+        if self.is_repeated:
+            arguments = self._wrap(x, arguments)
         places = []
         for argument, knots, limits in zip(arguments, x.axes, x.limits, strict=True):
             center = ca.substitute(argument, t, at)
             is_before, is_after = center < limits[0], center >= limits[1]
+            if self.is_repeated:
+                is_before = is_after = SX(0.0)
             row = find_row(center if self.kind == "linear" else argument, knots)
             # The row is arbitrary outside the table.
             row = ca.if_else(is_after, knots.numel() - 2.0, ca.if_else(is_before, 0.0, row))
@@ -422,16 +456,31 @@ class Table:
         return ca.if_else(is_after, x.values[1], value)
 
     def kinks(self, axis: int) -> Array:
-        """Return the arguments on an axis at which the slope of the table jumps."""
+        """Return the arguments on an axis, within its range, at which the slope jumps."""
         knots, values = self.axes[axis], np.moveaxis(self.values, axis, 0)
         if self.kind != "linear":
-            return knots[[0, -1]]
+            return knots[[0, -1]] if not self.is_repeated else knots[:0]
         lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
         slopes = np.diff(values, axis=0) / lengths
         edge = np.zeros((1, *slopes.shape[1:]))
         jumps = np.abs(np.diff(np.concatenate([edge, slopes, edge]), axis=0))
         jumps = jumps.reshape(len(knots), -1).max(axis=1)
         return knots[jumps > _MIN_SLOPE_JUMP * np.max(np.abs(slopes), initial=0.0)]
+
+    def list_rows(self, low: float, high: float) -> tuple[Array, Array]:
+        """Return arguments and values of the rows of the only argument, (k,) each.
+
+        Repeated tables have the rows of all periods from the argument `low` to `high`.
+        """
+        (knots,) = self.axes
+        if not self.is_repeated:
+            return knots, self.values
+        _, period = self._period
+        first, last = (int(np.floor((x - knots[0]) / period)) for x in (low, high))
+        starts = period * np.arange(first, last + 1)
+        rows = np.append((starts[:, None] + knots[:-1]).ravel(), starts[-1] + knots[-1])
+        values = np.append(np.tile(self.values[:-1], len(starts)), self.values[-1])
+        return rows, values
 
     def describe_argument(self, axis: int, value: float) -> str:
         """Return a phrase about an argument outside the table."""
@@ -442,14 +491,14 @@ class Table:
         )
 
 
-def _differentiate_axis(knots: Array, values: Array, axis: int, kind: str) -> Array:
+def _differentiate_axis(
+    knots: Array, values: Array, axis: int, kind: str, is_repeated: bool
+) -> Array:
     """Return the derivative of a cubic table by an argument, at its rows."""
-    # Imported here because the import takes as long as a short run, and few models have tables.
-    from scipy.interpolate import CubicSpline, PchipInterpolator
-
-    if kind == "pchip":
-        return np.asarray(PchipInterpolator(knots, values, axis=axis)(knots, 1))
-    return np.asarray(CubicSpline(knots, values, axis, bc_type="natural")(knots, 1))
+    rows = np.moveaxis(values, axis, 0)
+    return np.moveaxis(
+        np.asarray(_interpolate_rows(knots, rows, kind, is_repeated)(knots, 1)), 0, axis
+    )
 
 
 def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
@@ -466,19 +515,29 @@ def _bound_slopes(knots: Array, changes: Array, axis: int) -> Array:
     return np.moveaxis(largest / longest.reshape(-1, *[1] * (rows.ndim - 1)), 0, axis)
 
 
-def _fit_axis(knots: Array, values: Array, kind: str) -> Array:
+def _fit_axis(knots: Array, values: Array, kind: str, is_repeated: bool = False) -> Array:
     """Return the coefficients of the functions of `Table._evaluate` along the first axis."""
     if kind == "linear":
         lengths = np.diff(knots).reshape(-1, *[1] * (values.ndim - 1))
         return np.concatenate([values[:1], np.diff(values, axis=0) / lengths])
-    # Imported here because the import takes as long as a short run, and few models have tables.
-    from scipy.interpolate import CubicSpline, PchipInterpolator
-
-    if kind == "pchip":
-        polynomials = PchipInterpolator(knots, values).c
-    else:
-        polynomials = CubicSpline(knots, values, bc_type="natural").c
+    polynomials = _interpolate_rows(knots, values, kind, is_repeated).c
     return np.concatenate([values[:1], polynomials[2], polynomials[1], polynomials[0]])
+
+
+def _interpolate_rows(knots: Array, values: Array, kind: str, is_repeated: bool) -> Any:
+    """Return the piecewise cubic interpolation along the first axis."""
+    # Imported here because the import takes as long as a short run, and few models have tables.
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
+
+    if kind == "spline":
+        return CubicSpline(knots, values, bc_type="periodic" if is_repeated else "natural")
+    if not is_repeated:
+        return PchipInterpolator(knots, values)
+    # The slope of a row depends on both neighbors.
+    before, after = knots[:1] - (knots[-1] - knots[-2]), knots[-1:] + (knots[1] - knots[0])
+    periods = np.concatenate([values[-2:-1], values, values[1:2]])
+    slopes = PchipInterpolator(np.concatenate([before, knots, after]), periods)(knots, 1)
+    return CubicHermiteSpline(knots, values, slopes)
 
 
 def _warn_about_overshoot(result: Table) -> None:
@@ -494,7 +553,7 @@ def _warn_about_overshoot(result: Table) -> None:
     kinds = "kind='linear'" if len(result.axes) > 1 else "kind='pchip' or kind='linear'"
     for axis, (name, knots) in enumerate(zip(result.arguments, result.axes, strict=True)):
         rows = np.moveaxis(result.values, axis, 0).reshape(len(knots), -1)
-        arguments, extrema = _find_extrema(knots, rows)
+        arguments, extrema = _find_extrema(knots, rows, result.is_repeated)
         lower, upper = np.minimum(rows[:-1], rows[1:]), np.maximum(rows[:-1], rows[1:])
         outside = np.maximum(extrema - upper, lower - extrema)
         k = np.unravel_index(np.argmax(outside), outside.shape)
@@ -509,13 +568,14 @@ def _warn_about_overshoot(result: Table) -> None:
         warn_user(sentence)
 
 
-def _find_extrema(knots: Array, values: Array) -> tuple[Array, Array]:
+def _find_extrema(knots: Array, values: Array, is_repeated: bool) -> tuple[Array, Array]:
     """Return arguments and values of splines, one per column, at their extrema between rows.
 
     The shape is (2, intervals, columns). Where an interval has no extremum, a row takes its place.
     """
     lengths = np.diff(knots)[:, None]
-    slope, square, cube = _fit_axis(knots, values, "spline")[1:].reshape(3, *values[1:].shape)
+    coefficients = _fit_axis(knots, values, "spline", is_repeated)
+    slope, square, cube = coefficients[1:].reshape(3, *values[1:].shape)
     with np.errstate(all="ignore"):
         # Zeros of slope + 2 square depth + 3 cube depth^2, without cancellation.
         root = np.sqrt(square**2 - 3.0 * cube * slope)
@@ -550,7 +610,11 @@ def table(
         next to steps between unequal intervals).
     outside
         Outside the range of `x`, "hold" keeps the value at the edge; with "error", runs stop where
-        an argument leaves the range, with a reason that names the table, argument and value.
+        an argument leaves the range, with a reason that names the table, argument and value; and
+        "repeat" continues the table periodically, for example over the turns of a crank, with the
+        range of `x` as the period and splines that are smooth from period to period. Repeated
+        tables have one argument and equal first and last values; they are no time laws if they are
+        linear.
     name
         Name in messages. Defaults to "table".
 
@@ -565,7 +629,8 @@ def table(
     ------
     BeamdaeError
         If the lists have different lengths, too few entries or entries that are not finite numbers,
-        `x` does not ascend, `kind` or `outside` is unknown, or `kind` is "pchip" for two arguments.
+        `x` does not ascend, `kind` or `outside` is unknown, `kind` is "pchip" for two arguments, or
+        a repeated table has two arguments or different values at its ends.
 
     Warns
     -----
@@ -613,12 +678,26 @@ def _create_table(label: str, x: Any, y: Any, kind: str, outside: str) -> Table:
             raise BeamdaeError(
                 f"{label}: kind='pchip' is not defined for two arguments; use 'linear' or 'spline'."
             )
+        if outside == "repeat":
+            raise BeamdaeError(
+                f"{label}: outside='repeat' is not defined for two arguments; repeat the rows of "
+                "one period for the whole run."
+            )
         return Table(label, axes, np.array(numbers), kind, outside, ("x[0]", "x[1]"))
     axis, values = _require_axis(label, "x", entries, kind), _require_numbers(label, "y", y)
     if axis.shape != values.shape:
         raise BeamdaeError(
             f"{label}: x and y must be lists of the same length, got {len(axis)} and {len(values)}."
         )
+    if outside == "repeat":
+        first, last = values[[0, -1]].tolist()
+        if abs(last - first) > _MAX_GAP * np.max(np.abs(values)):
+            raise BeamdaeError(
+                f"{label}: with outside='repeat', the first and last values must be equal, got "
+                f"{first:.6g} and {last:.6g}; end the table one period after its first row, with "
+                "the value of this row."
+            )
+        values[-1] = first
     return Table(label, (axis,), values, kind, outside, ("x",))
 
 

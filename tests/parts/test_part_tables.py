@@ -507,6 +507,18 @@ def test_regression_measured_loops_and_descending_tables_are_named(tmp_path, row
     [
         (lambda: bd.table(X, Y, "cubic"), "table: kind must be one of .*, got 'cubic'"),
         (lambda: bd.table(X, Y, outside="stop"), "table: outside must be one of 'hold', 'error'"),
+        (
+            lambda: bd.table(X, Y, outside="repeat"),
+            "the first and last values must be equal, got 2 and 2.5; end the table one period aft",
+        ),
+        (
+            lambda: bd.table((X, X), np.outer(Y, Y), outside="repeat"),
+            "table: outside='repeat' is not defined for two arguments",
+        ),
+        (
+            lambda: as_law("push", bd.table([0, 1, 2], [0, 1, 0], "linear", outside="repeat")),
+            "push: table is repeated and linear, so that a law of time would have breakpoints",
+        ),
         (lambda: bd.table([0.0, 1.0], [0.0, 1.0]), "x must have at least 3 entries for kind='spl"),
         (
             lambda: bd.table(3.0, Y),
@@ -690,15 +702,74 @@ def test_regression_laws_that_repeat_name_what_repeats(wrap):
     """The remedies for remainders were functions for one-sided terms and signs."""
     mech = bd.Mechanism()
     ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
-    message = "a table whose rows are repeated for all periods of the run.$"
+    message = "a table with outside='repeat'.$"
     with pytest.raises(bd.BeamdaeError, match=message):
         mech.add(bd.ForceLaw("cycle", ball.point, lambda p, t: (wrap(p.position[0], 1.0), 0.0)))
 
 
-@pytest.mark.parametrize("kind", ["linear", "pchip"])
-def test_rows_of_all_periods_repeat_a_force(kind):
-    rows, values, periods = np.array([0.0, 0.3, 0.6, 1.0]), np.array([0.0, 2.0, 1.0, 0.0]), 4
-    x = np.concatenate([[0.0], *(rows[1:] + k for k in range(periods))])
-    cycles = bd.table(x, [0.0, *np.tile(values[1:], periods)], kind)
-    inner = np.linspace(1.0, 2.0, 41)
-    np.testing.assert_allclose(cycles(inner + 1.0), cycles(inner), atol=1e-12)
+CYCLE, LOAD = np.array([-0.5, -0.2, 0.1, 0.5]), np.array([1.0, -1.0, 2.0, 1.0])
+
+
+def repeated_and_long(kind):
+    """Return a repeated table, and one with the rows of many periods: its ends are far away."""
+    low, high = -14, 15
+    rows = np.concatenate([*(CYCLE[:-1] + k for k in range(low, high)), [CYCLE[-1] + high - 1]])
+    values = [*np.tile(LOAD[:-1], high - low), LOAD[-1]]
+    return bd.table(CYCLE, LOAD, kind, outside="repeat"), bd.table(rows, values, kind)
+
+
+@every_kind
+@pytest.mark.filterwarnings("ignore:.*the spline reaches")
+def test_repeated_tables_are_those_with_the_rows_of_all_periods(kind):
+    repeated, long = repeated_and_long(kind)
+    # Periods begin at -0.5 + k; slopes of linear tables at rows are those of either side.
+    x = np.concatenate([np.linspace(-2.97, 2.97, 100), [-1.5, -0.5, 0.5, 1.5]])
+    assert_allclose(repeated(x), long(x), atol=1e-11)
+    smooth = x if kind != "linear" else x[:100]
+    for of_argument in (lambda f, y: f(y), lambda f, y: ca.jacobian(f(y), y)):
+        y = ca.SX.sym("y")
+        values = [
+            ca.Function("f", [y], [of_argument(table, y)])(smooth[None]).full()
+            for table in (repeated, long)
+        ]
+        assert_allclose(*values, atol=1e-10)
+
+
+@every_kind
+@pytest.mark.filterwarnings("ignore:.*the spline reaches")
+def test_repeated_tables_give_the_runs_of_long_tables(kind):
+    """A body passes several periods within a step unless the peaks of the table are found."""
+    repeated, long = (run(table, velocity=2.0, t_end=1.5) for table in repeated_and_long(kind))
+    assert repeated.status.success
+    assert not repeated.warnings
+    # Ten tolerances.
+    assert_allclose(repeated.table(), long.table(), atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["pchip", "spline"])
+@pytest.mark.filterwarnings("ignore:.*the spline reaches")
+def test_repeated_tables_of_time_are_smooth_laws(kind):
+    repeated, long = (as_law("push", table) for table in repeated_and_long(kind))
+    assert repeated.breakpoints == ()
+    t = np.linspace(-2.9, 2.9, 40)
+    assert_allclose([repeated.at(x) for x in t], [long.at(x) for x in t], atol=1e-11)
+    runs = [run(law, on="force", t_end=2.2).table() for law in (repeated, long)]
+    assert_allclose(*runs, atol=1e-7)
+
+
+def test_slopes_of_repeated_tables_are_equal_at_both_ends():
+    for kind in ("pchip", "spline"):
+        table = compile_formula(
+            bd.table([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 3.0, 0.0], kind, "repeat")
+        )
+        slope = ca.Function("slope", [x := ca.SX.sym("x")], [ca.jacobian(table(x), x)])
+        assert_allclose(float(slope(-1e-9)), float(slope(1e-9)), atol=1e-7)
+        assert_allclose(float(slope(4.0)), float(slope(0.0)), atol=1e-12)
+
+
+def test_steps_do_not_pass_over_peaks_of_repeated_tables():
+    pulse = bd.table([0.0, 0.9, 0.91, 0.92, 1.0], [0.0, 0.0, 5.0, 0.0, 0.0], "linear", "repeat")
+    solution = run(pulse, bd.Radau(1e-6), velocity=10.0, t_end=4.0)
+    # 40 pulses with the work of 0.05 J each; a missed one changes the speed by 0.005 m/s.
+    speed = solution.table()["ball.x_dot [m/s]"].iloc[-1]
+    assert_allclose(speed, np.sqrt(100.0 + 2.0 * 40 * 0.05), atol=1e-3)

@@ -108,7 +108,7 @@ def _find_peak(
     term: TableArgumentTerm, interval: Interval, t: Array, values: Array
 ) -> TableStop | None:
     """Return the first row of the first peak that a step passed over; tables of one argument."""
-    (knots,), heights = term.table.axes, term.table.values
+    knots, heights = term.table.list_rows(float(values.min()), float(values.max()))
     place = np.searchsorted(knots, values)
     # A peak lies between two other rows.
     for k in np.flatnonzero((np.abs(np.diff(place)) > 1) & (np.diff(t) > 0.0)):

@@ -30,8 +30,8 @@ _SMOOTH_ALTERNATIVES = (
     "bd.positive_part(x) for one-sided terms and bd.smooth_sign(x, scale) for signs"
 )
 _PERIODIC_ALTERNATIVE = (
-    "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table whose "
-    "rows are repeated for all periods of the run"
+    "for values that repeat with an angle or time, a sum of np.sin and np.cos or a table with "
+    "outside='repeat'"
 )
 _PERIODIC_OPERATIONS = ("floor", "fmod")
 _VECTOR_ADVICE = (

@@ -58,6 +58,8 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             continue
         t, x = np.concatenate(times), np.concatenate(values)
         yield from _unused_range_warnings(term, x)
+        if term.table.is_repeated:
+            continue
         low, high = term.limits
         excesses = (low - x, x - high)
         for side, row, excess in zip((0, -1), ("first", "last"), excesses, strict=True):
