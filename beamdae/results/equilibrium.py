@@ -438,7 +438,10 @@ class Equilibrium(HasPage):
         beams = range_warnings(self.validity)
         strains = strain_warnings(self.equations, self.validity, lambda: self.q)
         outside = list_arguments_outside(self.equations, np.full(2, self.t), self.q)
-        meshes = mesh_error_warnings(self.equations, self.columns, self._select_loaded_state)
+        # Other columns are evaluated on first access, which takes as long as a load step.
+        meshes = mesh_error_warnings(
+            self.equations, lambda header: self.columns[header], self._select_loaded_state
+        )
         limits: Iterable[str] = ()
         if self.status.success:
             limits = limit_warnings(

@@ -89,7 +89,7 @@ class _ColumnError(NamedTuple):
 
 def mesh_error_warnings(
     equations: EquationsOfMotion,
-    columns: Mapping[str, Array],
+    column_of: Callable[[str], Array],
     state_at: Callable[[int], LoadedState],
 ) -> Iterator[str]:
     """Yield a warning per beam whose stresses, strains or section forces are wrong by over 2 %.
@@ -105,8 +105,8 @@ def mesh_error_warnings(
     ----------
     equations
         The equations of motion.
-    columns
-        Observed columns (k,) by header.
+    column_of
+        Function that returns an observed column (k,) by header.
     state_at
         Function that returns the state of a row of the columns.
     """
@@ -121,7 +121,7 @@ def mesh_error_warnings(
         all_names = [x.name for x in quantity.columns]
         for header, column in zip(format_headers(name, observed.columns), names, strict=True):
             error = evaluator.measure(
-                header, columns[header], quantity, all_names.index(column), *sections
+                header, column_of(header), quantity, all_names.index(column), *sections
             )
             if error is not None and error.relative > _MAX_UNREPORTED_ERROR:
                 errors.setdefault(sections[0], []).append(error)
