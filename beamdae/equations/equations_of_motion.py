@@ -633,8 +633,7 @@ class EquationsOfMotion:
 
         The scale of a first-order state is that of its part.
         """
-        angle = np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
-        scales = np.where(angle, 1.0, self.length)
+        scales = np.where(self._are_angles, 1.0, self.length)
         for part in self.parts:
             if part.is_state:
                 scales[part.rows] = part.size
@@ -660,9 +659,12 @@ class EquationsOfMotion:
         scales = self.position_scales.copy()
         for part in self.parts:
             if not part.is_state:
-                units = (coordinate.unit for coordinate in self.coordinates[part.rows])
-                scales[part.rows] = [1.0 if unit == "rad" else size(part) for unit in units]
+                scales[part.rows] = np.where(self._are_angles[part.rows], 1.0, size(part))
         return scales
+
+    @cached_property
+    def _are_angles(self) -> Array:
+        return np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
 
 
 # Fields that may differ from those of newly assembled equations of the same mechanism.

@@ -79,6 +79,11 @@ class ConstraintKernel:
         """True if the constraints are imposed on positions, False if on velocities only."""
         return True
 
+    @property
+    def is_scleronomic(self) -> bool:
+        """True for holonomic constraints that do not depend on time: they permit rest."""
+        return self.is_holonomic and not self.has_time
+
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:

@@ -13,13 +13,15 @@ from beamdae.analysis.statics import bordered_system
 from beamdae.analysis.statics.bordered_system import BorderedSystem
 from beamdae.analysis.statics.corrector import Corrector
 from beamdae.analysis.statics.load_scaling import build_loading
+from beamdae.analysis.statics.newton_loop import CORRECT, EXTEND_SPACE, FOLLOW_LOAD
 from beamdae.analysis.statics.path_controls import (
     DisplacementControl,
     LoadControl,
     PathDirection,
     StepNorm,
 )
-from beamdae.integrators.compiled_run import FactorizedMatrix
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.linear.factorizations import SingularMatrixError
 
 
@@ -109,12 +111,12 @@ def test_machine_code_agrees_with_the_virtual_machine(formulation, monkeypatch):
     e = system.equations
     x, gradient = random_unknowns(e)
     monkeypatch.setenv("BEAMDAE_NATIVE", "off")
-    interpreted = BorderedSystem(system.unloaded.equations, e, np.zeros(2), system.scales)
+    interpreted = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
     expected = newton_change(interpreted, x, 0.3, gradient, 0.02)
     assert not interpreted.is_native
     matrix = interpreted.tangent(x, 0.3)
     compile_now(monkeypatch)
-    native = BorderedSystem(system.unloaded.equations, e, np.zeros(2), system.scales)
+    native = BorderedSystem(system.unloaded.equations, e, np.zeros(2))
     native.correct(LoadControl(), 0.3, x, 0.3)
     assert native.is_native
     change = newton_change(native, x, 0.3, gradient, 0.02)
@@ -186,9 +188,7 @@ def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_
     compile_now(monkeypatch)
     other = cubic_spring().equations
     # The loop is loaded before the cache is replaced, because compiling it takes seconds.
-    BorderedSystem(other, other, np.zeros(2), other.position_scales).correct(
-        LoadControl(), 0.0, np.zeros(1), 0.0
-    )
+    BorderedSystem(other, other, np.zeros(2)).correct(LoadControl(), 0.0, np.zeros(1), 0.0)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(bordered_system, "_OTHER_COORDINATES", 9)
     monkeypatch.setattr(bordered_system, "_COORDINATE_SECONDS", 1e-3)
@@ -198,7 +198,7 @@ def test_kernels_that_are_not_cached_are_compiled_when_it_pays(monkeypatch, tmp_
     iterations = 0
     while iterations < 20:
         # A new system each time, as in repeated calls of `equilibrium`.
-        bordered = BorderedSystem(e, e, np.zeros(2), e.position_scales)
+        bordered = BorderedSystem(e, e, np.zeros(2))
         iterations += bordered.correct(LoadControl(), 0.0, np.array([0.6]), 0.0).iterations
         # An iteration counts as 0.01 s, and both kernels as 0.105 s.
         assert bordered.is_native == (iterations > 10)
@@ -219,7 +219,7 @@ def test_singular_systems_are_reported_and_later_systems_solved(native, monkeypa
     compile_now(monkeypatch)
     monkeypatch.setenv("BEAMDAE_NATIVE", native)
     e = cubic_spring().equations
-    bordered, x = BorderedSystem(e, e, np.zeros(2), e.position_scales), np.array([0.5])
+    bordered, x = BorderedSystem(e, e, np.zeros(2)), np.array([0.5])
     with pytest.raises(SingularMatrixError):
         newton_change(bordered, x, 0.0, (np.zeros(1), 0.0), 0.0)
     change = newton_change(bordered, x, 0.0, (np.zeros(1), 1.0), 0.0)
@@ -252,6 +252,58 @@ def test_workspaces_of_earlier_paths_do_not_change_results(monkeypatch):
     bd.equilibrium(bent_cantilever(0.001, -5.0), control="arc length")
     again = bd.equilibrium(bent_cantilever(0.004, 3.0), step=0.25)
     assert equal_paths(first, again)
+
+
+def bar_on_springs(stiffness):
+    """Return a bent cantilever beside a rigid bar on springs of this stiffness [N/m]."""
+    mech = bent_cantilever(0.004, 3.0)
+    bar = mech.add(bd.RigidBody("bar", 1.0, 0.1, (3.0, 0.0)))
+    for x in (2.5, 3.5):
+        mech.add(bd.Spring(f"s{x}", mech.ground.at(x, -1.0), bar.at(x, 0.0), stiffness))
+    return mech
+
+
+def test_scales_make_all_parts_equally_stiff():
+    mech = bar_on_springs(1e-3)
+    e = bd.equations_of_motion(mech)
+    (system,) = build_loading(mech, e, None, 0.0).systems
+    stiffness = system.unloaded.matrix(e.q0, np.zeros(e.m)).toarray()[: e.n, : e.n]
+    energies = np.abs(stiffness) * system.scales * system.scales[:, None]
+    beam, bar = (np.max(energies[:, part.rows]) for part in e.parts)
+    assert bar == pytest.approx(beam, rel=1e-12)
+    # The stiffest part keeps its size.
+    assert_allclose(system.scales[e.parts[0].rows], e.part_scales[e.parts[0].rows], rtol=1e-15)
+
+
+def test_workspaces_are_used_again_for_other_stiffnesses(monkeypatch):
+    """Creating the workspace takes as long as several load steps."""
+    compile_now(monkeypatch)
+    first = bd.equilibrium(bar_on_springs(1e3), step=0.25)
+    with monkeypatch.context() as context:
+        context.setattr(BorderedSystem, "_make_loop", lambda *_, **__: pytest.fail("new loop"))
+        bd.equilibrium(bar_on_springs(2e-2), step=0.25)
+        again = bd.equilibrium(bar_on_springs(1e3), step=0.25)
+    assert equal_paths(first, again)
+
+
+def test_joints_that_permit_rest_are_not_evaluated_to_find_rotations(monkeypatch):
+    monkeypatch.setattr(ConsistencySolver, "constraint_levels", lambda *_: pytest.fail("evaluated"))
+    assert bd.equilibrium(bent_cantilever(0.004, 3.0)).status.success
+
+
+def test_paths_of_load_control_take_three_calls_of_the_loop(monkeypatch):
+    """The factors of the last point also serve its modes; each call takes 0.01 to 0.1 ms."""
+    compile_now(monkeypatch)
+    mech, tasks, call = bent_cantilever(0.004, 3.0), [], StepLoop.__call__
+    bd.equilibrium(mech)
+
+    def count(loop):
+        tasks.append(loop.work.task)
+        return call(loop)
+
+    monkeypatch.setattr(StepLoop, "__call__", count)
+    bd.equilibrium(mech)
+    assert tasks == [CORRECT, FOLLOW_LOAD, EXTEND_SPACE]
 
 
 @pytest.mark.parametrize(

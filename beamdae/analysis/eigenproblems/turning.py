@@ -58,7 +58,8 @@ def find_turning(
         Function that returns the linearized equations at this state.
     """
     at_rest, solver = np.zeros(e.n), ConsistencySolver(e)
-    is_driven = bool(np.any(solver.constraint_levels(time, q)[1]))
+    permits_rest = all(joint.kernel.is_scleronomic for joint in e.structure.joints)
+    is_driven = not permits_rest and bool(np.any(solver.constraint_levels(time, q)[1]))
     if not is_driven and not np.any(e.v0):
         return None
     try:

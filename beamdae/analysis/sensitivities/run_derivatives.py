@@ -579,7 +579,7 @@ def assemble_neighbors(
 def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
     """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
     kernels = [joint.kernel for joint in equations.structure.joints]
-    if not np.any(equations.v0) and all(x.is_holonomic and not x.has_time for x in kernels):
+    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
         return False
     solver = ConsistencySolver(equations)
     return not np.array_equal(

@@ -341,8 +341,6 @@ class BorderedSystem:
         Equations without and with the loads of the stage; the same object if no load is scaled.
     time
         (t, branch), at which laws are evaluated.
-    scales
-        Natural sizes of the coordinates for the stiffness, (n,), see `LoadedEquations`.
     held
         Indices of coordinates with springs that act on the tangent F_x alone.
 
@@ -361,10 +359,11 @@ class BorderedSystem:
         unloaded: EquationsOfMotion,
         loaded: EquationsOfMotion,
         time: Array,
-        scales: Array,
         held: tuple[int, ...] = (),
     ) -> None:
-        self._time, self._n, self._scales = time, loaded.n, scales
+        self._time, self._n = time, loaded.n
+        self._part_rows = np.array([*(part.rows.start for part in loaded.parts), loaded.n])
+        self._part_scales = loaded.part_scales
         common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
         self._numbers = (unloaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
@@ -374,7 +373,7 @@ class BorderedSystem:
         self._tangent_targets = plan.tangent_targets
         self._tangent_sources = plan.tangent_sources
         self._held_targets, self._row_targets = plan.held_targets, plan.row_targets
-        self._held, size = np.array(held, int), plan.pattern.shape[0]
+        self._held, size = np.array(held, np.int64), plan.pattern.shape[0]
         self._has_load_stiffness = any(map(_has_entries, (x.tangent for x in plan.sums[1:])))
         self._evaluated_x = np.full(size, np.nan)
         self._follows: bool | None = None
@@ -394,8 +393,8 @@ class BorderedSystem:
         except IndexError:
             return None
         saddle, axes = loop.work.saddle, loop.work.axes
-        is_suitable = np.array_equal(saddle.scales[: self._n], self._scales)
-        if is_suitable and axes.plan is self.increments.axes.plan and is_native_enabled():
+        has_same_parts = np.array_equal(saddle.part_rows, self._part_rows)
+        if has_same_parts and axes.plan is self.increments.axes.plan and is_native_enabled():
             self.increments = replace(self.increments, axes=axes)
             loop.forget_pivots()
             return loop
@@ -412,6 +411,7 @@ class BorderedSystem:
                 set_time(total, *self._time)
         run.points[:], run.distance_weights[:] = self.measure.point, self.measure.scale**-2.0
         run.reference[: self._n], run.needs_scales = self._initial_q, 1
+        run.saddle.part_scales[:] = self._part_scales
         self._evaluated_x[:] = np.nan
         if loop.is_native:
             weakref.finalize(self, self._idle_loops.append, loop).atexit = False
@@ -437,7 +437,7 @@ class BorderedSystem:
                 unloaded=unloaded,
                 loaded=loaded,
                 linear=matrix.make_solver(native, "auto"),
-                saddle=SaddlePoint.of(self.pattern, self._tangent_targets, self._scales),
+                saddle=SaddlePoint.of(self.pattern, self._tangent_targets, self._part_rows),
                 space=KrylovSpace.allocate(self._n),
                 nonzeros=matrix.nonzeros,
                 inputs=np.zeros(self._n + size),
@@ -456,7 +456,7 @@ class BorderedSystem:
                 reference=np.zeros(self._n + size),
                 held_targets=self._held_targets,
                 held=np.zeros(len(self._held)),
-                held_squares=self._scales[self._held] ** 2,
+                held_rows=self._held,
                 rows=self._bordered.indices.astype(np.uint32),
                 columns=column_indices(self._bordered).astype(np.uint32),
                 weights=np.append(1.0 / self.measure.scale, np.zeros(size + 1 - self._n)),
@@ -487,6 +487,15 @@ class BorderedSystem:
     def is_native(self) -> bool:
         """True if machine code evaluates the equations."""
         return self._loop.is_native
+
+    @property
+    def scales(self) -> Array:
+        """Natural sizes of the coordinates for the stiffness, (n,), see `scale_by_reference`."""
+        run = self._loop.work
+        if run.needs_scales:
+            zeros = np.zeros(len(run.forces) - self._n)
+            self._run(np.append(self._initial_q, zeros), 0.0, EVALUATE_FORCES)
+        return run.saddle.scales[: self._n].copy()
 
     def residual(self, x: Array, mu: float) -> tuple[Array, Array]:
         """Return F and F_mu at x = (q, lam), (n + m,) each."""
@@ -590,9 +599,9 @@ class BorderedSystem:
         def respond(forces: Array) -> Array:
             motions = np.zeros((n, count))
             for k in range(count):
-                right = np.concatenate([forces[:, k] / self._scales, np.zeros(size + 1 - n)])
+                right = np.concatenate([forces[:, k] / self.scales, np.zeros(size + 1 - n)])
                 solution = self.solve(x, mu, load_control, column, right)
-                motions[:, k] = solution[:n] / self._scales
+                motions[:, k] = solution[:n] / self.scales
             return motions
 
         try:

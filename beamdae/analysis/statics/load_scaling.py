@@ -13,7 +13,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from beamdae.analysis.statics.bordered_system import BorderedSystem
-from beamdae.analysis.statics.saddle_elimination import NEGLIGIBLE_STIFFNESS
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import remove_forces
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -28,7 +27,6 @@ from beamdae.equations.starts.reduced_equations import (
 from beamdae.errors import BeamdaeError, require_sequence, short_repr, suggest
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
 from beamdae.results.section_forces.applied_loads import GRAVITY
-from beamdae.symbolic.sparse_operators import column_indices
 
 Array = np.ndarray
 Stages = tuple[tuple[str, ...], ...]
@@ -138,34 +136,12 @@ class LoadedEquations:
     def bordered(self) -> BorderedSystem:
         """Evaluation of the equations, and solution with a control equation."""
         equations = self.unloaded.equations, self.loaded.equations
-        return BorderedSystem(*equations, self.loaded.time, self.scales, self.held_coordinates)
+        return BorderedSystem(*equations, self.loaded.time, self.held_coordinates)
 
     @cached_property
     def scales(self) -> Array:
-        """Natural sizes S of the coordinates, (n,), that make all parts equally stiff.
-
-        S is `part_scales` times sqrt(E / e). e is the largest entry, in `part_scales`, of the
-        stiffness in the rows of the part, and E that of all parts, as drawn and without scaled
-        loads. Otherwise, rounding errors of large and stiff parts would exceed the stiffness of
-        small and soft ones. By Sylvester's law of inertia, S does not change the number of negative
-        eigenvalues.
-        """
-        e, scales = self.equations, self.equations.part_scales.copy()
-        tangent, pattern = self.unloaded.tangent(e.q0, np.zeros(e.m)), self.unloaded.pattern
-        # Sparse products take as long as ten Newton iterations of a small model.
-        rows, columns = pattern.indices, column_indices(pattern)
-        is_stiffness = (rows < e.n) & (columns < e.n)
-        rows, columns = rows[is_stiffness], columns[is_stiffness]
-        energies = np.zeros(e.n)
-        np.maximum.at(
-            energies, rows, np.abs(tangent[is_stiffness]) * scales[rows] * scales[columns]
-        )
-        energy = np.max(energies, initial=0.0)
-        for part in e.parts:
-            part_energy = np.max(energies[part.rows], initial=0.0)
-            if part_energy > NEGLIGIBLE_STIFFNESS:
-                scales[part.rows] *= np.sqrt(energy / part_energy)
-        return scales
+        """Natural sizes S of the coordinates, (n,), that make all parts equally stiff as drawn."""
+        return self.bordered.scales
 
     @property
     def pattern(self) -> sp.csc_array:

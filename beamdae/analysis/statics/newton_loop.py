@@ -186,9 +186,8 @@ class BorderedWorkspace:
         if the solution depends on them, else 0.
     reference
         (q, 0, lam) in the reference configuration, whose tangent scales `saddle` and `held`.
-    held_targets, held, held_squares
-        Springs in the tangent: nonzeros[held_targets] += held; squares of the natural sizes of
-        their coordinates.
+    held_targets, held, held_rows
+        Springs in the tangent: nonzeros[held_targets] += held; their coordinates.
     rows, columns
         Rows and columns of `nonzeros`.
     weights
@@ -283,7 +282,7 @@ class BorderedWorkspace:
     reference: Array
     held_targets: Array
     held: Array
-    held_squares: Array
+    held_rows: Array
     rows: Array
     columns: Array
     weights: Array
@@ -363,7 +362,7 @@ def _set_scales(run: BorderedWorkspace) -> None:
     combine(run.nonzeros, (1.0, 1.0), (run.common.nonzeros, run.unloaded.nonzeros))
     scale_by_reference(run.saddle, run.nonzeros)
     for k in range(run.held.size):
-        run.held[k] = run.saddle.joint_size / run.held_squares[k]
+        run.held[k] = run.saddle.joint_size / run.saddle.scales[run.held_rows[k]] ** 2
     run.needs_scales, run.has_tangent = 0, 1
     for k in range(run.inputs.size):
         if run.inputs[k] != run.reference[k]:

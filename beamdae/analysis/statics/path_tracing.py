@@ -305,7 +305,8 @@ def _list_drivers(equations: EquationsOfMotion) -> list[str]:
 
 def _zero_load_notes(path: StagePath) -> list[str]:
     """Return a remark if the loads of a stage are zero at both ends of its path."""
-    if path.points[-1] is path.points[0] or not all(map(_is_unloaded, (path.points[0], path.end))):
+    # The end first: its forces are known, and its modes will be computed with its factors.
+    if path.points[-1] is path.points[0] or not all(map(_is_unloaded, (path.end, path.points[0]))):
         return []
     t = path.end.system.loaded.time[0]
     return [

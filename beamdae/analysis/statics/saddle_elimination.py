@@ -20,6 +20,7 @@ not needed if there is no negative eigenvalue with s > 0.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +43,7 @@ from beamdae.native.loop_functions import (
     fill,
     gather,
     max_norm,
+    multiply,
     pick,
 )
 
@@ -118,6 +120,11 @@ class SaddlePoint:
     ----------
     factors
         Factors of the last matrix.
+    rows, columns, part_rows, part_entries
+        Stiffness: rows and columns of its non-zeros, and the first row of each part and the first
+        non-zero of its columns, with the ends of the last part.
+    part_scales
+        Sizes of the parts of the coordinates, (n,), see `scale_by_reference`.
     weights, joint_weights, scales
         Products of the natural sizes of rows and columns, and sizes of the unknowns, (n + m,).
     values, joints, skew, left, nonzeros
@@ -142,6 +149,11 @@ class SaddlePoint:
 
     factors: FixedOrderFactors
     entries: Array
+    rows: Array
+    columns: Array
+    part_rows: Array
+    part_entries: Array
+    part_scales: Array
     weights: Array
     values: Array
     skew_rows: Array
@@ -176,12 +188,13 @@ class SaddlePoint:
     above: int = 0
 
     @classmethod
-    def of(cls, pattern: sp.csc_array, positions: Array, scales: Array) -> SaddlePoint:
-        """Return the work arrays for tangents with this pattern and natural sizes (n,).
+    def of(cls, pattern: sp.csc_array, positions: Array, part_rows: Array) -> SaddlePoint:
+        """Return the work arrays for tangents with this pattern, without natural sizes.
 
         The non-zeros of the tangent are at `positions` in the argument of `count_signs`.
+        `part_rows` contains the first coordinate of each part, and the number of coordinates.
         """
-        n, positions = len(scales), positions.astype(np.uint32)
+        n, positions = int(part_rows[-1]), positions.astype(np.uint32)
         indices = pattern.indices.astype(np.int64).tobytes()
         saddle = _plan_saddle_point(n, pattern.indptr.astype(np.int64).tobytes(), indices)
         count, joint_count = len(saddle.entries), len(saddle.joint_entries)
@@ -190,7 +203,12 @@ class SaddlePoint:
         return cls(
             factors=FixedOrderFactors.of(saddle.plan),
             entries=positions[saddle.entries],
-            weights=scales[saddle.rows] * scales[saddle.columns],
+            rows=saddle.rows,
+            columns=saddle.columns,
+            part_rows=part_rows,
+            part_entries=np.searchsorted(saddle.columns, part_rows),
+            part_scales=np.ones(n),
+            weights=np.ones(count),
             values=np.zeros(count),
             skew_rows=saddle.skew_rows,
             skew_sources=saddle.skew_sources,
@@ -210,7 +228,7 @@ class SaddlePoint:
             left=np.zeros(len(saddle.product_left)),
             nonzeros=np.zeros(length),
             diagonal=saddle.diagonal,
-            scales=np.append(scales, np.ones(size - n)),
+            scales=np.ones(size),
             work=np.zeros(size),
             shift=np.zeros(n),
             counting=np.arange(longest, dtype=np.uint32),
@@ -219,9 +237,25 @@ class SaddlePoint:
 
 
 def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
-    """Set scales and `reference` by the tangent in the reference configuration, unloaded."""
-    n, largest, scales, count = run.shift.size, run.work, run.scales, run.entries.size
-    gather(run.values, run.counting, run.weights, tangent, run.entries, 0, count)
+    """Set scales and `reference` by the tangent in the reference configuration, unloaded.
+
+    The natural sizes S of the coordinates make all parts equally stiff: they are `part_scales`
+    times sqrt(E / e). e is the largest entry, in `part_scales`, of the stiffness in the columns of
+    the part, and E that of all parts. Otherwise, rounding errors of large and stiff parts would
+    exceed the stiffness of small and soft ones. By Sylvester's law of inertia, S does not change
+    the number of negative eigenvalues.
+    """
+    n, largest, scales = run.shift.size, run.work, run.scales
+    combine(scales[:n], (1.0,), (run.part_scales,))
+    _scale_stiffness(run, tangent)
+    energy = max_norm(run.values, run.ones)
+    for k in range(run.part_rows.size - 1):
+        entries = run.values[run.part_entries[k] : run.part_entries[k + 1]]
+        part_energy = max_norm(entries, run.ones[: entries.size])
+        if part_energy > NEGLIGIBLE_STIFFNESS:
+            sizes = scales[run.part_rows[k] : run.part_rows[k + 1]]
+            combine(sizes, (math.sqrt(energy / part_energy),), (sizes,))
+    _scale_stiffness(run, tangent)
     run.size = run.reference = max_norm(run.values, run.ones)
     run.joint_size = run.size if run.size > 0.0 else 1.0
     fill(largest, 0.0)
@@ -232,6 +266,15 @@ def scale_by_reference(run: SaddlePoint, tangent: Array) -> None:
         scales[k] = run.joint_size / (largest[k] if largest[k] > 0.0 else 1.0)
     for k in range(run.joint_rows.size):
         run.joint_weights[k] = scales[run.joint_columns[k]] * scales[run.joint_rows[k]]
+
+
+def _scale_stiffness(run: SaddlePoint, tangent: Array) -> None:
+    """Set `weights` to the products of `scales`, and `values` to the stiffness in these sizes."""
+    counting, count = run.counting, run.entries.size
+    pick(run.values, counting, run.scales, run.rows, 0, count)
+    pick(run.skew, counting, run.scales, run.columns, 0, count)
+    multiply(run.weights, run.values, run.skew)
+    gather(run.values, counting, run.weights, tangent, run.entries, 0, count)
 
 
 def assemble_saddle_point(run: SaddlePoint, tangent: Array) -> None:
@@ -359,8 +402,8 @@ def _plan_saddle_point(n: int, starts: bytes, indices: bytes) -> SaddlePattern:
     unsigned = np.uint32
     return SaddlePattern(
         entries=entries.astype(unsigned),
-        rows=k_rows,
-        columns=k_columns,
+        rows=k_rows.astype(unsigned),
+        columns=k_columns.astype(unsigned),
         skew_rows=pair_of.ravel().astype(unsigned),
         skew_sources=off_diagonal.astype(unsigned),
         skew_signs=np.where(upper[off_diagonal], -1.0, 1.0),
