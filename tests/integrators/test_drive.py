@@ -221,21 +221,21 @@ def threads_of_blas():
     return {pool["filepath"]: pool["num_threads"] for pool in pools if pool["user_api"] == "blas"}
 
 
+def set_threads_of_blas(number):
+    # Set by a thread that ends: until then no other thread could change them.
+    change = threading.Thread(target=threadpoolctl.threadpool_limits, args=(number,))
+    change.start()
+    change.join()
+
+
 @pytest.fixture
 def two_threads_of_blas():
     """Set two BLAS threads, as on a machine of two cores; tests run with one."""
-
-    def have(number):
-        # Set by a thread that ends: until then no other thread could change them.
-        change = threading.Thread(target=threadpoolctl.threadpool_limits, args=(number,))
-        change.start()
-        change.join()
-
-    have(2)
+    set_threads_of_blas(2)
     before = threads_of_blas()
     assert set(before.values()) == {2}
     yield before
-    have(1)
+    set_threads_of_blas(1)
 
 
 def test_regression_overlapping_runs_restore_blas_threads(two_threads_of_blas):
@@ -284,16 +284,17 @@ def test_regression_thread_that_outlives_a_run_restores_blas_threads(two_threads
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
-def test_regression_runs_start_no_threads_if_blas_has_one(monkeypatch):
+@pytest.mark.parametrize("number", [1, 2])
+def test_regression_runs_start_no_threads_to_limit_blas(monkeypatch, two_threads_of_blas, number):
     """Each run started two to four threads, which took up to 8 ms each on busy machines."""
+    set_threads_of_blas(number)
     with blas_threads.single_threaded:
-        assert set(threads_of_blas().values()) == {1}
-        with monkeypatch.context() as context:
-            outer = blas_threads._SingleThreadedBlas()
-            blas_threads._find_libraries()
-            context.setattr(blas_threads, "_call_in_thread", pytest.fail)
-            with outer:
-                pass
+        pass
+    with monkeypatch.context() as context:
+        context.setattr(threading.Thread, "start", lambda _: pytest.fail("a thread"))
+        with blas_threads.single_threaded:
+            assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
+    assert {threads_of_blas()[path] for path in two_threads_of_blas} == {number}
 
 
 def test_regression_blas_of_sundials_has_one_thread():
@@ -335,50 +336,34 @@ def test_regression_interrupted_blas_search_closes_its_files(monkeypatch, two_th
     assert two_threads_of_blas.items() <= threads_of_blas().items()
 
 
-def test_regression_blas_is_restored_after_the_thread_of_an_interrupted_search_has_ended(
-    monkeypatch, two_threads_of_blas
-):
-    """The limits can be changed only when the thread that made the first change has ended."""
-    follow_count = type(blas_threads.single_threaded)._follow_count
+@pytest.mark.parametrize("call", range(4))
+def test_regression_blas_is_restored_after_interrupts(monkeypatch, two_threads_of_blas, call):
+    """Each library is limited and restored, before or after which an interrupt arrives."""
+    set_threads, calls = blas_threads._set_threads, []
 
-    def end_slowly(context):
-        os.kill(os.getpid(), signal.SIGINT)
-        monkeypatch.setattr(type(context), "_follow_count", follow_count)
-        follow_count(context)
-        time.sleep(0.1)
+    def interrupted_set_threads(library, number):
+        calls.append(number)
+        if len(calls) - 1 == call // 2 + 1:
+            if call % 2:
+                set_threads(library, number)
+            raise KeyboardInterrupt
+        set_threads(library, number)
 
-    monkeypatch.setattr(type(blas_threads.single_threaded), "_follow_count", end_slowly)
+    monkeypatch.setattr(blas_threads, "_set_threads", interrupted_set_threads)
     with pytest.raises(KeyboardInterrupt), blas_threads.single_threaded:
-        time.sleep(1.0)
+        pass
     assert two_threads_of_blas.items() <= threads_of_blas().items()
-
-
-def test_regression_blas_is_used_again_before_an_interrupted_restoration_ends(
-    monkeypatch, two_threads_of_blas
-):
-    """An interrupted exit does not wait for its thread; the next run may begin before it ends."""
-    may_restore, threads = threading.Event(), []
-
-    def begin(function):
-        def run():
-            may_restore.wait(10.0)
-            function()
-
-        threads.append(threading.Thread(target=run))
-        threads[-1].start()
-        raise KeyboardInterrupt
-
-    context = blas_threads.single_threaded
-    context.__enter__()
-    with monkeypatch.context() as patch:
-        patch.setattr(blas_threads, "_call_in_thread", begin)
-        with pytest.raises(KeyboardInterrupt):
-            context.__exit__(None, None, None)
-    with context:
-        may_restore.set()
-        threads[0].join()
+    with blas_threads.single_threaded:
         assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
     assert two_threads_of_blas.items() <= threads_of_blas().items()
+
+
+def test_threads_that_run_on_do_not_keep_control_of_blas(two_threads_of_blas):
+    """Threadpoolctl accepts changes only from the thread that made the first one."""
+    with blas_threads.single_threaded:
+        pass
+    set_threads_of_blas(1)
+    assert {threads_of_blas()[path] for path in two_threads_of_blas} == {1}
 
 
 @pytest.mark.parametrize("law", [lambda t: np.sqrt(1e-7 - t), lambda t: np.sqrt(0.2 - t)])
