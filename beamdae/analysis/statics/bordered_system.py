@@ -193,6 +193,8 @@ class BorderedPlan(NamedTuple):
         Indices of the non-zeros of `pattern` in those of `bordered`, and the inverse.
     held_targets, row_targets
         Indices of the springs and of the last row in the non-zeros of `bordered`.
+    part_rows
+        First coordinate of each part, and the number of coordinates.
     idle_loops
         Compiled loop of a system that no longer exists, which the next system uses: building its
         workspace takes as long as several load steps.
@@ -205,12 +207,17 @@ class BorderedPlan(NamedTuple):
     tangent_sources: Array
     held_targets: Array
     row_targets: Array
+    part_rows: Array
     idle_loops: deque[StepLoop[BorderedWorkspace]]
 
 
 @cache_on_owner
 def _plan_bordered(
-    common: Structure, unloaded: Structure, loaded: Structure, held: tuple[int, ...]
+    common: Structure,
+    unloaded: Structure,
+    loaded: Structure,
+    held: tuple[int, ...],
+    part_rows: tuple[int, ...],
 ) -> BorderedPlan:
     parts = [plan_static_sums(structure) for structure in (common, unloaded, loaded)]
     patterns = [x.pattern for x in parts]
@@ -249,6 +256,7 @@ def _plan_bordered(
         tangent_sources=tangent_sources,
         held_targets=tangent_targets[diagonal].astype(np.uint32),
         row_targets=row_targets,
+        part_rows=np.array(part_rows, np.int64),
         idle_loops=deque(maxlen=1),
     )
 
@@ -362,17 +370,18 @@ class BorderedSystem:
         held: tuple[int, ...] = (),
     ) -> None:
         self._time, self._n = time, loaded.n
-        self._part_rows = np.array([*(part.rows.start for part in loaded.parts), loaded.n])
         self._part_scales = loaded.part_scales
         common, only_unloaded, only_loaded = _split_structures(unloaded, loaded)
         self._numbers = (unloaded.p, unloaded.p, loaded.p)
         self._usage = _usage_of(common)
-        plan = _plan_bordered(common, only_unloaded, only_loaded, held)
+        part_rows = (*(part.rows.start for part in loaded.parts), loaded.n)
+        plan = _plan_bordered(common, only_unloaded, only_loaded, held, part_rows)
         self._idle_loops = plan.idle_loops
         self.pattern, self._bordered, self._plans = plan.pattern, plan.bordered, plan.sums
         self._tangent_targets = plan.tangent_targets
         self._tangent_sources = plan.tangent_sources
         self._held_targets, self._row_targets = plan.held_targets, plan.row_targets
+        self._part_rows = plan.part_rows
         self._held, size = np.array(held, np.int64), plan.pattern.shape[0]
         self._has_load_stiffness = any(map(_has_entries, (x.tangent for x in plan.sums[1:])))
         self._evaluated_x = np.full(size, np.nan)
@@ -392,9 +401,8 @@ class BorderedSystem:
             loop = self._idle_loops.pop()
         except IndexError:
             return None
-        saddle, axes = loop.work.saddle, loop.work.axes
-        has_same_parts = np.array_equal(saddle.part_rows, self._part_rows)
-        if has_same_parts and axes.plan is self.increments.axes.plan and is_native_enabled():
+        axes = loop.work.axes
+        if axes.plan is self.increments.axes.plan and is_native_enabled():
             self.increments = replace(self.increments, axes=axes)
             loop.forget_pivots()
             return loop

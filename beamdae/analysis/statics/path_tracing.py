@@ -480,8 +480,7 @@ def find_unloaded_equilibrium(corrector: Corrector, q: Array) -> EquilibriumPoin
     try:
         drawn = EquilibriumPoint(system, x, 0.0)
         point, correction = corrector.follow(LoadControl(), 0.0, drawn, None)
-        motion = corrector.displacement_measure.farthest((point.x - x)[: len(q)])
-        if motion <= _MAX_INITIAL_MOTION:
+        if correction.motion <= _MAX_INITIAL_MOTION:
             return replace(point, load_direction=correction.direction)
     except CorrectorError:
         pass

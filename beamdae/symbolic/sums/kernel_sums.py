@@ -363,7 +363,9 @@ class SumPlan:
 
     def set_data(self, total: Sum, p: Array) -> None:
         """Set the data of a model in a sum of this plan."""
-        total.local[self.data_targets] = p[self.data_sources]
+        # Indexing with empty arrays takes as long as with a few numbers.
+        if len(self.data_sources):
+            total.local[self.data_targets] = p[self.data_sources]
 
     def cache_layout(self, build: Callable[[SumPlan], dict[str, Array]]) -> dict[str, Array]:
         """Return the arrays that `build` returns for this plan; they must not depend on weights."""
