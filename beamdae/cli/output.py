@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.console import Console
 
 from beamdae.errors import (
     BeamdaeError,
@@ -33,7 +32,10 @@ from beamdae.interrupts import Interrupted
 from beamdae.report.option_names import name_options
 from beamdae.report.text import make_printable
 
+# Rich is imported when the first line is printed: a run has then written its table.
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from beamdae.results.outcome import Status
 
 # Widths in columns. Without a terminal, lines are not wrapped; tables need the minimum width.
@@ -111,6 +113,8 @@ def create_console() -> Console:
     Lines are as wide as the terminal or COLUMNS; without these, lines are not wrapped. Markup is
     disabled, because units are written in brackets.
     """
+    from rich.console import Console
+
     has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     output = current_output()
     console = Console(
@@ -142,6 +146,10 @@ def print_facts(
 
 def create_progress_console() -> Console | None:
     """Return a console on standard error, or None if no progress bar can be displayed there."""
+    if not sys.stderr.isatty():
+        return None
+    from rich.console import Console
+
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
     return console if console.is_terminal and not console.is_dumb_terminal else None
 

@@ -13,6 +13,11 @@ MODEL = Path(__file__).parents[2] / "models" / "hub_beam.py"
 RUN = f"""
 import gc, sys
 from beamdae.cli import run_outputs
+write_tables = run_outputs.write_tables
+def check_and_write_tables(*arguments):
+    assert "rich" not in sys.modules, "the table waits for the import of Rich"
+    write_tables(*arguments)
+run_outputs.write_tables = check_and_write_tables
 # Called when the table is written and the picture is not yet drawn.
 def draw_run(run, solution):
     assert gc.isenabled(), "the garbage collector is disabled only while modules are imported"
