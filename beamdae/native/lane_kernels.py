@@ -7,9 +7,11 @@ contraction, so that results agree to the last bit. This is tested whenever a ke
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+import inspect
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial, reduce
 from typing import Any
 
 import casadi as ca
@@ -27,6 +29,8 @@ from beamdae.native.object_code import ObjectSource, is_native_enabled, load_obj
 from beamdae.package_versions import installed_version
 
 Array = np.ndarray
+# Returns a faster function of the same values.
+Rewrite = Callable[[ca.Function], ca.Function]
 
 # Straight-line code gains nothing from LLVM's passes, which take a third of the build time.
 _OPTIMIZATION_LEVEL = 0
@@ -116,8 +120,18 @@ class LaneKernel:
         return partial(self._call, *(x.ctypes.data for x in (shared, local, out)))
 
 
-def build_lane_kernel(function: ca.Function, compiles: bool = True) -> LaneKernel | None:
+def rewrite(function: ca.Function, steps: Sequence[Rewrite]) -> ca.Function:
+    """Return the function after all steps."""
+    return reduce(lambda rewritten, step: step(rewritten), steps, function)
+
+
+def build_lane_kernel(
+    function: ca.Function, compiles: bool = True, rewrites: Sequence[Rewrite] = ()
+) -> LaneKernel | None:
     """Compile an SX function of two columns, (shared, local), with one dense column as output.
+
+    The code is that of the function after all `rewrites`, which are called only if it is not in the
+    cache. The source of their modules is part of the cache key.
 
     Return None if the function has an operation that cannot be compiled, if machine code is
     unavailable or switched off, or if `compiles` is False and the machine code is not in the cache.
@@ -141,25 +155,33 @@ def build_lane_kernel(function: ca.Function, compiles: bool = True) -> LaneKerne
         sizes = (function.nnz_in(0), function.nnz_in(1), function.nnz_out(0))
         return LaneKernel(name, code.addresses[name], *sizes, code)
 
-    # The function and the writer determine the IR; writing the IR to build a cache key is slower.
-    text = "\n".join([function.serialize(), describe_writer()])
+    # The function, the rewrites and the writer determine the IR; writing the IR to build a cache
+    # key is slower.
+    text = "\n".join([function.serialize(), *map(_describe_rewrite, rewrites), describe_writer()])
     source = ObjectSource(
         name=name,
         text=f"{text}\ncasadi {installed_version('casadi')}",
         symbols=(name,),
         imports=library_imports(),
         level=_OPTIMIZATION_LEVEL,
-        ir=lambda: write_lane_module(function),
+        ir=lambda: write_lane_module(rewrite(function, rewrites)),
         # Without the version of CasADi: before use, objects are checked against CasADi.
         portable_text=lambda: text,
     )
     try:
         code = load_object(
-            source, lambda code: _matches_virtual_machine(function, wrap_code(code)), compiles
+            source,
+            lambda code: _matches_virtual_machine(rewrite(function, rewrites), wrap_code(code)),
+            compiles,
         )
     except ValueError:
         return None
     return None if code is None else wrap_code(code)
+
+
+@cache
+def _describe_rewrite(step: Rewrite) -> str:
+    return f"{step.__qualname__}\n{inspect.getsource(sys.modules[step.__module__])}"
 
 
 def _matches_virtual_machine(function: ca.Function, kernel: LaneKernel) -> bool:

@@ -173,6 +173,30 @@ assert not {"rich", "typer", "html", "pandas", "matplotlib", "numba"} & set(sys.
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow(reason="starts two processes")
+@pytest.mark.skipif(not is_native_enabled(), reason="requires machine code")
+def test_runs_with_cached_machine_code_do_not_rewrite_large_kernels():
+    """The search for repeated subexpressions took a tenth of the set-up of every run."""
+    code = f"""
+import gc, sys
+sys.path.insert(0, {str(MODEL.parent)!r})
+import beamdae as bd
+from hub_beam import hub_beam
+bd.simulate(hub_beam, t_end=0.1)
+from beamdae.symbolic.sums.kernel_sums import Kernel
+kernels = [x for x in gc.get_objects() if isinstance(x, Kernel)]
+large = [x for x in kernels if x.source.n_instructions() > 4000]
+print(len(large), *[x.source.name() for x in large if "function" in vars(x)])
+"""
+    for _ in range(2):
+        result = subprocess.run(
+            [sys.executable, "-c", code], check=True, capture_output=True, text=True
+        )
+    count, *rewritten = result.stdout.split()
+    assert int(count) > 0
+    assert not rewritten
+
+
 @pytest.mark.slow(reason="starts a process")
 def test_regression_the_library_leaves_modules_of_numpy_alone():
     """The first use of a public name replaced `numpy.testing` by a module that loads on access."""

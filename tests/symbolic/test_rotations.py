@@ -181,15 +181,3 @@ def test_rotated_kernel():
     assert rotate_kernel(kernel, factored.rotation, 2) is rotate_kernel(
         kernel, factored.rotation, 2
     )
-
-
-def test_rotations_add_no_repetitions():
-    """A search for repeated subexpressions in rotated kernels finds none."""
-    structure = arch(75).structure
-    terms = [term for term in structure.forces if term.rotation is not None]
-    assert terms
-    for term in terms:
-        rotated = rotate_kernel(term.kernel.force_kernel, term.rotation, 3).function
-        shared, local = (ca.SX.sym("x", rotated.numel_in(i)) for i in range(2))
-        simplified = ca.Function("force", [shared, local], ca.cse([rotated(shared, local)]))
-        assert simplified.n_instructions() == rotated.n_instructions()

@@ -32,6 +32,12 @@ def read_operations(function: ca.Function) -> list[int]:
     return [function.instruction_id(k) for k in range(function.n_instructions())]
 
 
+def remove_repetitions(function: ca.Function) -> ca.Function:
+    """Return an SX function of one output that evaluates repeated subexpressions once."""
+    inputs = function.sx_in()
+    return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
+
+
 def read_constants(function: ca.Function) -> list[float]:
     """Return the numbers in a function, in the order of its instructions."""
     codes = read_operations(function)

@@ -256,7 +256,7 @@ def _build_directional_kernel(kernel: Kernel, with_value: bool, min_base: float)
     directional = ca.Function(
         f"{function.name()}_directional", [shared, ca.vertcat(local, tangent)], [results]
     )
-    directional = expand_sines(directional, is_derivative=True) or directional
+    directional = expand_sines(directional, is_derivative=True)
     if with_value:
         return Kernel(directional, kernel.outputs * 2)
     return Kernel(directional, kernel.outputs, linear_from=kernel.n_local)

@@ -21,7 +21,7 @@ import scipy.sparse as sp
 
 from beamdae.linear.lane_operations import aligned_zeros
 from beamdae.native.lane_code import LANE_WIDTH
-from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel
+from beamdae.native.lane_kernels import LaneKernel, Rewrite, build_lane_kernel, rewrite
 from beamdae.native.loop_functions import (
     add,
     add_tiles,
@@ -35,6 +35,7 @@ from beamdae.native.loop_functions import (
 )
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.functions.compiled import Compiled, RowFunction, keep_latest
+from beamdae.symbolic.functions.instructions import remove_repetitions
 from beamdae.symbolic.functions.row_kernels import CodeOnDemand
 from beamdae.symbolic.functions.table_lookups import has_lookups, remove_zero_lookups
 from beamdae.symbolic.local_symbols import C_A, C_H, C_L, C_Q, C_R, C_V, SHARED_BRANCH, SHARED_T
@@ -58,6 +59,8 @@ ADD_TILE_END = 7
 
 # Gathering and adding the numbers of a batch take as long as this number of operations.
 _OPERATIONS_PER_BATCH = 10_000
+# Rewriting larger kernels for the virtual machine takes longer than loading their machine code.
+_MIN_INSTRUCTIONS_OF_CACHED_CODE = 4000
 
 
 @dataclass(frozen=True)
@@ -66,18 +69,22 @@ class Kernel:
 
     Attributes
     ----------
-    function
+    source
         CasADi function of (shared, local) that returns the concatenated non-zeros of all `outputs`.
     outputs
-        Patterns of the columns and matrices that `function` returns.
+        Patterns of the columns and matrices that `source` returns.
     linear_from
         Index of the first of the last local inputs in which all outputs are linear, such as
         tangents and weights, so that outputs are zero if these inputs are; None if there are none.
+    rewrites
+        Functions that return a faster function of the same values, applied to `source` in order.
+        They take longer than reading machine code from the cache, which is found without them.
     """
 
-    function: ca.Function
+    source: ca.Function
     outputs: tuple[ca.Sparsity, ...]
     linear_from: int | None = None
+    rewrites: tuple[Rewrite, ...] = ()
     _derived_kernels: dict[Any, Kernel] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -85,15 +92,20 @@ class Kernel:
         default_factory=dict, init=False, compare=False, repr=False
     )
 
+    @cached_property
+    def function(self) -> ca.Function:
+        """The function after all rewrites, for CasADi's virtual machine and for derivatives."""
+        return rewrite(self.source, self.rewrites)
+
     @property
     def n_local(self) -> int:
         """Number of local inputs of a copy."""
-        return self.function.numel_in(1)
+        return self.source.numel_in(1)
 
     @property
     def n_out(self) -> int:
         """Number of non-zeros of all outputs of a copy."""
-        return self.function.numel_out(0)
+        return self.source.numel_out(0)
 
     def map_copies(self, count: int) -> ca.Function:
         """Return the function of `count` copies; cached, as mapping costs as much as a call."""
@@ -113,8 +125,7 @@ class Kernel:
     @cached_property
     def with_vector_sines(self) -> Kernel:
         """The same kernel, with sines and cosines as polynomials if it has several."""
-        function = expand_sines(self.function)
-        return self if function is None else Kernel(function, self.outputs)
+        return replace(self, rewrites=(*self.rewrites, expand_sines))
 
     @cached_property
     def rows(self) -> RowFunction:
@@ -149,34 +160,22 @@ class Kernel:
 
     @cached_property
     def _lane_kernel(self) -> LaneKernel | None:
-        return self._cached_lane_kernel or build_lane_kernel(self.function)
+        return self._cached_lane_kernel or build_lane_kernel(self.source, True, self.rewrites)
 
     @cached_property
     def _cached_lane_kernel(self) -> LaneKernel | None:
         # Looked up once, because serializing the function takes milliseconds.
-        return build_lane_kernel(self.function, compiles=False)
+        return build_lane_kernel(self.source, False, self.rewrites)
 
     @classmethod
-    def of(
-        cls,
-        name: str,
-        shared: SX,
-        local: SX,
-        outputs: Sequence[SX],
-        *,
-        has_repetitions: bool = True,
-    ) -> Kernel:
-        """Return the kernel of `outputs`, expressions in `shared` and `local`.
-
-        If `has_repetitions` is False, repeated subexpressions are not searched for.
-        """
+    def of(cls, name: str, shared: SX, local: SX, outputs: Sequence[SX]) -> Kernel:
+        """Return the kernel of `outputs`, expressions in `shared` and `local`."""
         entries = ca.densify(ca.vertcat(*(ca.vec(x.nz[:]) for x in outputs)))
-        if has_repetitions:
-            (entries,) = ca.cse([entries])
-        function = ca.Function(name, [shared, local], [entries])
-        if has_lookups(function):
-            function = remove_zero_lookups(function)
-        return cls(function, tuple(map(SX.sparsity, outputs)))
+        source = ca.Function(name, [shared, local], [entries])
+        rewrites: tuple[Rewrite, ...] = (remove_repetitions,)
+        if has_lookups(source):
+            rewrites = (*rewrites, remove_zero_lookups)
+        return cls(source, tuple(map(SX.sparsity, outputs)), rewrites=rewrites)
 
 
 @dataclass(slots=True)
@@ -320,7 +319,7 @@ class SumPlan:
         Machine code of each kernel has to be compiled.
         """
         operations = sum(
-            batch.copies * batch.kernel.function.n_instructions() + _OPERATIONS_PER_BATCH
+            batch.copies * batch.kernel.source.n_instructions() + _OPERATIONS_PER_BATCH
             for batch in self.batches
         )
         return operations / max(len({id(batch.kernel) for batch in self.batches}), 1)
@@ -343,7 +342,7 @@ class SumPlan:
             code_owners = tuple(batch.kernel.native for batch in self.batches)
             kernels = np.array([kernel.address for kernel in code_owners], np.int64)
         else:
-            kernels = [InterpretedKernel(batch) for batch in self.batches]
+            kernels = [_create_evaluator(batch) for batch in self.batches]
         total = Sum(
             shared=np.zeros(self.n_shared),
             local=aligned_zeros(self.n_local),
@@ -477,6 +476,30 @@ def _matrix(
 def _entry_batches(ends: Array, count: int) -> Array:
     """Return the batch of each of the first `count` entries, from the ends of all batches."""
     return np.searchsorted(ends, np.arange(count), "right")
+
+
+def _create_evaluator(batch: Batch) -> CompiledKernel | InterpretedKernel:
+    """Return the machine code of a large kernel if it is in the cache, else the virtual machine."""
+    code = None
+    if batch.kernel.source.n_instructions() > _MIN_INSTRUCTIONS_OF_CACHED_CODE:
+        code = batch.kernel.load_native(compiles=False)
+    return InterpretedKernel(batch) if code is None else CompiledKernel(batch, code)
+
+
+class CompiledKernel:
+    """Kernel of a batch, evaluated for all copies by machine code."""
+
+    def __init__(self, batch: Batch, code: LaneKernel) -> None:
+        kernel, start, lanes, _ = batch
+        self._code = code
+        self._input_shape, self._output_shape = (kernel.n_local, lanes), (kernel.n_out, lanes)
+        self._input_range = slice(start, start + kernel.n_local * lanes)
+        self._output_range = slice(kernel.n_out * lanes)
+
+    def __call__(self, shared: Array, local: Array, out: Array) -> None:
+        """Write the outputs of all copies to `out`, from the inputs in `local`."""
+        inputs = local[self._input_range].reshape(self._input_shape)
+        self._code(shared, inputs, out[self._output_range].reshape(self._output_shape))
 
 
 class InterpretedKernel:

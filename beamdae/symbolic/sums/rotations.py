@@ -157,7 +157,7 @@ def rotate_kernel(
 def _build_rotated_kernel(
     kernel: Kernel, rotation: LocalRotation, vectors: int, scalars: int
 ) -> Kernel:
-    function, (size, n_selected) = kernel.function, rotation.shape
+    function, (size, n_selected) = kernel.source, rotation.shape
     n_data = function.numel_in(1) - vectors * size
     shared, data = SX.sym("shared", function.numel_in(0)), SX.sym("data", n_data)
     numbers = SX.sym("rotation", len(rotation.others))
@@ -176,5 +176,4 @@ def _build_rotated_kernel(
     ]
     outputs += values[n_rotated:]
     local = ca.vertcat(*selected_vectors, data, numbers)
-    # The function has none, and the rotation adds none; a search takes a tenth of the set-up.
-    return Kernel.of(function.name(), shared, local, outputs, has_repetitions=False)
+    return Kernel.of(function.name(), shared, local, outputs)

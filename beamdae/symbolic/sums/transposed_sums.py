@@ -157,6 +157,6 @@ def _build_transposed_kernel(kernel: Kernel, min_base: float) -> Kernel:
     transposed = ca.Function(
         f"{function.name()}_transposed", [shared, ca.vertcat(local, weights)], [gradient]
     )
-    transposed = expand_sines(transposed, is_derivative=True) or transposed
+    transposed = expand_sines(transposed, is_derivative=True)
     columns = (ca.Sparsity.dense(kernel.n_local, 1),)
     return Kernel(transposed, columns, linear_from=kernel.n_local)

@@ -95,11 +95,11 @@ def _evaluate_polynomial(coefficients: tuple[float, ...], x: SX) -> SX:
     return value
 
 
-def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Function | None:
+def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Function:
     """Return an SX function with its sines and cosines as polynomials.
 
-    Return None if the function has none, or few, or few among many instructions. Fewer are enough
-    if `is_derivative`: directional derivatives are evaluated many times per step.
+    The function itself is returned if it has none, or few, or few among many instructions. Fewer
+    are enough if `is_derivative`: directional derivatives are evaluated many times per step.
     """
     codes = read_operations(function)
     sines = codes.count(ca.OP_SIN) + codes.count(ca.OP_COS)
@@ -108,7 +108,7 @@ def expand_sines(function: ca.Function, is_derivative: bool = False) -> ca.Funct
     else:
         is_rewritten = sines >= _MIN_SINES and len(codes) <= _MAX_INSTRUCTIONS_PER_SINE * sines
     if not is_rewritten:
-        return None
+        return function
     pairs: dict[int, Sequence[SX]] = {}
 
     def operate(code: int, operands: list[SX]) -> SX:
