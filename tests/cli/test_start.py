@@ -38,7 +38,7 @@ NEVER |= {"asyncio", "hypothesis", "IPython", "rich.traceback"}
 NEVER |= {"beamdae.cli.commands.sweep", "beamdae.integrators.ida.ida", "pydantic"}
 NEVER |= {"beamdae.integrators.alpha.generalized_alpha"}
 # Modules of parts, starts and results that the model does not have.
-NEVER |= {"beamdae.beams.exact.kinematics"}
+NEVER |= {"beamdae.beams.exact.kinematics", "beamdae.beams.remeshing", "beamdae.beams.sliding"}
 NEVER |= {"beamdae.equations.starts.initial_conditions", "beamdae.results.equilibrium"}
 NEVER |= {"beamdae.equations.starts.relaxation", "beamdae.equations.starts.reduced_equations"}
 NEVER |= {"beamdae.equations.formulations.static_equations", "beamdae.integrators.input_jumps"}

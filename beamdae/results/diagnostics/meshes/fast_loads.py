@@ -25,8 +25,6 @@ import scipy.sparse as sp
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.beams.dispersion import axial_wave_error, bending_wave_errors, section_values
-from beamdae.beams.prolongation import halve_elements, prolong_coordinates
-from beamdae.beams.remeshing import choose_base_meshes, replace_beams
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
@@ -268,6 +266,9 @@ def _refine(
 
     The list ends before a model with too many coordinates or with parts that cannot be copied.
     """
+    from beamdae.beams.prolongation import halve_elements, prolong_coordinates
+    from beamdae.beams.remeshing import choose_base_meshes, replace_beams
+
     mechanism = equations.mechanism
     assert mechanism is not None
     n = equations.n
