@@ -305,7 +305,7 @@ class Interval:
         ndarray
             Values at the times, (j, c).
         """
-        return self.velocity_weights_at(t) @ values
+        return _combine(self.velocity_weights_at(t), values)
 
     def integrate_to_steps(self, rates: Array) -> Array:
         """Integrate rates from the start of the interval to each of its steps.
@@ -572,12 +572,16 @@ class Trajectory:
         See `Interval.at` for `limited`.
         """
         index = self.interval_index(times)
-        branches = np.array([interval.branch for interval in self.intervals])[index]
         parts = [x.at(times[index == k], limited) for k, x in enumerate(self.intervals)]
         state = parts[0]
         if len(parts) > 1:
             state = State(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-        return _with_branch(times, branches), state
+        return self.time_rows(times), state
+
+    def time_rows(self, times: Array) -> Array:
+        """Return rows (t, branch), (k, 2), for times (k,) [s]."""
+        branches = np.array([interval.branch for interval in self.intervals])
+        return _with_branch(times, branches[self.interval_index(times)])
 
     def derivative_at(self, times: Array) -> State:
         """Return the time derivatives of the states of `at`, see `Interval.derivative_at`.

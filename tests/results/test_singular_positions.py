@@ -8,6 +8,7 @@ import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.starts.rank import build_constraint_jacobian, has_closed_loops
 from beamdae.results.diagnostics.singular_positions import (
+    _smallest_singular_values,
     find_singular_positions,
     singularity_warnings,
 )
@@ -170,3 +171,13 @@ def test_smallest_singular_values_of_the_constraint_jacobian():
     upright, singular = matrix.smallest_singular_values(np.zeros((2, 2)), np.concatenate([q, flat]))
     # The squares of singular values have a rounding error of 1e-16.
     assert singular < 1e-7 < 0.1 < upright
+
+
+def test_regression_singular_values_interpolate_positions_only(monkeypatch):
+    """Velocities, accelerations and multipliers took half of the time of this check."""
+    equations, trajectory = prescribed_trajectory(rhombus(), motion_on("straight"), 0.1)
+    jacobian, t = build_constraint_jacobian(equations), np.linspace(0.0, 0.1, 30)
+    times, state = trajectory.at(t)
+    expected = jacobian.smallest_singular_values(times, state.q)
+    monkeypatch.setattr(Interval, "at", None)
+    np.testing.assert_array_equal(_smallest_singular_values(jacobian, trajectory, t), expected)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics.resolution import sudden_vibrations
 
 _STEEL = bd.Material(E=210e9, nu=0.3, rho=7850.0)
 
@@ -96,3 +97,32 @@ def test_regression_motions_of_drivers_are_no_sudden_vibrations(rate):
     for name in ("pivot.Fx", "pivot.Fy"):
         errors = np.abs(solution[name] - exact[name])
         assert np.max(errors) < 0.01 * 0.5 * np.ptp(exact[name])
+
+
+def _jump(random, columns):
+    steps, counts = np.sort(random.exponential(1e-3, 20)), np.ones(20)
+    rates, decays = 10.0 ** random.uniform(1.0, 6.0, 40), np.zeros(40)
+    return sudden_vibrations._Jump(0.0, steps, counts, rates, decays, columns)
+
+
+def test_regression_weak_modes_are_not_followed_through_the_steps(monkeypatch):
+    """All modes were, in half of the time of this check of a pendulum."""
+    random, followed = np.random.default_rng(5), []
+    estimate = sudden_vibrations._estimate_changes
+
+    def estimate_and_record(jump, *arguments):
+        followed.append(len(jump.rates))
+        return estimate(jump, *arguments)
+
+    monkeypatch.setattr(sudden_vibrations, "_estimate_changes", estimate_and_record)
+    amplify = sudden_vibrations._amplify_by_radau
+    jump = _jump(random, 10.0 ** random.uniform(-9.0, -3.0, (40, 3)))
+    expected = sudden_vibrations._estimate_errors(jump, amplify)
+    assert followed.pop() == 40
+    limits = 0.9 * expected
+    found = sudden_vibrations._find_large_errors(jump, amplify, limits)
+    np.testing.assert_array_equal(found, expected)
+    assert sum(followed) == 40
+    followed.clear()
+    assert sudden_vibrations._find_large_errors(jump, amplify, 1.5 * expected) is None
+    assert 0 < sum(followed) < 40

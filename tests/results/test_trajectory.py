@@ -235,6 +235,15 @@ def test_selected_coordinates_are_those_of_all(nodes_per_step, step):
     assert_array_equal(trajectory.positions_at(times, columns), expected)
 
 
+@pytest.mark.parametrize("count", [3, 50])
+def test_interpolation_at_few_times_has_the_bits_of_products(count):
+    nodes, times = np.linspace(0.0, 1.0, 21), np.linspace(0.01, 0.99, count)
+    values = np.random.default_rng(2).normal(size=(21, 4))
+    interval = make_interval(nodes, [np.sin, np.cos, np.tan, np.exp])
+    products = interval.velocity_weights_at(times) @ values
+    assert_array_equal(interval.interpolate(values, times), products)
+
+
 def test_positions_at_steps_are_those_of_the_polynomials():
     t = np.linspace(0.0, 1.0, 21)
     interval = make_interval(t, [np.sin, np.cos, np.tan, np.exp])

@@ -113,7 +113,7 @@ class ContactOnsetDetector:
         """Return the onset between two times [s] at which the gap is open, or None."""
 
         def evaluate(times: Array) -> Array:
-            return gap.evaluate(times, interval.branch, interval.at(times).q)
+            return gap.evaluate(times, interval.branch, interval.positions_at(times))
 
         left, right = start, end
         for _ in range(_REFINEMENTS):

@@ -131,8 +131,8 @@ def _select_minima(values: Array) -> Array:
 def _smallest_singular_values(
     jacobian: ConstraintJacobian, trajectory: Trajectory, t: Array
 ) -> Array:
-    times, state = trajectory.at(t)
-    return jacobian.smallest_singular_values(times, state.q)
+    q = trajectory.positions_at(t)
+    return jacobian.smallest_singular_values(trajectory.time_rows(t), q)
 
 
 def _refine_minima(

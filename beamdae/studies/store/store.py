@@ -34,6 +34,7 @@ from beamdae.studies.store.trajectory_csv import format_trajectory
 from beamdae.studies.tasks import Outcome, Task, shared_measures, shared_table, trajectory_columns
 
 _FORMAT = 3
+_TO_NUMBER = methodcaller("item")  # Python number of a NumPy scalar
 _KIND = FileKind("record", "run the case again")
 _TRAJECTORY = FileKind("trajectory", "run the case again")
 _RECORD = record({"format": choice(_FORMAT), "sha256": text, "outcome": anything})
@@ -96,10 +97,9 @@ class Store:
             "limits": asdict(task.limits),
             "repetitions": task.repetitions,
         }
-        # Convert NumPy scalars to Python numbers.
-        content = json.loads(json.dumps(content, default=methodcaller("item")))
         record = {"format": _FORMAT, "sha256": _compute_checksum(content), "outcome": content}
-        write_bytes(self.record_path(task), f"{json.dumps(record)}\n".encode(), durable=False)
+        json_text = json.dumps(record, default=_TO_NUMBER)
+        write_bytes(self.record_path(task), f"{json_text}\n".encode(), durable=False)
         file = outcome.file if rows is None else self.trajectory_path(task).name
         return replace(outcome, file=file, text=b"")
 
@@ -220,4 +220,4 @@ def _is_usable(task: Task, content: dict[str, Any]) -> bool:
 
 
 def _compute_checksum(content: Any) -> str:
-    return checksum(content, sort_keys=True, separators=(",", ":"))
+    return checksum(content, sort_keys=True, separators=(",", ":"), default=_TO_NUMBER)
