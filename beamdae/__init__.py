@@ -12,7 +12,7 @@ from beamdae.argument_names import explain_unknown_arguments
 from beamdae.catalog import attributes_by_module
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
-from beamdae.unused_imports import unused_imports_deferred
+from beamdae.scipy_import import fast_scipy_import
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
 __version__ = "0.1.0"
@@ -25,7 +25,7 @@ def __getattr__(name: str) -> Any:
     if name in __all__:
         if name in _imported:
             return _load(name)
-        with paused_collection(), unused_imports_deferred():
+        with paused_collection(), fast_scipy_import():
             value = _import(name)
         if isinstance(value, type):
             explain_unknown_arguments(value)

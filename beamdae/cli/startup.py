@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from importlib import import_module
 
-from beamdae.unused_imports import unused_imports_deferred
+from beamdae.scipy_import import fast_scipy_import
 
 # Modules that import everything that runs of models, or models alone, need.
 RUNS = "beamdae.simulation"
@@ -31,7 +31,7 @@ def import_before_models(module: str) -> None:
     A model file, or a file in its folder, may have the name of one of the modules that it imports.
     """
     global _is_starting
-    with unused_imports_deferred():
+    with fast_scipy_import():
         import_module(module)
 
     if _is_starting:

@@ -198,6 +198,32 @@ print(len(large), *[x.source.name() for x in large if "function" in vars(x)])
 
 
 @pytest.mark.slow(reason="starts a process")
+@pytest.mark.parametrize("setting", [None, "26"])
+def test_idle_threads_of_blas_libraries_that_beamdae_loads_sleep_soon(setting):
+    """In each process, they kept a core busy for a tenth of a second."""
+    code = f"""
+import os, sys
+NAME = "OPENBLAS_THREAD_TIMEOUT"
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "scipy.linalg":
+            settings.append(os.environ.get(NAME))
+settings = []
+sys.meta_path.insert(0, Finder())
+import beamdae
+beamdae.Beam
+assert "scipy.sparse" in sys.modules
+beamdae.simulate
+assert settings == [{setting!r} or "20"], settings
+assert os.environ.get(NAME) == {setting!r}
+"""
+    environment = {x: y for x, y in os.environ.items() if x != "OPENBLAS_THREAD_TIMEOUT"}
+    if setting is not None:
+        environment["OPENBLAS_THREAD_TIMEOUT"] = setting
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+@pytest.mark.slow(reason="starts a process")
 def test_regression_the_library_leaves_modules_of_numpy_alone():
     """The first use of a public name replaced `numpy.testing` by a module that loads on access."""
     code = """
