@@ -95,7 +95,8 @@ class Event:
     Parameters
     ----------
     what
-        Name of an observed column, such as "tip.y", or a quantity with one column.
+        Name of an observed column, such as "tip.y", "t" for the time, or a quantity with one
+        column.
     crosses
         Value to be crossed, in the unit of the column.
     direction

@@ -96,6 +96,29 @@ def test_a_fall_stops_at_the_impact(integrator):
     assert solution.quality.energy_imbalance < 1e-6
 
 
+@ALL
+def test_events_at_a_time_release_a_body_that_rests(integrator):
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    rod = mech.add(bd.Distance("rod", mech.ground.at(0.0, 1.0), ball.point))
+    mech.observe("ball", ball.point)
+    mech.when("t", crosses=0.05, do=bd.deactivate(rod))
+    solution = bd.simulate(mech, integrator, 0.2, start="equilibrium")
+    assert_allclose(solution.events["t [s]"], [0.05], rtol=1e-14)
+    # 10 rtol of the motion of 0.1 m at 1.5 m/s, over the rest of the run.
+    assert_allclose(solution["ball.y"].iloc[-1], -9.81 * 0.15**2 / 2.0, atol=1e-6)
+
+
+def test_regression_resumed_runs_at_rest_have_no_given_velocities():
+    """A ball that hung at rest had "given velocities" of 1e-57 m/s, which its rod did not allow."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    ball = mech.add(bd.PointMass("ball", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.Distance("rod", mech.ground.at(0.0, 1.0), ball.point))
+    for integrator in (bd.Radau(), bd.GeneralizedAlpha(1e-3)):
+        hanging = bd.simulate(mech, integrator, 0.03, start="equilibrium")
+        assert bd.simulate(mech, integrator, 0.06, start=hanging).warnings == ()
+
+
 def test_fall_stops_at_the_impact_with_the_fallback_solver(monkeypatch):
     use_scikit_sundae(monkeypatch)
     solution = bd.simulate(falling(HIT), bd.Ida(1e-6), 5.0)

@@ -71,6 +71,7 @@ from beamdae.symbolic.sums.rotations import RotatedOperator, factor_operator
 Array = np.ndarray
 
 _MAX_CACHED_CHECKS = 64  # models with different coordinates or multipliers
+_TIME = Variable("t", "s")  # name of the time in events
 
 
 def build_equations(
@@ -385,6 +386,10 @@ def _build_shared_kernel(
     return kernel_type(local, expression(local))
 
 
+def _express_time(local: Local) -> SX:
+    return local.time[0]
+
+
 def _build_event_terms(
     events: Sequence[Event],
     observed: Sequence[Observable],
@@ -403,7 +408,9 @@ def _build_event_terms(
             raise BeamdaeError(
                 f"event: the name {name!r} is in use; give every event a different name."
             )
-        if isinstance(event.what, str):
+        if event.what == _TIME.name:
+            observable, column = observe(name, Quantity((_TIME,), (), _express_time)), 0
+        elif isinstance(event.what, str):
             if event.what not in columns:
                 near = suggest(event.what, columns)
                 raise BeamdaeError(

@@ -14,6 +14,8 @@ Array = np.ndarray
 _MAX_UNREPORTED_DISPLACEMENT = 1e-3  # relative to the length of the mechanism
 _MAX_UNREPORTED_VELOCITY_CHANGE = 1e-2  # relative to the largest requested velocity of the part
 _MAX_ROUNDING = 1e-12  # of velocities, relative to those of all parts
+# Slower motions [1/s], relative to the length of the mechanism, are those of resumed runs at rest.
+_MIN_RATE = 1e-14
 _AS_DRAWN = "as drawn"
 
 
@@ -127,7 +129,8 @@ def _describe_lost_velocity(e: EquationsOfMotion, requested: Array, state: State
             extent = part.size if kind else 1.0
             # A motion that reverses has no velocity, but this one after a travel of its length.
             reached = np.sqrt(largest_speed(state.a, part.size, kind) * e.length / extent)
-            if size <= _MAX_ROUNDING * max(largest_speed(requested, part.size, kind), reached):
+            rounding = _MAX_ROUNDING * max(largest_speed(requested, part.size, kind), reached)
+            if size <= max(rounding, _MIN_RATE * e.length / extent):
                 size = 0.0
             if not size and part.given_velocities[kind]:
                 # A given zero is compared with the motion of the other bodies, unless this motion
