@@ -212,7 +212,7 @@ def test_regression_decays_that_take_the_place_of_vibrations_have_a_warning():
     assert result.kinds == ("decay",) * 10
     undamped = bd.modes(mech, n=3, damping=False)
     assert undamped.kinds == ("vibration",) * 3
-    assert undamped.warnings == ()
+    assert not any("modes decay" in warning for warning in undamped.warnings)
 
 
 def test_mass_on_a_damper_decays_without_oscillation():

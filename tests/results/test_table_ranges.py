@@ -62,6 +62,31 @@ def test_tables_over_time_hold_their_last_value_without_a_warning():
         bd.simulate(falling(table, lambda point, t: t), t_end=0.3)
 
 
+def turning(angles, values, outside="hold"):
+    """Return a disk that turns twice with a torque from a table of its angle."""
+    mech = bd.Mechanism()
+    disk = mech.add(bd.RigidBody("disk", 1.0, 1.0, (0.0, 0.0), angular_velocity=4.0 * np.pi))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
+    table = bd.table(angles, values, "pchip", outside)
+    mech.add(bd.ForceLaw("load", disk.at(0.0, 0.0), lambda disk, t: (0, 0, table(disk.angle))))
+    mech.observe("disk", disk.at(0.0, 0.0))
+    return mech
+
+
+TURN = np.radians([0.0, 90.0, 180.0, 270.0, 360.0])
+
+
+def test_regression_tables_of_one_turn_that_turn_on_carry_a_warning():
+    """A press had no load from its second turn on, because its table is zero at both ends."""
+    load = [0.0, 0.0, -1.0, 0.0, 0.0]
+    with pytest.warns(bd.BeamdaeWarning, match=r"load: x = 12.* if the table repeats with each tu"):
+        bd.simulate(turning(TURN, load), t_end=1.0)
+    assert bd.simulate(turning(TURN, load, "repeat"), t_end=1.0).warnings == ()
+    # A stop on one side, and a table of another range.
+    for angles, values in ((TURN, [0.0, 0.0, 0.0, -1.0, -1.0]), (0.9 * TURN, load)):
+        assert bd.simulate(turning(angles, values), t_end=1.0).warnings == ()
+
+
 def test_runs_inside_the_table_carry_no_warning():
     table = bd.table(np.linspace(-1.0, 2.0, 4), [1.0, 2.0, 1.0, 3.0])
     with warnings.catch_warnings():

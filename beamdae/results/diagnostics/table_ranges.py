@@ -30,6 +30,10 @@ _MAX_USED_SHARE, _MAX_MOTION, _MIN_USED_SHARE = 0.01, 0.03, 1e-6
 _MAX_SHARE_AROUND_ZERO = 1e-3
 # Rows between the least and the largest argument: tables with more rows there are meant for it.
 _MAX_USED_ROWS = 1
+# Tables over one or several turns, in rad or degrees, such as those of a press or an engine.
+_TURNS = np.outer((2.0 * np.pi, 360.0), (1.0, 2.0, 4.0))
+_TURN_TOLERANCE = 1e-3  # relative difference of a table from whole turns
+_MIN_TURN_EXCESS = 0.05  # distance outside a table of turns relative to its range
 
 
 def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
@@ -37,7 +41,8 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
 
     Tables over time are exempt, because they usually hold their last value, and so are sides at
     which the table is zero or constant: one-sided forces and limits continue there as they should,
-    unless the argument is so far outside that the units seem to be wrong.
+    unless the argument is so far outside that the units seem to be wrong. Tables of whole turns
+    that the argument passes probably repeat.
 
     Parameters
     ----------
@@ -62,6 +67,13 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             continue
         low, high = term.limits
         excesses = (low - x, x - high)
+        if _covers_turns(term) and np.max(excesses) > _MIN_TURN_EXCESS * (high - low):
+            k = int(np.argmax(np.maximum(*excesses)))
+            yield (
+                f"{term.describe(float(x[k]))} at t = {t[k]:.6g} s, where its value is held; if "
+                "the table repeats with each turn, pass outside='repeat'."
+            )
+            continue
         for side, row, excess in zip((0, -1), ("first", "last"), excesses, strict=True):
             k = int(np.argmax(excess))
             is_constant = term.continues_as_constant(side)
@@ -80,6 +92,14 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
                     f"extend the table, repeat its {row} value there if it stays constant, or end "
                     "the run there with outside='error'."
                 )
+
+
+def _covers_turns(term: TableArgumentTerm) -> bool:
+    """Return True if a table of one argument has whole turns and equal values at its ends."""
+    low, high = term.limits
+    if len(term.table.axes) > 1 or term.table.values[0] != term.table.values[-1]:
+        return False
+    return bool(np.any(np.abs(_TURNS - (high - low)) <= _TURN_TOLERANCE * _TURNS))
 
 
 def _unused_range_warnings(term: TableArgumentTerm, values: Array) -> Iterator[str]:
