@@ -29,6 +29,7 @@ _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # components of a and lam. Jumps have 0.05 to 0.5, vibrations of at most 2 rad between these nodes
 # less than 0.04.
 _MAX_LEADING_SHARE = 0.04
+_FEW_TIMES = 64  # at which positions are evaluated without the weights of all steps
 _MAX_CACHED_WEIGHTS = 1_000_000  # of nodes in integrals over steps, which take 12 MB
 
 
@@ -197,10 +198,7 @@ class Interval:
             # The polynomials pass through the steps.
             return State(*(x[step * self.nodes_per_step] for x in self.rows))
         q, v, a, lam = self.rows
-        node = _preceding_node(self.nodes, t)
-        reaction = motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
-        if self._degree(_DEGREE_OF_REACTIONS) != self._degree(_DEGREE_OF_MOTION):
-            reaction = self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
+        motion, reaction = self._state_weights(t)
         positions = _combine(motion, q) if self.nodes_per_step == 1 else self.positions_at(t)
         reactions = _combine(reaction, a), _combine(reaction, lam)
         if limited and self._degree(_DEGREE_OF_REACTIONS) >= _DEGREE_OF_REACTIONS and len(t):
@@ -279,12 +277,18 @@ class Interval:
 
     def weights_at(self, t: Array) -> StateWeights:
         """Return the weights of the nodes in the states of `at` at times (j,) [s]."""
-        node = _preceding_node(self.nodes, t)
-        degrees = (_DEGREE_OF_MOTION, _DEGREE_OF_REACTIONS)
-        motion, reaction = (self._lagrange_weights(t, node, degree) for degree in degrees)
+        motion, reaction = self._state_weights(t)
         if self.nodes_per_step == 1:
             return StateWeights(motion, sp.csr_array(motion.shape), motion, reaction)
         return StateWeights(*self._position_weights(t), motion, reaction)
+
+    def _state_weights(self, t: Array) -> tuple[sp.csr_array, sp.csr_array]:
+        """Return the Lagrange weights of v, and of a and lam, at times (j,) [s]."""
+        node = _preceding_node(self.nodes, t)
+        motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
+        if self._degree(_DEGREE_OF_REACTIONS) == self._degree(_DEGREE_OF_MOTION):
+            return motion, motion
+        return motion, self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
 
     def velocity_weights_at(self, t: Array) -> sp.csr_array:
         """Return the field `velocities` of `weights_at` at times (j,) [s]."""
@@ -381,19 +385,28 @@ class Interval:
 
         Positions are the integral of v, with a linear correction that matches q at the steps.
         """
-        step = _preceding_node(self.t, t)
-        x = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
-        weights = self._integration_weights(t, step)
-        to_ends = _step_weights(self.nodes.tobytes(), self.nodes_per_step)
+        step, shape = _preceding_node(self.t, t), (len(t), len(self.nodes))
+        start, end = self.t[step], self.t[step + 1]
+        x = (t - start) / (end - start)
         # All times of a step have the same nodes.
-        width = int(to_ends.indptr[1])
-        weights.data -= np.repeat(x, width) * to_ends.data.reshape(-1, width)[step].ravel()
-        pairs = self.nodes_per_step * np.stack([step, step + 1], axis=1)
-        ends, starts = np.stack([1.0 - x, x], axis=1), np.arange(0, 2 * len(t) + 1, 2)
-        between = sp.csr_array(
-            (ends.ravel(), pairs.ravel(), starts), shape=(len(t), len(self.nodes))
+        width = self._degree(_DEGREE_OF_REACTIONS) + 1
+        if len(t) <= _FEW_TIMES:
+            # The weights of all steps would take longer, for example between two events.
+            weights = self._integration_weights(np.append(t, end), np.append(step, step))
+            to_times, to_ends = np.split(weights.data, 2)
+        else:
+            weights = self._integration_weights(t, step)
+            of_steps = _step_weights(self.nodes.tobytes(), self.nodes_per_step)
+            to_times, to_ends = weights.data, of_steps.data.reshape(-1, width)[step].ravel()
+        by_v = assemble_csr(
+            to_times - np.repeat(x, width) * to_ends,
+            weights.indices[: len(to_times)],
+            weights.indptr[: len(t) + 1],
+            shape,
         )
-        return between, weights
+        pairs = self.nodes_per_step * np.stack([step, step + 1], axis=1)
+        shares, starts = np.stack([1.0 - x, x], axis=1), np.arange(0, 2 * len(t) + 1, 2)
+        return assemble_csr(shares.ravel(), pairs.ravel(), starts, shape), by_v
 
     def _degree(self, degree: int) -> int:
         """Return the degree of polynomials: that of the stages, or at most `degree` without."""

@@ -11,6 +11,7 @@ import beamdae as bd
 from beamdae.equations.equations_of_motion import State
 from beamdae.integrators.radau.coefficients import C
 from beamdae.integrators.run_plan import plan_run
+from beamdae.results import trajectory as trajectories
 from beamdae.results.trajectory import Interval, Trajectory
 
 STEPS = np.array([0.0, 0.1, 0.15, 0.4, 0.9, 1.0])
@@ -233,6 +234,18 @@ def test_selected_coordinates_are_those_of_all(nodes_per_step, step):
     times, columns = np.arange(0.0, 1.0, step), [0, 3, 4]
     expected = trajectory.positions_at(times)[:, columns]
     assert_array_equal(trajectory.positions_at(times, columns), expected)
+
+
+def test_regression_positions_at_few_times_need_no_weights_of_all_steps(monkeypatch):
+    """These took half of the time in which events were located on new steps."""
+    steps, times = np.linspace(0.0, 1.0, 31), np.linspace(0.0, 1.0, 50)
+    nodes = np.append(0.0, (steps[:-1, None] + C * np.diff(steps)[:, None]).ravel())
+    interval = make_interval(nodes, [np.sin, np.cos, np.tan, np.exp], nodes_per_step=3)
+    monkeypatch.setattr(trajectories, "_FEW_TIMES", 0)
+    expected = interval.positions_at(times)
+    monkeypatch.undo()
+    monkeypatch.setattr(trajectories, "_step_weights", None)
+    assert_array_equal(interval.positions_at(times), expected)
 
 
 @pytest.mark.parametrize("count", [3, 50])
