@@ -101,7 +101,7 @@ _RECOMMENDED_MOVING_LOAD_ERROR = 0.005
 
 # Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
 _MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
-# Metals have damping ratios below 1e-2. Dampings from 1 ms on are ratios by mistake rather than
+# Metals have damping ratios below 1e-2. Dampings above 1 ms are ratios by mistake rather than
 # values that are chosen to damp the fast vibrations of a mechanism, typically 1e-5 to 1e-4 s.
 _MIN_STIFFNESS_OF_METALS = 1e10  # Pa
 _MAX_DAMPING_RATIO_OF_METALS = 0.1
@@ -240,7 +240,7 @@ class Beam(Part):
         If the elements are too long or the section is too high for the curvature of the axis. At
         assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
         deflections, the section is over three times as high as the curve is long, or a damping of
-        at least 1 ms would give a metal cantilever of its length a damping ratio above 0.1.
+        more than 1 ms would give a metal cantilever of its length a damping ratio above 0.1.
 
     Examples
     --------
@@ -348,7 +348,7 @@ class Beam(Part):
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
         deflections, sections that change within elements cause an error of more than 0.4 %, or
-        the section is over three times as high as the curve is long, or a damping of at least
+        the section is over three times as high as the curve is long, or a damping of more than
         1 ms would give a metal cantilever of its length a damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
@@ -720,7 +720,7 @@ class Beam(Part):
             end, each of its two elements has a section, because stresses may jump there. If the
             cross-section varies, kinks and jumps at which it is thin are added, and sections where
             it varies smoothly, so that the stress between sections is at most 0.2 % larger if
-            section forces are linear there; grooves shorter than 1/128 of the beam may be
+            section forces are linear there; grooves shorter than 1/512 of the beam may be
             overlooked. Certificates evaluate the same sections on all meshes.
         exponent
             The exponent p, between 1 and 1000. Larger exponents are closer to the largest stress,
@@ -1175,7 +1175,7 @@ def _warn_about_units(beam: Beam) -> None:
     ratio = np.pi * frequency * root.damping
     if (
         root.material.E >= _MIN_STIFFNESS_OF_METALS
-        and root.damping >= _MAX_DAMPING_OF_METALS
+        and root.damping > _MAX_DAMPING_OF_METALS
         and ratio > _MAX_DAMPING_RATIO_OF_METALS
     ):
         warn_user(

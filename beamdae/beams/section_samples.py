@@ -27,6 +27,10 @@ _MAX_EXCESS = 2e-3
 # that represent sections without kinks and jumps: W of tapers has the degree 2 or 3.
 _PROBES = np.arange(9) / 8.0
 _SMOOTH_DEGREE = 4
+# Places at which sections without larger stresses there are evaluated once more, and the least
+# excess of short grooves: smooth sections have hardly more at these places than at the others.
+_FINE_PROBES = np.arange(33) / 32.0
+_MIN_EXCESS_OF_GROOVES = 0.01
 # Residual of these polynomials, relative to the distance of W from its linear interpolation.
 _MAX_SMOOTH_RESIDUAL = 0.02
 _RESIDUAL_PROJECTION = np.eye(len(_PROBES)) - (
@@ -71,7 +75,7 @@ def stress_sections(
 
     Kinks and jumps at which the section is thin, and sections where it varies smoothly, are added,
     so that stresses by section forces that are linear between the result are missed by at most
-    0.2 %. Grooves shorter than an eighth of the distance of `arc_lengths` may be overlooked.
+    0.2 %. Grooves shorter than 1/32 of the distance of `arc_lengths` may be overlooked.
 
     Parameters
     ----------
@@ -118,31 +122,57 @@ def _add_between(
     modulus: _Modulus, start: float, end: float, tolerance: float, depth: int, added: list[float]
 ) -> None:
     """Add arc lengths between two others to a list, until stresses between them are no larger."""
-    s = start + (end - start) * _PROBES
-    s[-1] = end
-    values = np.array([modulus(x) for x in s.tolist()])
-    linear = values[0] + np.outer(_PROBES, values[-1] - values[0])
-    place, kind = np.unravel_index(np.argmax(linear / values), values.shape)
+    s, values, linear = _evaluate_between(modulus, start, end, _PROBES)
+    place, kind = _find_largest_excess(values, linear)
+    is_short = False
     if linear[place, kind] <= (1.0 + _MAX_EXCESS) * values[place, kind]:
-        return
+        if depth < _MAX_HALVINGS:
+            return
+        s, values, linear = _evaluate_between(modulus, start, end, _FINE_PROBES)
+        place, kind = _find_largest_excess(values, linear)
+        if linear[place, kind] <= (1.0 + _MIN_EXCESS_OF_GROOVES) * values[place, kind]:
+            return
+        is_short = True
+
+    def excess(x: float) -> float:
+        fraction = (x - start) / (end - start)
+        chord = values[0, kind] + fraction * (values[-1, kind] - values[0, kind])
+        return float(chord / modulus(x)[kind])
+
+    def find_maximum() -> float:
+        return _find_maximum(excess, float(s[place - 1]), float(s[place + 1]), tolerance)
+
     split = 0.5 * (start + end)
-    residual = np.max(np.abs(_RESIDUAL_PROJECTION @ values[:, kind]))
-    distance = np.max(np.abs(linear[:, kind] - values[:, kind]))
-    if residual > _MAX_SMOOTH_RESIDUAL * distance:
-
-        def excess(x: float) -> float:
-            fraction = (x - start) / (end - start)
-            chord = values[0, kind] + fraction * (values[-1, kind] - values[0, kind])
-            return float(chord / modulus(x)[kind])
-
-        kink = _find_maximum(excess, float(s[place - 1]), float(s[place + 1]), tolerance)
-        if _is_kink(excess, kink, start, end):
-            split = kink
+    if is_short:
+        split = find_maximum()
+    else:
+        residual = np.max(np.abs(_RESIDUAL_PROJECTION @ values[:, kind]))
+        distance = np.max(np.abs(linear[:, kind] - values[:, kind]))
+        if residual > _MAX_SMOOTH_RESIDUAL * distance:
+            kink = find_maximum()
+            if _is_kink(excess, kink, start, end):
+                split = kink
     added.append(split)
     if depth > 0 and len(added) < _MAX_SECTIONS_PER_INTERVAL:
         for a, b in ((start, split), (split, end)):
             if b - a > 1e3 * tolerance:
                 _add_between(modulus, a, b, tolerance, depth - 1, added)
+
+
+def _evaluate_between(
+    modulus: _Modulus, start: float, end: float, probes: Array
+) -> tuple[Array, Array, Array]:
+    """Return arc lengths (k,), the values there, and their linear interpolation, (k, 2) each."""
+    s = start + (end - start) * probes
+    s[-1] = end
+    values = np.array([modulus(x) for x in s.tolist()])
+    return s, values, values[0] + np.outer(probes, values[-1] - values[0])
+
+
+def _find_largest_excess(values: Array, linear: Array) -> tuple[int, int]:
+    """Return row and column of the largest ratio of `linear` to `values`."""
+    place, kind = np.unravel_index(np.argmax(linear / values), values.shape)
+    return int(place), int(kind)
 
 
 def _find_maximum(
