@@ -70,12 +70,15 @@ class _Spectrum(NamedTuple):
         The window cos^4 suppresses the leakage of slow motions, whose phase errors are far smaller,
         into higher frequencies.
         """
-        halves = values.reshape(2, len(values) // 2, -1)
-        x, window = spectral_window(halves.shape[1])
-        halves = halves - halves.mean(axis=1, keepdims=True)
-        halves -= x * (np.sum(x * halves, axis=1, keepdims=True) / np.sum(x**2))
-        amplitudes = np.abs(np.fft.rfft(window * halves, axis=1))
-        squares = 2.0 * amplitudes**2 / (len(x) * np.sum(window**2))
+        count, n_signals = values.shape
+        x, window = (column[:, 0] for column in spectral_window(count // 2))
+        # One row per half: sums over long rows are faster and more accurate than over short ones.
+        halves = values.T.reshape(n_signals, 2, count // 2)
+        halves = halves - halves.mean(axis=2, keepdims=True)
+        halves -= np.sum(x * halves, axis=2, keepdims=True) / np.sum(x**2) * x
+        halves *= window
+        amplitudes = np.abs(np.fft.rfft(halves, axis=2))
+        squares = np.moveaxis(2.0 * amplitudes**2 / (len(x) * np.sum(window**2)), 0, 2)
         squares[:, :MIN_PERIODS] = 0.0
         rates = 4.0 * np.pi / duration * np.arange(squares.shape[1])
         return cls(rates, squares, duration * np.array([0.5, 1.0]))
