@@ -54,6 +54,8 @@ WORDS = {
         "belt",
         "winch",
         "rack and pinion",
+        "rope",
+        "cable",
     ),
     "guide/forces": (
         "gravity",
