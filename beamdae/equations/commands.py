@@ -6,7 +6,7 @@ A command is the output of a `pid` controller, or a value between two limits, su
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -40,8 +40,8 @@ class Command:
     low, high
         Limits; infinite if there are none.
     observable, numbers
-        Compiled values of the command before its limits and of the signals on which it depends,
-        and the numbers to which they refer.
+        Compiled values of the command before its limits and of the sensors and states on which it
+        depends, and the numbers to which they refer.
     is_output
         True if the command is the output of a `pid` controller.
     """
@@ -59,7 +59,7 @@ class Command:
         return bool(np.isfinite([self.low, self.high]).all())
 
     def evaluate(self, times: Array, state: State) -> Array:
-        """Return the command before its limits, and its signals, at rows of (t, branch)."""
+        """Return the command before its limits, and its sensors and states, at (t, branch)."""
         no_multipliers = np.zeros((len(times), 0))
         return self.observable.evaluate(self.numbers, times, state.q, state.v, no_multipliers)
 
@@ -89,7 +89,7 @@ def compile_commands(equations: EquationsOfMotion) -> list[Command]:
         if not any(x.rows for x in signals):
             continue
         numbers = NumberStore()
-        quantity = _as_quantity(formula, signals)
+        quantity = _as_quantity(formula, [x for x in signals if x.rows])
         observable = build_observable(name, quantity, coordinate_map, numbers, {}, laws)
         commands.append(
             Command(name, low, high, observable, numbers.all(mechanism.inputs), is_output)
@@ -201,7 +201,7 @@ def _split_limits(formula: SX) -> tuple[SX, float, float] | None:
     return (value, low, high) if np.isfinite([low, high]).all() and low < high else None
 
 
-def _as_quantity(formula: SX, signals: tuple[Signal, ...]) -> Quantity:
+def _as_quantity(formula: SX, signals: Sequence[Signal]) -> Quantity:
     values = [formula, *(x.value_symbol for x in signals if x.size == 1)]
     columns = tuple(Variable(f"value {k}", "-") for k in range(len(values)))
     return Quantity(columns, (), lambda local: ca.vertcat(*values))

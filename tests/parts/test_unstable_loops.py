@@ -1,6 +1,7 @@
 """Warnings about continuous loops that grow, or go from limit to limit."""
 
 import re
+import warnings
 
 import casadi as ca
 import numpy as np
@@ -206,3 +207,86 @@ def test_equilibria_that_are_unstable_without_the_loop_have_no_warning(gain):
     mech.add(bd.Moment("motor", rod.at(0.0, 0.0), bd.pid(mech, "servo", -x, gain, kd=1.0, rate=-v)))
     mech.add(bd.Moment("push", rod.at(0.0, 0.0), bd.sine(0.01, 1.0)))
     assert not [x for x in loop_warnings(mech, 3.0, bd.GeneralizedAlpha(5e-3)) if "mode" in x]
+
+
+FLEXURE = {"stiffness": 977.78, "masses": (0.2524, 0.1242)}
+GAINS = {"kp": 6200.0, "ki": 1.9e5, "kd": 55.0, "filter_time": 5e-4}
+
+
+def build_two_masses(limit, every=None, delay=0, **factors):
+    """Return a platform on a spring, an intermediate body and a spring, with a PID loop.
+
+    Gains are multiplied by `factors`. With `every`, the controller is sampled.
+    """
+    k, (mass, between) = FLEXURE["stiffness"], FLEXURE["masses"]
+    kp, ki, kd, lag = (value * factors.get(name, 1.0) for name, value in GAINS.items())
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("body", between, at=(0.0, 0.0)))
+    platform = mech.add(bd.PointMass("platform", mass, at=(1.0, 0.0)))
+    foot = mech.ground.at(-1.0, 0.0)
+    for name, a, b in (("low", foot, body.point), ("high", body.point, platform.point)):
+        mech.add(bd.PointOnLine(f"{name} rail", mech.ground.at(0.0, 0.0), b))
+        mech.add(bd.Spring(f"{name} spring", a, b, k))
+        mech.add(bd.Damper(f"{name} damper", a, b, 2e-4 * k))
+    x = mech.sensor("x", platform.point, "x")
+    goal = mech.input("goal", bd.piecewise((0.01, 0.0), 0.5 * STEP), unit="m")
+    if every is None:
+        gains = {"kp": kp, "ki": ki, "kd": kd, "filter_time": lag, "scale": 1e-5}
+        force = bd.pid(mech, "servo", goal - (x - 1.0), **gains, limits=(-limit, limit))
+    else:
+        force, share = mech.input("force", unit="N"), lag / (lag + every)
+
+        def law(sample):
+            goal, x = sample.reads
+            integral, rate, last = sample.state
+            error = goal - (x - 1.0)
+            rate = share * rate + (1.0 - share) * (error - last) / every
+            wanted = kp * error + ki * integral + kd * rate
+            command = float(np.clip(wanted, -limit, limit))
+            sample.state[:] = integral + every * error * (wanted == command), rate, error
+            return command
+
+        state = [0.0, 0.0, 0.0]
+        mech.add(bd.Controller("servo", every, [goal, x], [force], law, state=state, delay=delay))
+    mech.add(bd.Force("coil", platform.point, (force, 0.0)))
+    return mech
+
+
+def test_regression_limit_cycles_whose_first_swings_are_the_largest_have_a_warning():
+    """The force was at its limits for 84 % of the last quarter of 2 s, without a warning."""
+    (sentence,) = loop_warnings(build_two_masses(8.0, ki=8.0), t_end=2.0)
+    assert sentence.startswith("servo: the command does not settle, and a mode of the loop")
+
+
+@pytest.mark.slow(reason="96 runs, some of which last 10 s")
+@pytest.mark.parametrize("limit", [4.0, 8.0, 30.0])
+@pytest.mark.parametrize("factor", [1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0])
+def test_regression_limit_cycles_have_a_warning_after_all_times(factor, limit):
+    """The loop is unstable from 4.4 times the integral gain on, with a rate of 2.2 /s at 6 times.
+
+    Loops that grow by less than a factor of 30 in a run may have a warning.
+    """
+    for t_end in (2.0, 3.0, 6.0, 10.0):
+        found = loop_warnings(build_two_masses(limit, ki=factor), t_end)
+        assert len(found) == (factor > 5.0), t_end
+
+
+@pytest.mark.slow(reason="24 runs of sampled loops of up to 6 s")
+@pytest.mark.parametrize(("every", "delay"), [(1e-3, 0), (5e-4, 1)])
+@pytest.mark.parametrize("factor", [1.0, 6.0, 8.0, 12.0])
+def test_regression_limit_cycles_of_sampled_loops_have_a_warning_after_all_times(
+    factor, every, delay
+):
+    for limit, t_end in ((4.0, 3.0), (4.0, 6.0), (30.0, 1.5)):
+        mech = build_two_masses(limit, every, delay, ki=factor)
+        found = loop_warnings(mech, t_end, bd.GeneralizedAlpha(5e-4))
+        assert len(found) == (factor > 5.0), (limit, t_end)
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-7])
+def test_regression_growth_far_below_the_command_has_no_warning(size):
+    """Rounding errors before a step of the target grew by a factor of 16 000 at random."""
+    law = bd.piecewise((0.5, lambda t: size * STEP * np.exp(30.0 * (t - 0.5))), STEP)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", ".*its loop seems to be unstable")
+        bd.simulate(build_stage(0.5), bd.Radau(), t_end=0.8, inputs={"target": law})
