@@ -1,5 +1,6 @@
 """Warnings about extremes of forces that belong to the vibration after a start as drawn."""
 
+import numpy as np
 import pytest
 
 import beamdae as bd
@@ -72,3 +73,48 @@ def test_given_velocities_have_no_warning():
     ball = mech.add(bd.PointMass("ball", 1.0, at=(1.0, 0.0), velocity=(0.1, 0.0)))
     mech.add(bd.Spring("spring", ball.point, mech.ground.at(2.0, 0.0), 10.0))
     assert not find_warnings(bd.simulate(mech, bd.Radau(1e-5), t_end=1.0))
+
+
+def wiper(law):
+    """Return a lip of rubber, drawn at a glass, that a spring presses down and a crank moves."""
+    mech = bd.Mechanism(gravity=(0.0, -G))
+    rubber = bd.Material(E=8e6, nu=0.48, rho=1150.0)
+    section = bd.Section.rectangle(rubber, width=0.4, height=1.6e-3, damping=2e-3)
+    carriage = mech.add(bd.RigidBody("carriage", mass=0.3, inertia=1e-3, center=(0.0, 0.03)))
+    holder = mech.add(bd.RigidBody("holder", mass=0.2, inertia=1e-4, center=(0.0, 0.02)))
+    rail = mech.ground.at(0.0, 0.03), carriage.at(0.0, 0.03)
+    mech.add(bd.Prismatic("rail", *rail, direction=(1.0, 0.0)))
+    plunger = carriage.at(0.0, 0.02), holder.at(0.0, 0.02)
+    mech.add(bd.Prismatic("plunger", *plunger, direction=(0.0, 1.0)))
+    mech.add(bd.Force("press", holder.at(0.0, 0.02), (0.0, -6.0)))
+    lip = mech.add(bd.Beam("lip", bd.Line((0.0, 0.012), (0.0, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", holder.at(0.0, 0.012), lip.start))
+    mech.add(bd.TranslationalDriver("crank", *rail, law, direction=(1.0, 0.0)))
+    surface = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    rest = {"restitution": 0.3, "impact_speed": 0.05}
+    glass = bd.Contact("glass", lip.end, surface, 5e6, **rest, friction=0.6, friction_speed=1e-3)
+    mech.observe("glass", mech.add(glass).force)
+    return mech
+
+
+WIPER_LAWS = {
+    "crank": lambda t: 0.03 * (1.0 - np.cos(3.0 * t)),
+    "hardly moving": lambda t: 1e-9 * (1.0 - np.cos(3.0 * t)),
+    "run-up": bd.run_up(0.06, 1.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("law", WIPER_LAWS.values(), ids=WIPER_LAWS)
+def test_regression_loads_on_an_unloaded_contact_are_the_cause_beside_a_driver(law):
+    """The acceleration of the crank was named, or nothing; the press doubled the force."""
+    drawn = bd.simulate(wiper(law), bd.Radau(1e-5), t_end=2.0)
+    (sentence,) = [x for x in drawn.warnings if "belongs to a vibration" in x]
+    assert sentence.startswith("glass.N")
+    assert "begins because the drawing is not in equilibrium (" in sentence
+    assert sentence.endswith("use start='equilibrium'.")
+    resting = bd.simulate(wiper(law), bd.Radau(1e-5), t_end=2.0, start="equilibrium")
+    assert not [x for x in resting.warnings if "belongs to a vibration" in x]
+    later = float(sentence.partition("value later: ")[2].split()[0])
+    assert resting.step_extremes["glass.N"].max == pytest.approx(later, rel=0.01)
+    assert drawn.step_extremes["glass.N"].max > 1.5 * later

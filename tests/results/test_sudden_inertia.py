@@ -130,3 +130,27 @@ def test_larger_loads_of_the_motion_have_no_warning():
     """The vibration of the start is smaller than the force of the press, and decays."""
     model = slider_crank(1e-4, load=2000.0)
     assert not find_warning(bd.simulate(model, bd.Radau(1e-5), t_end=2.0 * PERIOD))
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+@pytest.mark.parametrize("restitution", [0.05, 0.6])
+@pytest.mark.parametrize("speed", [2.0, 4.43])
+def test_regression_impacts_that_begin_at_the_start_are_no_vibrations_of_the_start(
+    speed, restitution
+):
+    """The force of a drop test that begins at the touch was to be avoided by a periodic motion."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    section = bd.Section.rectangle(bd.Material.of("aluminum"), 0.03, 3e-3, damping=1e-5)
+    line = bd.Line((-0.15, 0.0), (0.15, 0.0))
+    options = {"elements": 8, "formulation": "exact", "velocity": (0.0, -speed)}
+    beam = mech.add(bd.Beam("strip", line, section, **options))
+    for name, end in (("left", beam.start), ("right", beam.end)):
+        mech.add(bd.PointMass(name, 0.08, on=end))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    law = {"restitution": restitution, "impact_speed": speed}
+    stop = mech.add(bd.Contact("stop", beam.at(0.15), floor, 2e6, **law))
+    mech.observe("stop", stop.force)
+    mech.observe("stress", beam.largest_stress())
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=0.05)
+    assert run.step_extremes["stop.N"].max_time < 0.01
+    assert not [x for x in run.warnings if "belongs to a vibration" in x]

@@ -15,11 +15,13 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.smooth_motion import find_smooth_state
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import BeamdaeError, list_first, name_with_others
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.parts.rotation import Rotation
 from beamdae.results.columns import Header, remove_unit
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.trajectory import Trajectory
 
@@ -34,6 +36,10 @@ _MIN_EXCESS, _MIN_EXCESS_OF_RANGE = 0.05, 1e-3
 # Largest displacement from the drawing to the equilibrium, relative to the amplitude of the run. If
 # it is larger, the vibration is the motion of interest, as after a load that jumps at the start.
 _MAX_DISPLACEMENT = 0.01
+# Largest displacement from the drawing to the equilibrium of mechanisms that drivers move, relative
+# to the length of the mechanism or to 1 rad: their motion of interest is that of the drivers.
+_MAX_DISPLACEMENT_OF_DRIVEN = 0.1
+_DRIVER_SAMPLES = 33  # times at which laws of drivers are compared
 # Distance of the extreme from the value in equilibrium, relative to the change from the start to
 # this value: 1 for an undamped vibration with one frequency.
 _MAX_OVERSHOOT = 2.0
@@ -55,7 +61,11 @@ _REPETITION_SAMPLES = 2000
 _ROTATION_SAMPLES = (0.131, 0.373, 0.619, 0.887)
 _MAX_SPEED_CHANGE = 0.05
 _RIGID_ROTATION_TOLERANCE = 1e-6  # of velocities, relative to the largest one
-_ROUNDING = 1e-9  # of centers of rotation, relative to the length of the mechanism
+_ROUNDING = 1e-9  # of centers of rotation, and of drivers, relative to the length
+_TOUCHING_SHARE = 1e-12  # of the length of the mechanism; smaller gaps are rounding errors
+# Displacement for the rate of a gap, relative to the length of the mechanism, and the smallest rate
+# relative to the speeds of the bodies.
+_DIFFERENCE, _MIN_SPEED_SHARE = 1e-6, 1e-6
 _MAX_ROWS_AT_ONCE = 2048
 _MAX_NAMES = 4  # of drivers
 
@@ -136,14 +146,17 @@ def _examine_loads(
     if not peaks:
         return ""
     states, active = State(*(x[:1] for x in first.rows)), first.active_equations(equations)
-    # Most runs with another motion of interest need no search for the equilibrium.
-    near = find_smooth_state(
-        ConsistencySolver(active), first.times[0], states.q[0], states.v[0], is_at_rest=True
-    )
-    if near is None or not _is_near(equations, trajectory, states.q[0], near.q):
-        return ""
+    is_driven = _has_moving_drivers(active, trajectory, states.q[0])
+    if not contacts_of(equations):
+        # Most runs with another motion of interest need no search for the equilibrium. The
+        # stiffness of a contact that is not yet loaded is that of an open one.
+        near = find_smooth_state(
+            ConsistencySolver(active), first.times[0], states.q[0], states.v[0], is_at_rest=True
+        )
+        if near is None or not _is_near(equations, trajectory, states.q[0], near.q, is_driven):
+            return ""
     rest = _find_start(active, first.times[0], EQUILIBRIUM)
-    if rest is None or not _is_near(equations, trajectory, states.q[0], rest.q):
+    if rest is None or not _is_near(equations, trajectory, states.q[0], rest.q, is_driven):
         return ""
     at = first.times[:1]
     (drawn,) = observe(at, *states)
@@ -152,7 +165,9 @@ def _examine_loads(
     for peak in peaks:
         change = static[peak.column] - drawn[peak.column]
         overshoot = peak.value - static[peak.column]
-        if 0.0 < overshoot * np.sign(change) <= _MAX_OVERSHOOT * abs(change):
+        if 0.0 < overshoot * np.sign(change) <= _MAX_OVERSHOOT * abs(change) and (
+            not is_driven or _is_vibration(equations, trajectory, observe, peak)
+        ):
             caused.append(peak)
     if not caused:
         return ""
@@ -178,32 +193,29 @@ def _examine_inertia(
     cause, drivers = _find_sudden_motion(active, trajectory, time, start.q)
     if not cause:
         return "", set()
+    headers = [x for x in equations.observed_headers if x in extremes]
+    large = select_large_columns(headers, extremes, equations.length, _MIN_SHARE_OF_KIND)
+    examined = {x: extremes[x] for x in large}
+    shares = _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION
+    peaks = _find_early_peaks(equations, trajectory, examined, observe, *shares)
+    peaks = _without_impacts(equations, trajectory, peaks)
+    if not peaks:
+        return "", set()
     (drawn,) = observe(time[None], *(x[None] for x in start))
+    # The stiffness of contacts is that in the equilibrium: in the drawing, they may be unloaded.
+    rest = _find_start(active, time, EQUILIBRIUM) if contacts_of(equations) else None
+    near = start if rest is None else start._replace(q=rest.q)
     smooth, resting = (
-        _observe_smooth(equations, trajectory, observe, time, start, is_at_rest)
+        _observe_smooth(equations, trajectory, observe, time, near, is_at_rest)
         for is_at_rest in (False, True)
     )
     changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - resting)
-    is_inertia = by_inertia >= _MIN_PART_OF_INERTIA * changes
-    headers = [x for x in equations.observed_headers if x in extremes]
-    large = select_large_columns(headers, extremes, equations.length, _MIN_SHARE_OF_KIND)
-    examined = {}
-    for header, change in zip(equations.observed_headers, is_inertia * changes, strict=True):
-        if header in large:
-            x = extremes[header]
-            if _MAX_OVERSHOOT * change > _MIN_EXCESS * max(abs(x.min), abs(x.max)):
-                examined[header] = x
-    shares = _EARLY_SHARE_OF_MOTION, _LATE_SHARE_OF_MOTION
-    caused = []
-    for peak in _find_early_peaks(equations, trajectory, examined, observe, *shares):
-        (at,), states = trajectory.at(np.array([peak.time]))
-        state = State(*(x[0] for x in states))
-        values = _observe_smooth(equations, trajectory, observe, at, state)
-        share = (peak.value - values[peak.column]) * np.sign(peak.value)
-        excess = abs(peak.value - peak.later)
-        limit = _MAX_OVERSHOOT * changes[peak.column]
-        if _MIN_SHARE_OF_EXCESS * excess <= share <= limit:
-            caused.append(peak)
+    caused = [
+        peak
+        for peak in peaks
+        if by_inertia[peak.column] >= _MIN_PART_OF_INERTIA * changes[peak.column]
+        and _is_vibration(equations, trajectory, observe, peak, changes[peak.column])
+    ]
     if not caused:
         return "", set()
     rotation = _find_rotation(active, trajectory, time, start)
@@ -239,6 +251,63 @@ def _find_sudden_motion(
     listed = list_first(names, _MAX_NAMES)
     change = change if drivers else "a velocity"
     return f"{listed} start{'s' * (len(names) == 1)} with {change}", listed if drivers else ""
+
+
+def _has_moving_drivers(e: EquationsOfMotion, trajectory: Trajectory, q: Array) -> bool:
+    """Return True if constraints depend on time during the run."""
+    solver, still = ConsistencySolver(e), np.zeros(e.n)
+    levels = [
+        solver.constraint_levels(np.array([t, t]), q, still)[0]
+        for t in np.linspace(trajectory.start, trajectory.end, _DRIVER_SAMPLES)
+    ]
+    return bool(np.max(np.ptp(levels, axis=0), initial=0.0) > _ROUNDING * e.length)
+
+
+def _without_impacts(
+    equations: EquationsOfMotion, trajectory: Trajectory, peaks: list[_EarlyPeak]
+) -> list[_EarlyPeak]:
+    """Return the peaks at which no body is in contact with a surface that it has hit."""
+    gaps = compile_surface_gaps(equations) if peaks and contacts_of(equations) else ()
+    for gap in gaps:
+        if peaks and _is_hit(gap, trajectory):
+            first, times = trajectory.intervals[0], np.array([x.time for x in peaks])
+            distances = gap.evaluate(times, first.branch, trajectory.positions_at(times))
+            peaks = [x for x, d in zip(peaks, distances, strict=True) if not d < 0.0]
+    return peaks
+
+
+def _is_hit(gap: SurfaceGapTerm, trajectory: Trajectory) -> bool:
+    """Return True if a gap is open at some time of a run, or closes at the start with a speed."""
+    distances = np.concatenate(
+        [gap.evaluate(x.t, x.branch, x.state.q) for x in trajectory.intervals]
+    )
+    if distances[0] > _TOUCHING_SHARE * gap.length or np.any(distances[1:] > 0.0):
+        return True
+    first = trajectory.intervals[0]
+    q, v = first.state.q[0], first.state.v[0]
+    speed = float(np.abs(v) @ gap.lengths)
+    if not speed:
+        return False
+    change = _DIFFERENCE * gap.length / speed * v
+    ends = np.stack([q - change, q + change])
+    before, after = gap.evaluate(first.t[[0, 0]], first.branch, ends)
+    return bool(before - after > _MIN_SPEED_SHARE * _DIFFERENCE * gap.length)
+
+
+def _is_vibration(
+    equations: EquationsOfMotion,
+    trajectory: Trajectory,
+    observe: Callable[..., Array],
+    peak: _EarlyPeak,
+    change: float = np.inf,
+) -> bool:
+    """Return True if the excess of a peak is that of a vibration, after a `change` by the start."""
+    (at,), states = trajectory.at(np.array([peak.time]))
+    state = State(*(x[0] for x in states))
+    values = _observe_smooth(equations, trajectory, observe, at, state)
+    share = (peak.value - values[peak.column]) * np.sign(peak.value)
+    excess = abs(peak.value - peak.later)
+    return bool(_MIN_SHARE_OF_EXCESS * excess <= share <= _MAX_OVERSHOOT * change)
 
 
 def _repeats(e: EquationsOfMotion, trajectory: Trajectory) -> bool:
@@ -378,12 +447,18 @@ def _find_start(equations: EquationsOfMotion, time: Array, request: str | Rotati
         return None
 
 
-def _is_near(equations: EquationsOfMotion, trajectory: Trajectory, q: Array, rest: Array) -> bool:
-    """Return True if positions are near the equilibrium, compared with the motion of the run."""
+def _is_near(
+    equations: EquationsOfMotion, trajectory: Trajectory, q: Array, rest: Array, is_driven: bool
+) -> bool:
+    """Return True if positions are near the equilibrium.
+
+    Displacements are compared with the motion of the run and, with drivers, with the mechanism.
+    """
     times = np.linspace(trajectory.start, trajectory.end, _AMPLITUDE_SAMPLES)
     amplitudes = 0.5 * np.ptp(trajectory.positions_at(times), axis=0)
-    distances, amplitudes = (
+    distance, amplitude = (
         np.max(equations.without_states(x) / equations.position_scales, initial=0.0)
         for x in (np.abs(rest - q), amplitudes)
     )
-    return bool(distances <= _MAX_DISPLACEMENT * amplitudes)
+    limits = _MAX_DISPLACEMENT * amplitude, _MAX_DISPLACEMENT_OF_DRIVEN * is_driven
+    return bool(distance <= max(limits))
