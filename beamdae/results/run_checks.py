@@ -143,7 +143,7 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
         run.equations.length,
         run.integrator.get("rtol") or 0.0,
         lambda: find_drift(run),
-        rounding_limits(run.equations, list(run.columns)),
+        rounding_limits(run.equations, list(run.columns), run.trajectory.mean_step),
     )
 
 

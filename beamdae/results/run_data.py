@@ -146,7 +146,9 @@ class RunData:
     @cached_property
     def _extremes_above_rounding(self) -> ColumnDict:
         """The `step_extremes` of columns that are not rounding errors."""
-        return without_rounding_errors(self.equations, self.step_extremes)
+        return without_rounding_errors(
+            self.equations, self.step_extremes, self.trajectory.mean_step
+        )
 
     @cached_property
     def _column_ranges(self) -> ColumnDict:

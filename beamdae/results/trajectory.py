@@ -520,6 +520,12 @@ class Trajectory:
         return sum(interval.grid.step_count for interval in self.intervals)
 
     @property
+    def mean_step(self) -> float:
+        """Mean length of the steps [s]; infinite without a step or a duration."""
+        duration = self.end - self.start
+        return duration / self.steps if self.steps and duration else np.inf
+
+    @property
     def stored_bytes(self) -> int:
         """Memory of the stored states [bytes]."""
         return sum(x.nbytes for interval in self.intervals for x in interval.rows)

@@ -81,6 +81,8 @@ def test_rounding_limits_follow_the_stiffest_beam() -> None:
     limits = rounding_limits(run.equations, headers)
     EA = 22e9 * 0.03 * 1.6e-3
     np.testing.assert_allclose(limits, [1e-11, 0.22, 1e-11 * EA, 0.0, 9.81e-9])
+    velocities = rounding_limits(run.equations, ["box.x_dot [m/s]", "box.angle_dot [rad/s]"], 0.01)
+    np.testing.assert_allclose(velocities, [1e-10 * run.equations.length, 1e-10])
     mech = bd.Mechanism(gravity=(0.0, 0.0))
     mech.observe(
         "body", mech.add(bd.PointMass("body", 1.0, at=(0.0, 0.0), velocity=(1.0, 0.0))).point

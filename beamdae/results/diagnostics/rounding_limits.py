@@ -1,4 +1,4 @@
-"""Ranges of columns up to which forces, strains and accelerations are rounding errors."""
+"""Ranges of columns up to which forces, strains and motions are rounding errors."""
 
 from __future__ import annotations
 
@@ -17,21 +17,29 @@ _ROUNDING_STRAIN = 1e-11
 # Accelerations in free fall vary by up to 1e-10 of gravity, divided by the length of the mechanism
 # for angles.
 _ROUNDING_OF_GRAVITY = 1e-9
+# Positions of bodies at rest change by less in a step, relative to the length of the mechanism or
+# to 1 rad.
+_ROUNDING_OF_POSITIONS = 1e-12
 
 
-def rounding_limits(equations: EquationsOfMotion, headers: Sequence[str]) -> np.ndarray:
+def rounding_limits(
+    equations: EquationsOfMotion, headers: Sequence[str], step: float = np.inf
+) -> np.ndarray:
     """Return the half ranges of columns (columns,) up to which they may be rounding errors.
 
     In free fall, all strains, stresses and forces of a beam are rounding errors, and so are
     reactions at its joints and changes of accelerations. The limits are a strain of 1e-11, the
-    stresses, forces and moments that it causes in the stiffest beam, and accelerations of 1e-9 of
-    gravity. They are zero for columns in other units.
+    stresses, forces and moments that it causes in the stiffest beam, accelerations of 1e-9 of
+    gravity, and velocities of 1e-12 of the length of the mechanism, or 1e-12 rad, in a mean `step`
+    [s] of the run. They are zero for columns in other units.
     """
     sections = [beam.section.at(0.5 * beam.length) for beam in beams_of(equations.mechanism)]
     mechanism = equations.mechanism
     gravity = 0.0 if mechanism is None else float(np.linalg.norm(mechanism.gravity))
     acceleration = _ROUNDING_OF_GRAVITY * gravity
-    limits = {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
+    velocity = _ROUNDING_OF_POSITIONS / step
+    limits = {"m/s": velocity * equations.length, "rad/s": velocity}
+    limits |= {"m/s^2": acceleration, "rad/s^2": acceleration / equations.length}
     if sections:
         limits["-"] = _ROUNDING_STRAIN
         limits["Pa"] = _ROUNDING_STRAIN * max(x.material.E for x in sections)
@@ -41,10 +49,10 @@ def rounding_limits(equations: EquationsOfMotion, headers: Sequence[str]) -> np.
 
 
 def without_rounding_errors(
-    equations: EquationsOfMotion, extremes: Mapping[str, StepExtremes]
+    equations: EquationsOfMotion, extremes: Mapping[str, StepExtremes], step: float
 ) -> ColumnDict:
     """Return the extremes of the columns whose range exceeds the `rounding_limits`."""
-    limits = rounding_limits(equations, list(extremes)).tolist()
+    limits = rounding_limits(equations, list(extremes), step).tolist()
     return ColumnDict(
         {
             header: x
