@@ -78,3 +78,35 @@ def test_regression_rounding_errors_of_a_loaded_structure_at_rest_are_no_missed_
     for share in (0.25, 0.5):
         mech.observe(f"at {share:g}", beam.at(share * beam.length))
     bd.simulate(mech, t_end=5e-3, output_step=5e-4)
+
+
+@pytest.mark.filterwarnings("ignore:start. the equilibrium is unstable:beamdae.BeamdaeWarning")
+@pytest.mark.filterwarnings("error:.*(output rows|fast vibrations):beamdae.BeamdaeWarning")
+def test_regression_velocities_of_bodies_at_rest_are_rounding_errors():
+    """A velocity of 6e-15 m/s had an error of 75 %, and its largest value between the rows."""
+    length, inertia = 0.05 * np.sqrt(0.5), 2e-4
+    titanium = bd.Material(E=114e9, nu=0.33, rho=4430.0)
+    section = bd.Section.rectangle(titanium, width=0.01, height=0.25e-3, damping=1e-4)
+    mech = bd.Mechanism()
+    stage = mech.add(bd.RigidBody("stage", 0.3, inertia, center=(0.0, 0.5 * length)))
+    for name, side in (("a", 0.5 * length), ("b", -0.5 * length)):
+        line = bd.Line((-side, 0.0), (side, length))
+        beam = mech.add(bd.Beam(name, line, section, elements=4, formulation="exact"))
+        mech.add(bd.Weld(f"{name} foot", mech.ground.at(-side, 0.0), beam.start))
+        mech.add(bd.Weld(f"{name} head", beam.end, stage.at(side, length)))
+    mech.add(bd.Force("load", stage.at(0.0, 0.5 * length), (0.0, 5.0)))
+    mech.observe("stage", stage.at(0.0, 0.5 * length))
+    run = bd.simulate(mech, t_end=2.0, start="equilibrium")
+    assert run["stage.y_dot"].abs().max() < 1e-13
+
+
+@pytest.mark.parametrize(("friction", "is_assessed"), [(0.0, True), (0.3, False)])
+def test_regression_equilibria_with_friction_of_contacts_are_not_assessed(friction, is_assessed):
+    """Friction may hold the foot of an unstable column, like that of joints."""
+    mech = toggle(1.1)
+    block = mech.add(bd.PointMass("block", 1.0, at=(1.0, 0.0)))
+    mech.add(bd.Spring("side", mech.ground.at(2.0, 0.0), block.point, 1e3))
+    mech.add(bd.Force("weight", block.point, (0.0, -10.0)))
+    floor = bd.LineSurface(mech.ground.at(1.0, 0.0))
+    mech.add(bd.Contact("floor", block.point, floor, 1e5, friction=friction))
+    assert bool(list_start_warnings(mech, start="equilibrium")) is is_assessed

@@ -17,10 +17,12 @@ from beamdae.errors import format_count
 def describe_unstable_start(equations: EquationsOfMotion, t: float) -> str:
     """Return a sentence on the equilibrium q0 at time `t` [s] if it is unstable; otherwise "".
 
-    Sampled controllers and friction, which may hold an unstable equilibrium, are not assessed, and
-    neither are large models in which the signs of pivots do not suffice.
+    Sampled controllers and friction of joints and contacts, which may hold an unstable equilibrium,
+    are not assessed, and neither are large models in which the signs of pivots do not suffice.
     """
-    has_friction = any(term.rows is not None for term in equations.forces)
+    parts = {} if equations.mechanism is None else equations.mechanism.parts
+    laws = (getattr(part, "regularized_friction", None) for part in parts.values())
+    has_friction = any(law is not None and law.coefficient for law in laws)
     if equations.controllers or has_friction:
         return ""
     active, time = active_equations(equations, None, t)
