@@ -1,5 +1,6 @@
 """Fits to data whose noise is not white: outliers, correlated errors, unequal scatter."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -73,7 +74,7 @@ def test_regression_improbable_chi_square_is_stated(exact):
 
 def test_regression_first_runs_of_another_size_warn_at_once(exact):
     """A fit without its start searched for minutes without a message."""
-    data = {"t [s]": TIMES, "mass.x": 1.0 + 1e3 * (exact - 1.0)}
+    data = {"t [s]": TIMES, "mass.x": 1.0 + 200.0 * (exact - 1.0)}
     sentence = r"mass.x has a range of 0\.\d+ m in the first run and of [\d.]+ m in the data"
     with pytest.warns(bd.BeamdaeWarning, match=sentence):
         bd.fit(oscillator, data, list(TRUE), METHOD, max_evaluations=1)
@@ -82,6 +83,62 @@ def test_regression_first_runs_of_another_size_warn_at_once(exact):
         # Noise about a constant.
         resting = {"t [s]": TIMES, "mass.x": exact, "mass.y": white()}
         bd.fit(oscillator, resting, list(TRUE), METHOD, sigma=1e-3)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+@pytest.mark.parametrize("options", [{}, {"bounds": {"stiffness": (10.0, 90.0)}}])
+def test_regression_data_in_a_wrong_unit_are_not_searched(exact, factor, options):
+    """Millimeters under a header [m] were searched for minutes, with 12 failed runs."""
+    data = {"t [s]": TIMES, "mass.x [m]": 1.0 + factor * (exact - 1.0)}
+    match = r"explains this factor of 8\.2e\+02|explains this factor of 1\.2e\+03"
+    with pytest.raises(bd.BeamdaeError, match=match) as error:
+        bd.fit(oscillator, data, list(TRUE), METHOD, **options)
+    assert "the unit in the header 'mass.x [m]'" in str(error.value)
+    assert "scale=['mass.x']" in str(error.value)
+    scaled = bd.fit(oscillator, data, list(TRUE), METHOD, scale="mass.x", offset="mass.x")
+    assert scaled.sensors["scale of mass.x"] == pytest.approx(factor, rel=1e-3)
+
+
+def test_loads_far_from_their_first_values_are_fitted():
+    """Loads scale the model, so that ranges that differ by 3000 are no error."""
+
+    @bd.model(t_end=2.0)
+    def pushed(load=1.0):
+        mech = bd.Mechanism()
+        body = mech.add(bd.PointMass("mass", 1.0, at=(1.0, 0.0)))
+        mech.add(bd.SpringDamper("spring", mech.ground.at(0.0, 0.0), body.point, 40.0, 2.0))
+        mech.add(bd.Force("push", body.point, (load, 0.0)))
+        mech.observe("mass", body.point)
+        return mech
+
+    run = bd.simulate(pushed(load=3e3), METHOD, t_end=2.0).at_times(TIMES)
+    data = {"t [s]": TIMES, "mass.x": run["mass.x"].to_numpy()}
+    with pytest.warns(bd.BeamdaeWarning, match="mass.x has a range of"):
+        result = bd.fit(pushed, data, "load", METHOD)
+    assert result.parameters["load"] == pytest.approx(3e3, rel=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [1e-4, None])
+@pytest.mark.parametrize(
+    ("factor", "sentence"),
+    [
+        (-1.0, r"mirrored \(scale -0\.\d+\); reverse their sign, or estimate it with scale="),
+        (1.0 / 25.4, r"scaled \(scale 0\.\d+, as between inches and mm\)"),
+    ],
+    ids=["mirrored", "inches"],
+)
+def test_regression_mirrored_and_scaled_data_are_named(exact, factor, sentence, sigma):
+    """Neither the sign nor the unit of the data was named after searches of a minute."""
+    data = {"t [s]": TIMES, "mass.x": 1.0 + factor * (exact - 1.0 + white(1e-4))}
+    options = {"parameters": {"stiffness": 39.0, "damping": 0.7}, "sigma": sigma}
+    with pytest.warns(bd.BeamdaeWarning, match=f"relative to the first run, .* look {sentence}"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, max_evaluations=10, **options)
+    (text,) = [x for x in result.warnings if "does not explain" in x]
+    assert re.search(f"the data of mass.x look {sentence}", text)
+    options |= {"scale": ["mass.x"], "offset": ["mass.x"]}
+    right = bd.fit(oscillator, data, list(TRUE), METHOD, **options)
+    assert not [x for x in right.warnings if "look" in x]
+    assert right.sensors["scale of mass.x"] == pytest.approx(factor, rel=1e-2)
 
 
 def test_regression_times_that_begin_late_correlate_the_residuals(exact):

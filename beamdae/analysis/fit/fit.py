@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from functools import partial as bind
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beamdae import deferred
+from beamdae.analysis.fit.column_scales import ColumnScale, check_first_run
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
 from beamdae.analysis.fit.result import Fit, create_fit
 from beamdae.analysis.fit.search import SearchResult, robust_search
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
-    InputWarning,
     kind_of_message,
     require_choice,
     require_count,
@@ -33,14 +31,8 @@ from beamdae.interrupts import (
     interruptible,
 )
 from beamdae.model_functions import Model
-from beamdae.model_parameters import format_with_unit, split_unit
 from beamdae.results.outcome import Status
 from beamdae.simulation import as_equations
-
-# Ratio of the ranges of a column in the first run and in the data from which a fit warns, and
-# correlation of consecutive data up to which these may be noise.
-_MAX_RANGE_RATIO = 100.0
-_MIN_CORRELATION = 0.5
 
 
 @interruptible
@@ -155,8 +147,9 @@ def fit(
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, the first run fails, or the model cannot be differentiated; see
-        `sensitivities`.
+        If an argument is invalid, the first run fails, or the model cannot be differentiated (see
+        `sensitivities`), or if the ranges of a column in the first run and in the data differ by a
+        factor above 300 although no parameter scales the model.
     Interrupted
         If Ctrl-C ends the fit; `Interrupted.partial` contains the best estimates so far, or None
         during the first run. Finished searches are stored in `folder`.
@@ -168,10 +161,11 @@ def fit(
     BeamdaeWarning
         Before the search, if columns of the data are not observed, have no unit in a file or have
         times without a unit, if the data end after the end time of the model or before 1/300 of it,
-        or if the ranges of a column in the first run and in the data differ by a factor above 100;
-        if the search did not converge, with the reason, for each sentence in `Fit.warnings`,
-        which include those of the runs, if a parameter has no effect on the model, and for each
-        sentence in `Fit.undetermined` if a standard deviation is infinite.
+        if the ranges of a column in the first run and in the data differ by a factor above 100, or
+        if the data look mirrored or in another unit; if the search did not converge, with the
+        reason, for each sentence in `Fit.warnings`, which include those of the runs, if a parameter
+        has no effect on the model, and for each sentence in `Fit.undetermined` if a standard
+        deviation is infinite.
 
     Examples
     --------
@@ -198,10 +192,20 @@ def fit(
     )
     scaling = Scaling(problem, bounds, log)
     first, table, is_interrupted = scaling.first, None, False
+    first_scales: list[ColumnScale] = []
+
+    def check_start(evaluation: Evaluation) -> None:
+        first_scales.extend(check_first_run(problem, scaling, evaluation))
+
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.limits, condition)
-        _check_first_values(problem, scaling)
+        try:
+            evaluation = problem.evaluate(scaling.values(scaling.first))
+        except (ValueError, ArithmeticError):
+            pass  # other searches may succeed
+        else:
+            check_start(evaluation)
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
@@ -217,7 +221,7 @@ def fit(
                 scaling,
                 first,
                 max_evaluations,
-                check_start=bind(_compare_ranges, problem) if table is None else None,
+                check_start=check_start if table is None else None,
             )
         except Interrupted as interrupt:
             if interrupt.partial is None:
@@ -228,7 +232,7 @@ def fit(
             # Those of the search from the best start, whose end is evaluated again.
             best = table["chi-square"].astype(float).idxmin()
             end = replace(end, evaluations=int(table["evaluations"][best]))
-    result = create_fit(problem, scaling, end, table)
+    result = create_fit(problem, scaling, end, table, first_scales)
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "fit")
@@ -247,35 +251,6 @@ def fit(
         elif kind_of_message(sentence) not in problem.build_warnings:
             warn_user(sentence)
     return result
-
-
-def _check_first_values(problem: FitProblem, scaling: Scaling) -> None:
-    """Compare the first run with the data before searches from several starts, if it succeeds."""
-    with suppress(ValueError, ArithmeticError):
-        _compare_ranges(problem, problem.evaluate(scaling.values(scaling.first)))
-
-
-def _compare_ranges(problem: FitProblem, first: Evaluation) -> None:
-    """Warn of columns whose range in the first run is far from that of the data.
-
-    Columns with an unknown scale are omitted, and data that may be noise about a constant.
-    """
-    model, end = problem.recorded_values(first), 0
-    for series, header in zip(problem.data.series, problem.headers, strict=True):
-        begin, end = end, end + len(series.values)
-        changes = series.values - series.values.mean()
-        is_noise = changes[1:] @ changes[:-1] <= _MIN_CORRELATION * (changes @ changes)
-        if is_noise or any(begin in sensor.rows for sensor in problem.sensors.scales):
-            continue
-        ranges = [float(np.ptp(x)) for x in (model[begin:end], series.values)]
-        if max(ranges) > _MAX_RANGE_RATIO * min(ranges):
-            unit = split_unit(header)[1]
-            texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
-            warn_user(
-                f"fit: {series.label} has a range of {texts[0]} in the first run and of "
-                f"{texts[1]} in the data; check start=, loads, units and first values.",
-                InputWarning,
-            )
 
 
 def _warn_of_parameters_without_effect(problem: FitProblem, result: Fit) -> list[str]:

@@ -119,6 +119,8 @@ class FitProblem:
         First values (K,) of the parameters of the model and of the shifts.
     build_warnings
         Kinds of the warnings that the first models issued; see `kind_of_message`.
+    weights
+        Reciprocal standard deviations (N,) of the data.
     """
 
     def __init__(
@@ -154,7 +156,7 @@ class FitProblem:
         series = self.data.series
         self._times = np.concatenate([x.times for x in series])
         self._values = np.concatenate([x.values for x in series])
-        self._weights = 1.0 / np.concatenate([x.sigma for x in series])
+        self.weights = 1.0 / np.concatenate([x.sigma for x in series])
         self._ends = np.cumsum([0, *(len(x.values) for x in series)])
         if self.data.count < (count := len(self.variables) + len(self.coefficients)):
             raise BeamdaeError(
@@ -173,7 +175,7 @@ class FitProblem:
     @property
     def weighted_square(self) -> float:
         """Sum of the squares of the data in standard deviations."""
-        return float(np.sum((self._values * self._weights) ** 2))
+        return float(np.sum((self._values * self.weights) ** 2))
 
     @property
     def last_time(self) -> float:
@@ -300,7 +302,7 @@ class FitProblem:
 
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
-        return self._values + evaluation.residuals / self._weights
+        return self._values + evaluation.residuals / self.weights
 
     def accepts(self, values: Array) -> bool:
         """Return True if the equations of all experiments can be assembled with values (K,)."""
@@ -324,7 +326,7 @@ class FitProblem:
             run, rows = evaluation.runs[series.experiment], slice(self._ends[k], self._ends[k + 1])
             at = np.minimum(np.searchsorted(run.t, self._times[rows]), len(run.t) - 1)
             result[rows] = rates[series.experiment][header][at]
-        return result * self._weights
+        return result * self.weights
 
     def step_errors(self, evaluation: Evaluation) -> Array:
         """Return how an evaluation changes the weighted residuals (N,) with more accurate runs.
@@ -382,7 +384,7 @@ class FitProblem:
         self, values: Array, runs: Mapping[str, Sensitivities], model: Array, derivatives: Array
     ) -> Evaluation:
         """Solve for scales and offsets, and differentiate the remaining residuals."""
-        weights, scales = self._weights, self.sensors.scales
+        weights, scales = self.weights, self.sensors.scales
         matrix = np.zeros((len(model), len(self._linear)))
         is_scaled = np.zeros(len(model), bool)
         for j, sensor in enumerate(self._linear):

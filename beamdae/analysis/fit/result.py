@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtr, chdtrc, stdtrit
 
 from beamdae import deferred
+from beamdae.analysis.fit.column_scales import ColumnScale, describe_scales
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
@@ -239,12 +240,13 @@ class Fit:
         steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
         than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
         and larger values of chi-square have a probability below 1e-3, or, without `sigma`, more
-        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
-        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
-        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
-        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
-        intervals of correlated parameters whose linear approximation may fail (`profile` does
-        without it), or on data that end after the end time of the model.
+        than half of the variance is left), or that explain a column far better with another scale
+        (mirrored data, or data in another unit), on a given `sigma` of more than 1.4 times the
+        residuals of its column (if smaller residuals have a probability below 1e-6), on residuals
+        that are no white noise (consecutive ones have a correlation above 0.5, single ones are
+        outliers, or, without `sigma`, columns or experiments scatter differently), on estimates at
+        a bound, on intervals of correlated parameters whose linear approximation may fail
+        (`profile` does without it), or on data that end after the end time of the model.
         """
         return (*self._own_warnings, *self.run_warnings)
 
@@ -755,8 +757,17 @@ class Information:
         return [x for x in groups if x.sum() > 1]
 
 
-def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:
-    """Return the result at the last values of a search."""
+def create_fit(
+    problem: FitProblem,
+    scaling: Scaling,
+    search: SearchResult,
+    starts: Any,
+    first_scales: Sequence[ColumnScale],
+) -> Fit:
+    """Return the result at the last values of a search.
+
+    `first_scales` are the linear trials of the first evaluation.
+    """
     evaluation, names = search.evaluation, problem.variables
     all_names = (*names, *problem.coefficients)
     estimates = np.concatenate([evaluation.values, evaluation.coefficients])
@@ -791,7 +802,7 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
     if search.status.success or not search.invalid:
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
+        doubts = _check_residuals(problem, evaluation, residuals, len(all_names), first_scales)
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -886,12 +897,19 @@ def _check_bounds(
 
 
 def _check_residuals(
-    problem: FitProblem, evaluation: Evaluation, residuals: Array, count: int
+    problem: FitProblem,
+    evaluation: Evaluation,
+    residuals: Array,
+    count: int,
+    first_scales: Sequence[ColumnScale],
 ) -> tuple[str, ...]:
     """Return the first kind of warnings about the residuals that applies.
 
     The residuals of the evaluation are in units of the weights, `residuals` in standard deviations.
     """
+    scales = describe_scales(problem, evaluation, first_scales)
+    if scales:
+        return (f"The model does not explain the data, but {scales}.",)
     return (
         _check_chi_square(problem, evaluation, residuals, count)
         or _check_variation(problem, evaluation.residuals)
