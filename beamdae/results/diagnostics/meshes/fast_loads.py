@@ -55,6 +55,8 @@ _UNITS = ("m", "rad", "-", "Pa", "N", "N m")
 # Columns whose half range is smaller, relative to the largest one of their kind, are left out.
 _MIN_SHARE = 1e-2
 _HALVINGS = 2  # of the compared elements
+_MAX_ITERATIONS = 8  # of Newton's method for the state of shorter elements
+_NEWTON_TOLERANCE = 1e-4  # relative to the first residual
 _MAX_COORDINATES = 700
 _MAX_SAMPLED_TIMES = 2000
 _MAX_SLOW_SAMPLES = 200  # of functions that accept no arrays
@@ -144,14 +146,13 @@ def fast_load_warnings(
         # The finest and the coarsest model suffice for most runs.
         columns = list(half_ranges)
         q, sizes = _positions_at(trajectory, change.start), np.array(list(half_ranges.values()))
+        balanced = _balance(refined, q, float(times[0]), _slowest_rate(beams))
         responses: dict[int, _Response] = {}
 
         def measure(level: int) -> Array:
             for k in (level, _HALVINGS):
                 if k not in responses:
-                    start, prolongation, model = refined[k]
-                    state = start + prolongation @ q
-                    responses[k] = _respond(model, state, times, columns, is_start)
+                    responses[k] = _respond(refined[k][2], balanced[k], times, columns, is_start)
             coarse, fine = responses[level], responses[_HALVINGS]
             differences = np.maximum(abs(coarse.low - fine.low), abs(coarse.high - fine.high))
             return np.asarray(differences / sizes)
@@ -301,15 +302,59 @@ def _positions_at(trajectory: Trajectory, time: float) -> Array:
     return np.asarray(state.q[0])
 
 
+def _balance(
+    refined: list[tuple[Array, sp.csc_array, EquationsOfMotion]], q: Array, time: float, rate: float
+) -> list[Array]:
+    """Return positions of all models at which they accelerate like the first one at `q` (n,).
+
+    In long bent elements, axial strains are zero only at the points of the quadrature. Forces of
+    the prolonged strains would change the stiffness of shorter elements. Therefore, these are in
+    equilibrium with the inertial forces of the first model, up to motions slower than `rate`
+    [rad/s], which change little.
+    """
+    states, acceleration = [q], np.zeros(0)
+    for start, prolongation, model in refined:
+        solver, first = ConsistencySolver(model), time_on_branch(model.breakpoints, time)
+        state = start + prolongation @ q
+        basis, _ = _split_motions(solver, first, state)
+        if model is refined[0][2]:
+            mass = solver.linearize_forces(first, solver.rest_state(q))[2]
+            force = basis.T @ solver.force(first, q, np.zeros(model.n))
+            acceleration = -basis @ la.solve(basis.T @ (mass @ basis), force)
+            continue
+        sizes: list[float] = []
+        for _ in range(_MAX_ITERATIONS):
+            rest = solver.rest_state(state)
+            stiffness, _, mass = solver.linearize_forces(first, rest)
+            force = solver.force(first, state, rest.v) + mass @ (prolongation @ acceleration)
+            residual = basis.T @ force
+            sizes.append(float(np.linalg.norm(residual)))
+            if sizes[-1] <= _NEWTON_TOLERANCE * sizes[0]:
+                break
+            matrix = basis.T @ ((stiffness + rate**2 * mass) @ basis)
+            state = state - basis @ la.solve(matrix, residual)
+        states.append(state)
+    return states
+
+
+def _split_motions(solver: ConsistencySolver, time: Array, q: Array) -> tuple[Array, Array]:
+    """Return a basis (n, k) of the free motions, and the motions (n, m) of gaps of constraints."""
+    e = solver.equations
+    scales = e.position_scales
+    if not e.m:
+        return scales[:, None] * np.eye(e.n), np.zeros((e.n, 0))
+    scaled = solver.constraint_matrix(time, q).toarray() * scales
+    left, singular, right = la.svd(scaled, full_matrices=True)
+    rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
+    driven = scales[:, None] * (right[:rank].T / singular[:rank]) @ left[:, :rank].T
+    return scales[:, None] * right[rank:].T, driven
+
+
 def _time_grid(
     equations: EquationsOfMotion, trajectory: Trajectory, change: _Change, beams: list[Beam]
 ) -> Array:
     """Return ascending times of the response: of the fast change, and of one bending vibration."""
-    longest = 0.0
-    for beam in beams:
-        bending, mass = section_values(beam, "EI", "rhoA")
-        rate = _CANTILEVER * math.sqrt(float(np.min(bending / mass))) / beam.length**2
-        longest = max(longest, 2.0 * math.pi / rate)
+    longest = 2.0 * math.pi / _slowest_rate(beams)
     begin = max(change.start, trajectory.start)
     duration = max(_PERIODS * longest, 3.0 * (change.end - begin))
     end = min(begin + duration, trajectory.end)
@@ -319,6 +364,15 @@ def _time_grid(
         grids.append(np.linspace(begin, min(change.end, end), _FINE_TIMES))
     times = np.unique(np.concatenate(grids))
     return times[np.append(True, np.diff(times) > _SHORT_TIME * (end - begin))]
+
+
+def _slowest_rate(beams: list[Beam]) -> float:
+    """Return the lowest angular frequency of the beams as cantilevers [rad/s]."""
+    rates = []
+    for beam in beams:
+        bending, mass = section_values(beam, "EI", "rhoA")
+        rates.append(_CANTILEVER * math.sqrt(float(np.min(bending / mass))) / beam.length**2)
+    return min(rates)
 
 
 def _time_of_turn(
@@ -354,14 +408,7 @@ def _respond(
     rest = solver.rest_state(q)
     first = time_on_branch(e.breakpoints, float(times[0]))
     stiffness, damping, mass = (x.toarray() for x in solver.linearize_forces(first, rest))
-    scales = e.position_scales
-    basis, driven = scales[:, None] * np.eye(e.n), np.zeros((e.n, e.m))
-    if e.m:
-        scaled = solver.constraint_matrix(first, q).toarray() * scales
-        left, singular, right = la.svd(scaled, full_matrices=True)
-        rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
-        basis = scales[:, None] * right[rank:].T
-        driven = scales[:, None] * (right[:rank].T / singular[:rank]) @ left[:, :rank].T
+    basis, driven = _split_motions(solver, first, q)
     if not basis.shape[1]:
         raise ValueError("no free motion")
     reduced = basis.T @ mass @ basis
