@@ -303,6 +303,33 @@ def test_regression_loads_are_checked_although_the_first_period_cannot_be_run(pe
         bd.periodic(model(elements=2, speed=1.5), period, period_guess=None if period else 2.0)
 
 
+@pytest.mark.parametrize("speed", [30.0, -30.0])
+def test_regression_vibrations_about_a_rotation_recommend_its_linearization(speed):
+    """The advice was a period, although no period suits a swept frequency beside a rotation."""
+
+    @bd.model(t_end=1.0)
+    def rotor(frequency=3.0):
+        mech = bd.Mechanism()
+        hub = mech.add(bd.RigidBody.disk("hub", (0.0, 0.0), radius=0.1, mass=1.0))
+        disk = mech.add(bd.RigidBody.disk("disk", (0.0, 0.0), radius=0.1, mass=1.0))
+        center = mech.ground.at(0.0, 0.0)
+        mech.add(bd.Revolute("bearing", center, hub.at(0.0, 0.0)))
+        mech.add(bd.Revolute("pin", hub.at(0.0, 0.0), disk.at(0.0, 0.0)))
+        ends = (hub.at(0.0, 0.0), disk.at(0.0, 0.0))
+        mech.add(bd.TorsionSpring("shaft", *ends, 2.0))
+        rate = 2.0 * np.pi * frequency
+        law = lambda t: speed * t + 1e-3 * np.sin(rate * t)  # noqa: E731
+        mech.add(bd.Driver("motor", center, hub.at(0.0, 0.0), law))
+        mech.observe("disk", disk.at(0.0, 0.0))
+        return mech
+
+    match = r"^motor\.angle: this driver vibrates about a rotation at 30 rad/s, .*bd\.rotation"
+    with pytest.raises(bd.BeamdaeError, match=match):
+        bd.frequency_response(rotor, "frequency", (3.0, 4.0), settle=1)
+    with pytest.raises(bd.BeamdaeError, match=match):
+        bd.periodic(rotor(), 1.0 / 3.0)
+
+
 def test_steps_across_a_fold_report_it_once():
     # Points of the parabola 1 - s^2 around its vertex; corrections of 1e-9 made the parameter
     # reverse three times.

@@ -28,6 +28,7 @@ from beamdae.integrators.amplitudes import Amplitudes
 from beamdae.integrators.redundant_constraints import remove_redundant
 from beamdae.integrators.step_thinning import keep_all_steps
 from beamdae.interrupts import Interrupted
+from beamdae.parts.joints.drivers import Driver
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Trajectory
 from beamdae.simulation import as_equations
@@ -205,12 +206,15 @@ class _Mismatch(NamedTuple):
         Size, as text.
     periods
         Period after which this load or driver repeats at this time [s]; empty if unknown.
+    mean_rate
+        Mean rate of a driver that repeats beside a uniform motion [rad/s or m/s]; 0 for others.
     """
 
     name: str
     time: float
     difference: str
     periods: list[float]
+    mean_rate: float
 
 
 def _find_nearby_root(function: Callable[[float], float], start: float) -> list[float]:
@@ -374,6 +378,15 @@ class PeriodMap:
         mismatch = self._find_mismatch(solution)
         if mismatch is None:
             return
+        mechanism, part = self.equations.mechanism, mismatch.name.rpartition(".")[0]
+        if mismatch.mean_rate and mechanism and isinstance(mechanism.parts.get(part), Driver):
+            raise BeamdaeError(
+                f"{mismatch.name}: this driver vibrates about a rotation at "
+                f"{mismatch.mean_rate:.6g} rad/s, which makes no whole number of turns in the "
+                f"period of {self.period:g} s, so that no motion repeats; for small vibrations "
+                "about the rotation, use bd.linearize(..., about=bd.rotation(speed)) and its "
+                "frequency_response."
+            )
         others = (replace(self, period=x) for x in mismatch.periods)
         period = next((x.period for x in others if x._find_mismatch(solution) is None), None)
         advice = "" if period is None else f", {period:.9g} s"
@@ -430,7 +443,19 @@ class PeriodMap:
             later = np.full(2, times[row] + period)
             return float(form.residual(later, y + revolutions, yp)[worst] - now)
 
-        size = excess[row, worst] + _REPETITION_TOLERANCE * sizes[worst]
+        def change_after(t: float, duration: float) -> float:
+            times = np.array([t, interval.branch]), np.full(2, t + duration)
+            before, after = (form.residual(x, y, yp)[worst] for x in times)
+            return float(after - before)
+
+        # Beside a uniform motion, changes after a period are equal; those of the uniform motion
+        # alone are half of it after half a period.
+        drifts = [change_after(t, self.period) for t in times.tolist()]
+        half = change_after(times[row], 0.5 * self.period)
+        tolerance = _REPETITION_TOLERANCE * sizes[worst]
+        is_drift = np.ptp(drifts) <= tolerance < abs(drifts[0])
+        is_uniform = abs(2.0 * half - drifts[0]) <= tolerance
+        size = excess[row, worst] + tolerance
         is_force = e.n <= worst < 2 * e.n
         return _Mismatch(
             form.names[worst].removeprefix("velocity of ").removeprefix("correction of "),
@@ -439,6 +464,7 @@ class PeriodMap:
             if is_force
             else f"{size:.2g} in SI units",
             _find_nearby_root(difference_after, self.period),
+            abs(drifts[0]) / self.period if is_drift and not is_uniform else 0.0,
         )
 
     def is_autonomous(self, solution: Solution) -> bool:
