@@ -124,6 +124,29 @@ def show_curve_progress(
 
 
 @contextmanager
+def show_design_progress(most: int) -> Iterator[Callable[[int, float, float], None]]:
+    """Show the progress of an optimization of at most this number of designs.
+
+    Yield a function of the number of designs, the objective and the violation of the limits. The
+    number of designs that a search needs, and hence the remaining time, is unknown.
+    """
+    start = monotonic()
+    with _live_display() as show:
+        show_line = show or _RunLines()
+
+        def update(count: int, objective: float, violation: float) -> None:
+            label = f"objective {objective:.5g}"
+            if violation > 0.0:
+                label += f", a limit exceeded by {100.0 * violation:.2g} %"
+            done = f"{format_count(count, 'design')}, {(monotonic() - start) / count:.2g} s each"
+            show_line(ProgressLine(count / most, done, None, label))
+
+        if show:
+            show(ProgressLine(0.0, "0 designs", None, "first design"))
+        yield update
+
+
+@contextmanager
 def show_study_progress() -> Iterator[Callable[[StudyProgress], None]]:
     """Show the progress of a study; yield a function that takes a `StudyProgress`."""
     start = monotonic()

@@ -172,6 +172,20 @@ def test_a_run_without_a_terminal_prints_progress_lines(capsys, monkeypatch):
     ]
 
 
+def test_regression_optimizations_print_their_progress(capsys, monkeypatch):
+    """Nothing was printed for minutes."""
+    clock = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(progress, "create_progress_console", lambda: None)
+    with progress.show_design_progress(200) as update:
+        for count, violation in ((1, 0.5), (2, 0.0), (3, 0.125)):
+            clock[0] += 8.0
+            update(count, 2.5, violation)
+    assert capsys.readouterr().err.splitlines() == [
+        "objective 2.5: 2 designs, 8 s each, -:-- left",
+    ]
+
+
 @pytest.mark.slow(reason="starts processes in terminals")
 def test_no_color_is_respected(here):
     _, _, colored = in_terminal(80, "run", "model.py", "--t-end", "0.01")

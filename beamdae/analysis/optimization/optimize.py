@@ -119,7 +119,8 @@ def optimize(
         Seed of the points.
     progress
         Function that is called after each analyzed design with the number of designs, the value of
-        the objective, and the largest violation of a limit, relative to the limit.
+        the objective, and the largest violation of a limit, relative to the limit; `print` lists
+        the designs of a long search as they are analyzed.
     partial
         "return" to return the best design so far if the call is interrupted, with the status
         "interrupted", instead of raising `Interrupted`.

@@ -27,6 +27,7 @@ from beamdae.cli.options import (
 )
 from beamdae.cli.output import WrittenFiles, create_console, print_warnings, record_results
 from beamdae.cli.output_paths import require_writable
+from beamdae.cli.progress import show_design_progress
 from beamdae.errors import BeamdaeError
 from beamdae.report.option_names import name_options
 
@@ -112,20 +113,22 @@ def optimize_command(
     limits += [parser.limit("--at-least", x) for x in at_least or []]
     if t and not parser.has_equilibria:
         raise BeamdaeError(f"--t {t:g}: no quantity is of the kind equilibrium:COLUMN; add one.")
-    result = optimize(
-        model,
-        objective,
-        split_names(by),
-        limits,
-        parse_bounds(model, bounds),
-        None if step is None else GeneralizedAlpha(step=step),
-        start=parse_start(start, model),
-        method=method,  # type: ignore[arg-type]
-        max_evaluations=max_evaluations,
-        starts=starts,
-        seed=seed,
-        partial="return",
-    )
+    with show_design_progress(starts * max_evaluations) as progress:
+        result = optimize(
+            model,
+            objective,
+            split_names(by),
+            limits,
+            parse_bounds(model, bounds),
+            None if step is None else GeneralizedAlpha(step=step),
+            start=parse_start(start, model),
+            method=method,  # type: ignore[arg-type]
+            max_evaluations=max_evaluations,
+            starts=starts,
+            seed=seed,
+            progress=progress,
+            partial="return",
+        )
     table = escape_table(result.table()).to_csv(index_label="parameter")
     written = [write_text(table_path, table), result.to_csv(history_path)]
     if result.starts is not None:
