@@ -99,6 +99,8 @@ class Structure:
     states
         Indices of the coordinates of first-order states x: their rows of F are x' - f, without
         inertia.
+    deformations
+        Indices of the coordinates relative to floating frames.
     """
 
     n: int = field(compare=False)
@@ -106,6 +108,7 @@ class Structure:
     forces: tuple[ForceTerm, ...] = field(compare=False, repr=False)
     joints: tuple[ConstraintTerm, ...] = field(compare=False, repr=False)
     states: tuple[int, ...] = field(default=(), compare=False)
+    deformations: tuple[int, ...] = field(default=(), compare=False)
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -115,6 +118,7 @@ class Structure:
             self.n,
             self.m,
             self.states,
+            self.deformations,
             *(comparison_key(value) for term in terms for value in vars(term).values()),
         )
         object.__setattr__(self, "_key", key)
@@ -140,7 +144,8 @@ def has_same_patterns(one: Structure, other: Structure) -> bool:
             comparison_key(_with_unit_weights(x) if isinstance(x, sp.csr_array) else x)
             for x in values
         )
-        return structure.n, structure.m, structure.states, *keys
+        sizes = structure.n, structure.m, structure.states, structure.deformations
+        return *sizes, *keys
 
     return one == other or pattern_key(one) == pattern_key(other)
 

@@ -87,7 +87,7 @@ class ConstraintKernel:
     def effective_levels(
         self, levels: tuple[int, ...], stabilized: bool
     ) -> tuple[tuple[int, ...], bool]:
-        """Return the levels that replace `levels`, and True if q' includes the term G^T mu.
+        """Return the levels that replace `levels`, and True if the term G^T mu corrects q'.
 
         For holonomic constraints, both arguments are returned unchanged.
         """

@@ -1,6 +1,7 @@
 """Dense output is as accurate as the steps, for every method."""
 
 import numpy as np
+import pytest
 from benchmarks.cases import pendulum, pendulum_motion
 from conformance import integrators
 from numpy.testing import assert_allclose
@@ -52,6 +53,31 @@ def test_radau_dense_output_orders_are_five_four_and_three(monkeypatch):
         t = between(interval)
         errors_by_step.append(errors(interval.at(t), t))
     assert_allclose(np.log2(np.divide(*errors_by_step)), [5.0, 4.0, 3.0], rtol=0.0, atol=0.2)
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5])
+def test_axial_force_of_a_slow_rod_between_the_steps(rtol):
+    # Corrections of positions by the joints must not stretch the rod.
+    radius, length, speed, force = 0.06, 0.28, 1.2, 100.0
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.03, damping=2e-5)
+    crank = mech.add(bd.RigidBody("crank", mass=1.0, inertia=0.01, center=(0.0, 0.0)))
+    line = bd.Line((radius, 0.0), (radius + length, 0.0))
+    rod = mech.add(bd.Beam("rod", line, section, elements=8))
+    ram = mech.add(bd.PointMass("ram", 0.1, at=(radius + length, 0.0)))
+    motor = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
+    mech.add(bd.Driver("motor", *motor, lambda t: speed * t))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)))
+    mech.add(bd.Revolute("crank pin", crank.at(radius, 0.0), rod.start))
+    mech.add(bd.Revolute("wrist pin", rod.end, ram.point))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.0, 0.0), ram.point, direction=(1.0, 0.0)))
+    mech.add(bd.Force("load", ram.point, (-force, 0.0)))
+    mech.observe("end", rod.section_forces(0.99 * length))
+    solution = bd.simulate(mech, bd.Radau(rtol), t_end=5.0)
+    end = solution["end.N"][1.0:]
+    angle = np.arcsin(radius / length * np.sin(speed * end.index))
+    # The inertia of the rod and of the ram is less than 0.2 % of the load.
+    assert_allclose(end, -force / np.cos(angle), rtol=5e-3)
 
 
 def four_bar():

@@ -172,7 +172,8 @@ def build_equations(
         len(multipliers),
         tuple(force_terms),
         tuple(constraint_terms),
-        tuple(k for part in parts if part.is_state for k in range(part.rows.start, part.rows.stop)),
+        tuple(k for part in parts if part.is_state for k in _indices(part.rows)),
+        tuple(k for part in parts for k in _indices(part.deformations)),
     )
     return EquationsOfMotion(
         coordinates=coordinates,
@@ -197,6 +198,10 @@ def build_equations(
         statements=statements,
         activities=numbers.activities,
     )
+
+
+def _indices(coordinates: slice) -> range:
+    return range(coordinates.start, coordinates.stop)
 
 
 def remove_forces(e: EquationsOfMotion, parts: Collection[str]) -> EquationsOfMotion | None:

@@ -8,14 +8,16 @@ form                y              equations
 index3              q, v, lam      q' = v; F + G^T lam = 0; g = 0
 index2              q, v, lam      q' = v; F + G^T lam = 0; g_dot = 0
 index1              q, v, lam      q' = v; F + G^T lam = 0; g_ddot = 0
-ggl                 q, v, lam, mu  q' = v - G^T mu; F + G^T lam = 0; g = 0; g_dot = 0
+ggl                 q, v, lam, mu  q' = v - P G^T mu; F + G^T lam = 0; g = 0; g_dot = 0
 stabilized-index1   q, v, Lam, Mu  as ggl with lam = Lam', mu = Mu'
 ==================  =============  ==========================================================
 
 ggl: Gear, Gupta & Leimkuhler, J. Comput. Appl. Math. 12-13 (1985) 77. stabilized-index1:
-Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. Nonholonomic constraints
-A(t, q) v + b(t, q) = 0 replace g_dot = 0, with A in place of G, and their derivative replaces
-g_ddot = 0. They also replace g = 0 in index3; in the forms with mu, mu = 0 replaces g = 0.
+Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. The diagonal matrix P assigns small
+shares of the corrections to deformations (`sums.correction_factors`); it does not change the
+solution, for which mu = 0. Nonholonomic constraints A(t, q) v + b(t, q) = 0 replace g_dot = 0, with
+A in place of G, and their derivative replaces g_ddot = 0. They also replace g = 0 in index3; in the
+forms with mu, mu = 0 replaces g = 0.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ from beamdae.equations.formulations.sums import (
     add_joint_matrices,
     add_tangents,
     assemble_residual,
+    correction_factors,
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
@@ -295,6 +298,7 @@ def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
     if apart:
         sums = ((STIFFNESS,), (DAMPING,), (MASS,))
     blocks = ((n, 0), (n, n), (below + n, n))[: len(sums)]
+    factors = correction_factors(structure)
     # c_l = c scales G^T if time integrals of the multipliers are the unknowns.
     reaction, by_c = (SCALED_GRADIENT, below) if form.impulses else (GRADIENT, 0)
     for term, copies in add_tangents(total, structure, layout, sums):
@@ -309,8 +313,9 @@ def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
         total.add_matrix(copies, reaction, on_g, on_q, (by_c + n, 2 * n), transposed=True)
         total.add_matrix(copies, REACTION_STIFFNESS, on_q, on_q, (n, 0))
         if corrects:
-            total.add_matrix(copies, reaction, on_g, on_q, (by_c, 2 * n + m), transposed=True)
-            total.add_matrix(copies, CORRECTION_STIFFNESS, on_q, on_q, (0, 0))
+            block = (by_c, 2 * n + m)
+            total.add_matrix(copies, reaction, on_g, on_q, block, transposed=True, factors=factors)
+            total.add_matrix(copies, CORRECTION_STIFFNESS, on_q, on_q, (0, 0), factors=factors)
         level_output = FIRST_LEVEL + corrects
         for k, level in enumerate(levels):
             row = 2 * n + k * m

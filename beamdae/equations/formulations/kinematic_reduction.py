@@ -2,7 +2,7 @@
 
 For a correction of (y, y') by (x, c x), rows q' - v = 0 that hold already give x_v = c x_q. Without
 these rows and velocities, the matrix R_y + c R_y' becomes K + c D + c^2 M, of about half the size.
-Coordinates whose rows contain corrections by joints, q' = v - G^T mu, keep both.
+Coordinates whose rows contain corrections by joints, q' = v - P G^T mu, keep both.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class KinematicReduction(NamedTuple):
     """Equations and unknowns that remain.
 
     The unknowns are q, the velocities of corrected coordinates, and the multipliers; the equations
-    are the equations of motion, the rows q' = v - G^T mu of corrected coordinates, and the
+    are the equations of motion, the rows q' = v - P G^T mu of corrected coordinates, and the
     constraints.
 
     Attributes

@@ -15,7 +15,7 @@ from beamdae.equations.starts.dependent_constraints import (
 )
 from beamdae.equations.starts.rank import RANK_TOLERANCE, build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
-from beamdae.equations.structure import Structure, intern_structure
+from beamdae.equations.structure import intern_structure
 from beamdae.errors import BeamdaeError
 
 Array = np.ndarray
@@ -150,7 +150,5 @@ def keep_constraints(equations: EquationsOfMotion, rows: Array) -> EquationsOfMo
         equations,
         multipliers=tuple(equations.multipliers[k] for k in rows),
         observables=(),
-        structure=intern_structure(
-            Structure(structure.n, len(rows), structure.forces, joints, structure.states)
-        ),
+        structure=intern_structure(replace(structure, m=len(rows), joints=joints)),
     )

@@ -1,12 +1,12 @@
 """Scaling of the kinematic rows: position corrections in proportion to position scales.
 
-Stabilized forms keep positions on the constraints by q' = v - G^T mu, the smallest correction in
-the units of the coordinates. This correction failed for a rotor making many revolutions, driven
-from a frame that hardly moved: half of the admissible error of the rotor angle was assigned to the
-frame, whose tolerance was a thousand times smaller. IDA tried to double the step after each step,
-failed, and stayed at order 1. Positions are therefore corrected in proportion to their scales,
-q' = v - S G^T mu with S = diag(scales / largest scale). S does not change the solution because mu
-is zero if the constraints are satisfied.
+Stabilized forms keep positions on the constraints by q' = v - P G^T mu; without deformations, P =
+1, and this is the smallest correction in the units of the coordinates. It failed for a rotor making
+many revolutions, driven from a frame that hardly moved: half of the admissible error of the rotor
+angle was assigned to the frame, whose tolerance was a thousand times smaller. IDA tried to double
+the step after each step, failed, and stayed at order 1. Positions are therefore corrected in
+proportion to their scales, q' = v - S P G^T mu with S = diag(scales / largest scale). S does not
+change the solution because mu is zero if the constraints are satisfied.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = np.ndarray
 
 @dataclass(slots=True)
 class KinematicRowScaling:
-    """Indices and weights that change rows q' - v + G^T mu into S^-1 (q' - v) + G^T mu.
+    """Indices and weights that change rows q' - v + P G^T mu into S^-1 (q' - v) + P G^T mu.
 
     Attributes
     ----------

@@ -254,7 +254,8 @@ class SumPlan:
     """A sum without buffers and model data; all its `Sum`s share the constant arrays.
 
     The data p of a model are copied by local[data_targets] = p[data_sources]. `weights` are the
-    products of the two arrays in `weight_factors`, which only `with_weights` needs.
+    products of the arrays in `weight_factors`, of which operators contain the first two and which
+    only `with_weights` needs.
     """
 
     n_shared: int
@@ -274,7 +275,7 @@ class SumPlan:
     weighted_targets: Array
     weighted_sources: Array
     weights: Array
-    weight_factors: tuple[Array, Array] | None = None
+    weight_factors: tuple[Array, Array, Array] | None = None
     # Plans that differ in weights only share the arrays and the machine code that do not depend on
     # weights.
     _layouts: dict[str, dict[str, Array]] = field(
@@ -292,11 +293,11 @@ class SumPlan:
         `decode` returns the weights of operators in place of those of this plan.
         """
         assert self.weight_factors is not None
-        left, right = map(decode, self.weight_factors)
+        left, right, scale = self.weight_factors
         plan = replace(
             self,
             gather_weights=decode(self.gather_weights),
-            weights=left * right,
+            weights=decode(left) * decode(right) * scale,
             weight_factors=None,
         )
         object.__setattr__(plan, "_layouts", self._layouts)

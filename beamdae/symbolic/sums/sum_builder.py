@@ -73,7 +73,7 @@ class SumBuilder:
     _batches: list[Batch] = field(default_factory=list)
     _batch_starts: list[int] = field(default_factory=list)
     _inputs: list[tuple[Array, Array, Array]] = field(default_factory=list)
-    _entries: list[tuple[Array, Array, Array, Array, Array]] = field(default_factory=list)
+    _entries: list[tuple[Array, Array, Array, Array, Array, Array]] = field(default_factory=list)
 
     def add(
         self, kernel: Kernel, inputs: Sequence[LocalInput], data: slice, count: int
@@ -126,14 +126,23 @@ class SumBuilder:
         return copies
 
     def add_column(
-        self, copies: KernelCopies, output: int, operator: sp.csr_array, row: int
+        self,
+        copies: KernelCopies,
+        output: int,
+        operator: sp.csr_array,
+        row: int,
+        factors: Array | None = None,
     ) -> None:
-        """Add operator^T @ (the dense column `output` of all copies), starting at row `row`."""
+        """Add operator^T @ (the dense column `output` of all copies), starting at row `row`.
+
+        `factors` multiply the rows; by default, they are 1.
+        """
         copy, component = np.divmod(row_indices(operator), operator.shape[0] // copies.count)
         source = copies.sources(output, component, copy)
         target = operator.indices + row
         ones = np.ones(len(target))
-        self._entries.append((target, np.zeros_like(target), source, operator.data, ones))
+        scale = ones if factors is None else factors[operator.indices]
+        self._entries.append((target, np.zeros_like(target), source, operator.data, ones, scale))
 
     def add_matrix(
         self,
@@ -143,11 +152,13 @@ class SumBuilder:
         columns: sp.csr_array,
         offset: tuple[int, int],
         transposed: bool = False,
+        factors: Array | None = None,
     ) -> None:
         """Add R_e^T V_e C_e of all copies, or its transpose, with entry (0, 0) at `offset`.
 
         V_e (r, c) is the matrix `output` of a copy. `rows` (r * count, .) stacks all R_e and
-        `columns` (c * count, .) all C_e.
+        `columns` (c * count, .) all C_e. `factors` multiply the rows of the result; by default,
+        they are 1.
         """
         pattern, count = copies.kernel.outputs[output], copies.count
         r, c = pattern.shape
@@ -164,8 +175,9 @@ class SumBuilder:
         i, j = rows.indices[left], columns.indices[right]
         if transposed:
             i, j = j, i
-        factors = rows.data[left], columns.data[right]
-        self._entries.append((i + offset[0], j + offset[1], source[which], *factors))
+        weights = rows.data[left], columns.data[right]
+        scale = np.ones(len(i)) if factors is None else factors[i]
+        self._entries.append((i + offset[0], j + offset[1], source[which], *weights, scale))
 
     def add_diagonal(
         self, size: int, offset: tuple[int, int], shared: int | None, value: float
@@ -173,9 +185,9 @@ class SumBuilder:
         """Add a diagonal of `value`, multiplied by shared number `shared` unless this is None."""
         index = np.arange(size)
         source = _SOURCE_OF_ONE if shared is None else shared - self.n_shared + _SOURCE_OF_ONE
-        sources, values = np.full(size, source), np.full(size, value)
+        sources, values, ones = np.full(size, source), np.full(size, value), np.ones(size)
         rows, columns = index + offset[0], index + offset[1]
-        self._entries.append((rows, columns, sources, values, np.ones(size)))
+        self._entries.append((rows, columns, sources, values, ones, ones))
 
     def vector(self) -> SumPlan:
         """Return the plan of the sum as a column."""
@@ -199,14 +211,14 @@ class SumBuilder:
         return pattern, self._plan(target + which * pattern.nnz, source, *factors)
 
     def _collect_entries(self) -> tuple[Array, ...]:
-        return _concatenate_columns(self._entries, "llldd")
+        return _concatenate_columns(self._entries, "lllddd")
 
-    def _plan(self, rows: Array, source: Array, left: Array, right: Array) -> SumPlan:
+    def _plan(self, rows: Array, source: Array, left: Array, right: Array, scale: Array) -> SumPlan:
         """Return the plan, with inputs and entries sorted by batch and grouped as in `Sum`.
 
-        The weight of an entry is the product of `left` and `right`.
+        The weight of an entry is the product of `left`, `right` and `scale`.
         """
-        weight = left * right
+        weight = left * right * scale
         n_batches = len(self._batches)
         ends = np.array([*self._batch_starts, self._n_out])
         # Shared numbers and the 1 have negative sources and follow the last batch.
@@ -214,7 +226,7 @@ class SumBuilder:
         batch = np.where(is_shared, n_batches, np.searchsorted(ends, source, "right") - 1)
         column = np.where(is_shared, source + self.n_shared + 1, source - ends[batch])
         by_batch = np.lexsort((rows, batch))
-        plain, weighted = _partition(by_batch, weight == 1.0)
+        plain, weighted = _partition(by_batch, (left * right == 1.0) & (scale == 1.0))
         target, input_source, input_weight = _concatenate_columns(self._inputs, "lld")
         is_single = np.bincount(target, minlength=self._n_local)[target] == 1
         by_target = np.argsort(target, kind="stable")
@@ -248,7 +260,7 @@ class SumBuilder:
             weighted_targets=_to_unsigned(rows[weighted]),
             weighted_sources=_to_unsigned(column[weighted]),
             weights=weight[weighted],
-            weight_factors=(left[weighted], right[weighted]),
+            weight_factors=(left[weighted], right[weighted], scale[weighted]),
         )
 
 
