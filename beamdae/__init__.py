@@ -18,18 +18,14 @@ _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_b
 __version__ = "0.1.0"
 # Interrupts are raised after the import.
 _import = interruptible(_load)
-_imported: set[str] = set()
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        if name in _imported:
-            return _load(name)
         with paused_collection(), fast_scipy_import():
-            value = _import(name)
-        if isinstance(value, type):
-            explain_unknown_arguments(value)
-        _imported.add(name)
+            value = explain_unknown_arguments(_import(name))
+        # Later accesses do not call this function.
+        globals()[name] = value
         return value
     # Python uses these two arguments to suggest the nearest public name.
     module = sys.modules[__name__]

@@ -225,7 +225,7 @@ class Model:
             files += existing
         return files
 
-    def __call__(self, **values: Any) -> Any:
+    def __call__(self, *unnamed: Any, **values: Any) -> Any:
         """Build the mechanism with `values` instead of the defaults.
 
         Parameters
@@ -241,9 +241,17 @@ class Model:
         Raises
         ------
         BeamdaeError
-            If a name is unknown, a value has the wrong type, or the function returns None or a
-            `Model`.
+            If a value has no name or the wrong type, a name is unknown, or the function returns
+            None or a `Model`.
         """
+        if unnamed:
+            # Parameters may be added anywhere among the others.
+            pairs = zip(self.parameters, unnamed, strict=False)
+            named = ", ".join(f"{name}={short_repr(value)}" for name, value in pairs)
+            raise BeamdaeError(
+                f"{self.name}: values of parameters need their names; write "
+                f"{self.name}({named or '...'})."
+            )
         parameters = self.complete(values)
         with extend_import_path(self.home), record_messages() as messages:
             # The function may change its arguments.
@@ -363,7 +371,12 @@ class Model:
 
     def _type_error(self, name: str, value: Any) -> BeamdaeError:
         kind = type(self.parameters[name]).__name__
-        return BeamdaeError(f"{self.name}: {name} must be of type {kind}, got {short_repr(value)}.")
+        hint = ""
+        if kind in ("int", "float") and is_sequence(value):
+            hint = f"; to pass a list or a number, write {name}=None as default"
+        return BeamdaeError(
+            f"{self.name}: {name} must be of type {kind}, got {short_repr(value)}{hint}."
+        )
 
     def _parse(self, name: str, text: str, kind: type) -> Any:
         if kind is bool:

@@ -1,6 +1,7 @@
-"""Errors about unknown keyword arguments of public classes."""
+"""Errors about unknown keyword arguments of public classes and functions."""
 
 import inspect
+import pickle
 
 import pytest
 
@@ -16,12 +17,55 @@ CLASSES = [
 ]
 
 
+FUNCTIONS = [
+    x
+    for group in GROUPS
+    for public in group.names
+    for x in [getattr(bd, public.name)]
+    if inspect.isfunction(x)
+]
+
+
+@bd.model(t_end=1.0)
+def press(rpm=10.0, elements=8):
+    mech = bd.Mechanism()
+    body = mech.add(bd.PointMass("mass", 1.0, at=(rpm, 0.0)))
+    mech.observe("mass", body.point)
+    return mech
+
+
 @pytest.mark.parametrize("cls", CLASSES, ids=lambda x: x.__name__)
 def test_unknown_arguments_of_all_classes_are_named(cls):
     if any(x.kind is x.VAR_KEYWORD for x in inspect.signature(cls).parameters.values()):
         pytest.skip("takes any keyword")
     with pytest.raises(bd.BeamdaeError, match=rf"^{cls.__name__}: there is no argument 'color'"):
         cls(color="red")
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda x: x.__name__)
+def test_unknown_arguments_of_all_functions_are_named(function):
+    """`simulate(model, tend=1)` had a TypeError without the names of the arguments."""
+    assert pickle.loads(pickle.dumps(function)) is function is getattr(bd, function.__name__)
+    if any(x.kind is x.VAR_KEYWORD for x in inspect.signature(function).parameters.values()):
+        pytest.skip("takes any keyword")
+    name = function.__name__
+    with pytest.raises(bd.BeamdaeError, match=f"^{name}: there is no argument 'qqq'; the arg"):
+        function(qqq=1)
+
+
+@pytest.mark.parametrize("analysis", [bd.simulate, bd.equilibrium, bd.modes, bd.check])
+@pytest.mark.parametrize("values", [{"parameters": {"rpm": 12.0}}, {"rpm": 12.0}])
+def test_regression_parameters_of_analyses_are_passed_to_the_model(analysis, values):
+    with pytest.raises(bd.BeamdaeError, match=r"the model function, as in press\(rpm=12\.0\)\.$"):
+        analysis(press, **values)
+
+
+def test_regression_values_of_parameters_need_names():
+    """The error was "takes 1 positional argument but 3 were given"."""
+    with pytest.raises(bd.BeamdaeError, match=r"write press\(rpm=12\.0, elements=4\)\.$"):
+        press(12.0, 4)
+    with pytest.raises(bd.BeamdaeError, match=r"list or a number, write elements=None as default"):
+        press(elements=[0.0, 0.1])
 
 
 def test_regression_arguments_of_similar_parts_are_listed():
