@@ -101,11 +101,13 @@ _RECOMMENDED_MOVING_LOAD_ERROR = 0.005
 
 # Beams may be short pieces of a longer bar; sizes in millimeters give factors of 1000.
 _MAX_HEIGHT_TO_LENGTH_RATIO = 3.0
-# Metals have damping ratios below 1e-2. Dampings above 1 ms are ratios by mistake rather than
-# values that are chosen to damp the fast vibrations of a mechanism, typically 1e-5 to 1e-4 s.
+# Metals have damping ratios below 1e-2. Round dampings above 1 ms, such as 0.02, are ratios by
+# mistake rather than values that damp the fast vibrations of a mechanism, typically 1e-5 to 1e-4 s.
+# Values that follow from a ratio and a frequency have more digits.
 _MIN_STIFFNESS_OF_METALS = 1e10  # Pa
 _MAX_DAMPING_RATIO_OF_METALS = 0.1
 _MAX_DAMPING_OF_METALS = 1e-3  # s
+_DIGITS_OF_RATIOS = 2
 # First frequency of a cantilever, (1.8751^2 / (2 pi L^2)) sqrt(EI / rhoA).
 _CANTILEVER_FREQUENCY = 1.8751040687**2 / (2.0 * np.pi)
 
@@ -240,7 +242,8 @@ class Beam(Part):
         If the elements are too long or the section is too high for the curvature of the axis. At
         assembly, if an attachment inside an element causes a relative error of more than 2e-4 in
         deflections, the section is over three times as high as the curve is long, or a damping of
-        more than 1 ms would give a metal cantilever of its length a damping ratio above 0.1.
+        more than 1 ms with two digits, such as 0.02, would give a metal cantilever of its length a
+        damping ratio above 0.1.
 
     Examples
     --------
@@ -349,7 +352,7 @@ class Beam(Part):
         attachment that remains inside an element causes a relative error of more than 2e-4 in
         deflections, sections that change within elements cause an error of more than 0.4 %, or
         the section is over three times as high as the curve is long, or a damping of more than
-        1 ms would give a metal cantilever of its length a damping ratio above 0.1.
+        1 ms with two digits would give a metal cantilever of its length a damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
         if not has_fixed_coordinates:
@@ -1176,6 +1179,7 @@ def _warn_about_units(beam: Beam) -> None:
     if (
         root.material.E >= _MIN_STIFFNESS_OF_METALS
         and root.damping > _MAX_DAMPING_OF_METALS
+        and root.damping == float(f"{root.damping:.{_DIGITS_OF_RATIOS}g}")
         and ratio > _MAX_DAMPING_RATIO_OF_METALS
     ):
         warn_user(

@@ -56,6 +56,29 @@ def test_damped_vibrations_have_no_warning(load):
     assert not warnings
 
 
+@pytest.mark.parametrize("filter_time", [1e-4, 2e-3])
+def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
+    """The derivative of a PID counted as a stiffness without damping: errors of "100 %"."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(_STEEL, width=0.025, height=4e-4, damping=1e-4)
+    stage = mech.add(bd.RigidBody("stage", 0.8, 1e-3, (0.0, 0.06)))
+    for name, x in (("left", -0.04), ("right", 0.04)):
+        leaf = mech.add(bd.Beam(name, bd.Line((x, 0.0), (x, 0.06)), section, elements=2))
+        mech.add(bd.Weld(f"{name} foot", mech.ground.at(x, 0.0), leaf.start))
+        mech.add(bd.Weld(f"{name} top", leaf.end, stage.at(x, 0.06)))
+    center = stage.at(0.0, 0.06)
+    error = 1e-3 - mech.sensor("x", center, "x")
+    gains = {"kp": 3e4, "ki": 2e6, "kd": 260.0, "scale": 1e-4}
+    force = bd.pid(mech, "pid", error, filter_time=filter_time, **gains)
+    mech.add(bd.Force("coil", center, (force, 0.0)))
+    mech.observe("stage", center)
+    solution, warnings = _run(mech, t_end=0.05)
+    assert not warnings
+    exact, _ = _run(mech, bd.Radau(1e-8), t_end=0.05)
+    speed, accurate = solution["stage.x_dot"], exact["stage.x_dot"]
+    assert np.max(np.abs(speed - accurate)) < 1e-3 * np.max(np.abs(accurate))
+
+
 def test_smooth_loads_have_no_warning():
     _, warnings = _run(_suddenly_loaded(lambda t: -2.0 * np.sin(10.0 * t) ** 2))
     assert not warnings

@@ -330,12 +330,31 @@ def _find_modes(
         return None
     vectors = vectors[:, is_fast] / np.sqrt(inverses[is_fast])
     rates = np.sqrt(1.0 / inverses[is_fast] - slowest**2)
-    decays = 0.5 * np.sum(vectors * (of_damping @ vectors), axis=0)
     shapes = basis @ vectors
+    decays = 0.5 * np.sum(vectors * (of_damping @ vectors), axis=0)
+    decays += _decays_by_states(stiffness, damping, states, shapes, rates)
     impulses = mass @ shapes
     loads = impulses * rates**2 - stiffness @ shapes
     reactions = la.lstsq(jacobian.T, loads)[0] if e.m else np.zeros((0, len(rates)))
     return _Modes(rates, shapes, decays, impulses, reactions)
+
+
+def _decays_by_states(
+    stiffness: Array, damping: Array, states: list[int], shapes: Array, rates: Array
+) -> Array:
+    """Return the decay rates (k,) [1/s] that first-order states cause, such as those of filters.
+
+    In a vibration with the angular frequency w, states respond to the mode x and exert a force on
+    it, x^T D x with the dynamic stiffness D; its decay rate is Im(x^T D x) / (2 w). The derivative
+    filter of a PID turns stiffness into damping, for example.
+    """
+    decays = np.zeros(len(rates))
+    for k, rate in enumerate(rates if states else ()):
+        dynamic, shape = stiffness + 1j * rate * damping, shapes[:, k]
+        response = la.solve(dynamic[np.ix_(states, states)], dynamic[states] @ shape)
+        force = -(shape @ dynamic[:, states]) @ response
+        decays[k] = force.imag / (2.0 * rate)
+    return np.maximum(decays, 0.0)
 
 
 def _observe_modes(
