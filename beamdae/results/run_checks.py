@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from beamdae import deferred
+from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import (
     MotionSamples,
@@ -43,7 +44,9 @@ from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnin
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
+    jump_peak_warnings,
     missed_peak_warnings,
+    select_peaks_at_jumps,
     unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
@@ -128,7 +131,12 @@ def _hard_impacts(run: RunData) -> Iterable[str]:
 
 
 def _missed_peaks(run: RunData) -> Iterable[str]:
-    return missed_peak_warnings(run.missed_peaks, len(run.t), is_resolved=not run._hard_impacts)
+    peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
+    damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
+    at_jumps = select_peaks_at_jumps(peaks, jumps, damping)
+    yield from jump_peak_warnings(at_jumps)
+    others = {name: peak for name, peak in peaks.items() if peak not in at_jumps}
+    yield from missed_peak_warnings(others, len(run.t), is_resolved=not run._hard_impacts)
 
 
 def _coarse_rows(run: RunData) -> Iterable[str]:

@@ -208,6 +208,10 @@ def test_characteristic_length_is_the_extent_of_the_drawing():
             lambda: bd.PointMass("bob", 1.0, on=disk().at(0, 0), at=(0, 0)),
             r"bob: pass either on= \(an attachment\) or at=\(x, y\)",
         ),
+        (
+            lambda: bd.PointMass("bob", 1.0, on=disk().at(0, 0), velocity=(1.0, 0.0)),
+            r"bob: a mass on disk at \(0, 0\) has no velocity of its own",
+        ),
         (lambda: bd.PointMass("bob", 1.0, on=disk()), "bob: on must be an attachment .*RigidBody"),
         (lambda: bd.PointMass("bob", 1.0, at=2.0), r"bob: at must be a pair \(x, y\), got 2.0"),
         (lambda: bd.PointMass("bob", 1.0, at=(nan, 0)), "bob: at x must be finite, got nan"),

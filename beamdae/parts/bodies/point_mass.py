@@ -63,15 +63,16 @@ class PointMass(Part):
     at
         Initial position (x, y) of a free particle [m].
     velocity
-        Initial velocity (vx, vy) of a free particle [m/s]; ignored for a fixed particle. Kept if
-        the joints allow it, also if it is zero. By default, the particle follows the joints.
+        Initial velocity (vx, vy) of a free particle [m/s]. Kept if the joints allow it, also if it
+        is zero. By default, the particle follows the joints. A fixed particle moves with the part
+        that carries it.
 
     Raises
     ------
     BeamdaeError
         If `name` is invalid, `mass` is negative, or zero for a free particle, not exactly one of
         `on` and `at` is given, `on` is not an attachment or belongs to the ground, or `at` or
-        `velocity` is not a pair of finite numbers.
+        `velocity` is not a pair of finite numbers, or a fixed particle has a velocity.
 
     Examples
     --------
@@ -98,6 +99,11 @@ class PointMass(Part):
             raise BeamdaeError(f"{self.name}: pass either on= (an attachment) or at=(x, y).")
         if self.on is not None:
             require_movable(self.name, require_attachment(self.name, "on", self.on))
+            if self.velocity is not None:
+                raise BeamdaeError(
+                    f"{self.name}: a mass on {self.on} has no velocity of its own; pass velocity= "
+                    "of the part that carries it, or start= of the run with velocities by name."
+                )
         else:
             set_fields(self, at=require_point(self.name, "at", self.at))
             require_positive(self.name, "mass", self.mass)

@@ -12,7 +12,7 @@ import numpy as np
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
-from beamdae.errors import list_first
+from beamdae.errors import list_first, name_with_others
 from beamdae.results.columns import (
     UNITS_OF_TRANSLATIONS,
     ColumnDict,
@@ -38,6 +38,10 @@ _MAX_MISSED_SHARE = 0.01  # of the range of a column
 _MIN_SHARE_OF_VALUE = 1e-3
 _UNITS_WITH_ORIGIN = ("m", "rad")
 _MIN_ROWS = 3  # runs with fewer rows are not curves
+# Units of stresses and forces, to which damping contributes in proportion to strain rates.
+_UNITS_WITH_DAMPING = ("Pa", "N", "N m")
+# Duration after an impact with the largest effect of this contribution, relative to the damping.
+_DURATION_OF_JUMP = 1e-2
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
@@ -450,6 +454,40 @@ def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
             "short peaks between the output rows are unknown; set keep_steps=True, or reduce "
             "output_step= or the end time."
         )
+
+
+def select_peaks_at_jumps(
+    peaks: Mapping[str, MissedPeak], jump_times: Sequence[float], damping: float
+) -> list[MissedPeak]:
+    """Return the peaks of stresses and forces just after the times [s] of jumps of velocities.
+
+    `damping` is the largest retardation time of a section [s]. At a jump, the velocity of one node
+    changes, and those of its neighbors do not: strain rates are inversely proportional to the
+    length of the element, and so are the stresses and forces by damping.
+    """
+    times = np.asarray(jump_times)
+    return [
+        peak
+        for peak in peaks.values()
+        if Header.of(peak.column).unit in _UNITS_WITH_DAMPING
+        and bool(np.any(np.abs(peak.time - times) < _DURATION_OF_JUMP * damping))
+    ]
+
+
+def jump_peak_warnings(peaks: Sequence[MissedPeak]) -> Iterator[str]:
+    """Yield a warning about the peaks of `select_peaks_at_jumps`, which depend on the mesh."""
+    if not peaks:
+        return
+    worst, *others = sorted(peaks, key=lambda peak: -peak.importance)
+    value, row_value = worst._format_values()
+    columns = name_with_others(
+        remove_unit(worst.column), [remove_unit(peak.column) for peak in others]
+    )
+    yield (
+        f"{columns}: the {worst.side} value, {value} at t = {worst.time:.6g} s, is that of the "
+        "damping of the section at a jump of the velocities, and grows with the number of "
+        f"elements; use the rows ({row_value}), or a bd.Contact in place of bd.impact."
+    )
 
 
 def missed_peak_warnings(
