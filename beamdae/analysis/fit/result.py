@@ -801,8 +801,13 @@ def create_fit(
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
-    if search.status.success or not search.invalid:
-        doubts = _check_residuals(problem, evaluation, residuals, len(all_names), first_scales)
+    if scales := describe_scales(problem, evaluation, first_scales):
+        doubts = (f"The model does not explain the data, but {scales}.",)
+        if status.success:
+            # The search ends where the model has hardly any effect.
+            status = Status("limited", "the search converged, but the data look mirrored or scaled")
+    elif search.status.success or not search.invalid:
+        doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
     return Fit(
@@ -901,15 +906,11 @@ def _check_residuals(
     evaluation: Evaluation,
     residuals: Array,
     count: int,
-    first_scales: Sequence[ColumnScale],
 ) -> tuple[str, ...]:
     """Return the first kind of warnings about the residuals that applies.
 
     The residuals of the evaluation are in units of the weights, `residuals` in standard deviations.
     """
-    scales = describe_scales(problem, evaluation, first_scales)
-    if scales:
-        return (f"The model does not explain the data, but {scales}.",)
     return (
         _check_chi_square(problem, evaluation, residuals, count)
         or _check_variation(problem, evaluation.residuals)
