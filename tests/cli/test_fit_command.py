@@ -129,13 +129,13 @@ def test_usage_errors(here, options, message):
 def test_regression_warnings_about_data_are_printed_before_the_search(here, options):
     """They were printed after it, and those of the first run came after all searches."""
     table = pd.read_csv("wide.csv").rename(columns={"mass.x [m]": "mass.x"})
-    table["mass.x"] *= 1e3
-    table.to_csv("mm.csv", index=False)
+    table["mass.x"] *= 1e2
+    table.to_csv("cm.csv", index=False)
     options = ["--by", "stiffness", *options, "--max-evaluations", "2", "--no-picture"]
-    result = run("mm.csv", *options, "--no-page", "--json")
+    result = run("cm.csv", *options, "--no-page", "--json")
     document = json.loads(result.stdout)
     first, second, *others = document["warnings"]
-    assert "values of mm.csv without a unit are taken as in the model" in first
+    assert "values of cm.csv without a unit are taken as in the model" in first
     assert "mass.x has a range of" in second
     assert not any("mass.x has a range of" in x for x in others)
     assert result.stderr.splitlines()[1] == f"warning: {second}"
