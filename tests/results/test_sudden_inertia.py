@@ -15,24 +15,25 @@ def strip(damping, height=0.01):
     return bd.Section.rectangle(bd.Material.of("steel"), 0.02, height, damping=damping)
 
 
-def slider_crank(damping=1e-5, law=None, load=0.0):
+def slider_crank(damping=1e-5, law=None, load=0.0, tip=(0.0, 0.05)):
     """Return a crank that a driver turns, with an elastic rod and a slider."""
     mech = bd.Mechanism()
-    radius, end = 0.05, (np.sqrt(0.25**2 - 0.05**2), 0.0)
-    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), (0.0, radius), mass=1.0))
+    end = (tip[0] + np.sqrt(0.25**2 - tip[1] ** 2), 0.0)
+    crank = mech.add(bd.RigidBody.rod("crank", (0.0, 0.0), tip, mass=1.0))
     center = mech.ground.at(0.0, 0.0), crank.at(0.0, 0.0)
     mech.add(bd.Revolute("bearing", *center))
-    mech.add(bd.Driver("motor", *center, law or (lambda t: RATE * t)))
-    line = bd.Line((0.0, radius), end)
+    motor = mech.add(bd.Driver("motor", *center, law or (lambda t: RATE * t)))
+    line = bd.Line(tip, end)
     rod = mech.add(bd.Beam("rod", line, strip(damping), elements=1))
     slider = mech.add(bd.PointMass("slider", 2.0, at=end))
-    pin = mech.add(bd.Revolute("pin", crank.at(0.0, radius), rod.start))
+    pin = mech.add(bd.Revolute("pin", crank.at(*tip), rod.start))
     mech.add(bd.Revolute("slider pin", rod.end, slider.point))
     mech.add(bd.PointOnLine("guide", mech.ground.at(*end), slider.point, direction=(1.0, 0.0)))
     force = bd.table([0.1, 0.25, 0.3, 0.4], [0.0, 0.0, load, load], name="force of the press")
     if load:
         mech.add(bd.ForceLaw("press", slider.point, lambda x, t: (-force(x.position[0]), 0.0)))
     mech.observe("pin", pin.reaction)
+    mech.observe("motor", motor.reaction)
     mech.observe("stress", rod.largest_stress())
     return mech
 
@@ -86,6 +87,17 @@ def test_regression_vibrations_of_a_crank_at_full_speed_are_no_peaks_of_its_moti
     assert "begins because motor starts with a velocity" in sentence
     assert "bd.periodic" in sentence
     assert "start the law of motor smoothly" in sentence
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_the_torque_of_a_crank_at_its_dead_center_is_named():
+    """Only forces of the rod had the warning, because the start does not change the torque."""
+    model = slider_crank(2e-5, law=lambda t: 300.0 * t, tip=(0.05, 0.0))
+    run = bd.simulate(model, bd.Radau(1e-5), t_end=8.0 * np.pi / 300.0, output_step=5e-5)
+    torque = run["motor.M"]
+    later = torque[torque.index > 0.5 * torque.index[-1]].max()
+    assert torque.max() > 1.1 * later
+    assert "motor.M" in find_warning(run)
 
 
 @pytest.mark.slow(reason="a periodic motion, and a long run-up")

@@ -218,6 +218,12 @@ def _examine_inertia(
     ]
     if not caused:
         return "", set()
+    # The start does not change the torque of a crank at its dead center, but the vibration does.
+    caused += [
+        peak
+        for peak in peaks
+        if peak not in caused and _is_vibration(equations, trajectory, observe, peak)
+    ]
     rotation = _find_rotation(active, trajectory, time, start)
     remedy = "use bd.periodic if the motion repeats, or "
     if rotation is not None:
