@@ -348,13 +348,20 @@ def _decays_by_states(
     it, x^T D x with the dynamic stiffness D; its decay rate is Im(x^T D x) / (2 w). The derivative
     filter of a PID turns stiffness into damping, for example.
     """
-    decays = np.zeros(len(rates))
-    for k, rate in enumerate(rates if states else ()):
-        dynamic, shape = stiffness + 1j * rate * damping, shapes[:, k]
-        response = la.solve(dynamic[np.ix_(states, states)], dynamic[states] @ shape)
-        force = -(shape @ dynamic[:, states]) @ response
-        decays[k] = force.imag / (2.0 * rate)
-    return np.maximum(decays, 0.0)
+    if not states:
+        return np.zeros(len(rates))
+    block = np.ix_(states, states)
+    dynamic = stiffness[block] + 1j * rates[:, None, None] * damping[block]
+    inputs, outputs = (
+        x @ shapes + 1j * rates * (y @ shapes)
+        for x, y in (
+            (stiffness[states], damping[states]),
+            (stiffness[:, states].T, damping[:, states].T),
+        )
+    )
+    responses = np.linalg.solve(dynamic, inputs.T[:, :, None])[:, :, 0]
+    forces = -np.sum(outputs.T * responses, axis=1)
+    return np.maximum(forces.imag / (2.0 * rates), 0.0)
 
 
 def _observe_modes(
