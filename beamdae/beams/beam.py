@@ -350,7 +350,7 @@ class Beam(Part):
         The mesh does not change if it is final already (after an earlier assembly, with given
         element ends, or with custom kinematics) or if `has_fixed_coordinates` is True. Warn if an
         attachment that remains inside an element causes a relative error of more than 2e-4 in
-        deflections, sections that change within elements cause an error of more than 0.4 %, or
+        deflections, sections that change within elements cause an error of more than 0.4 %,
         the section is over three times as high as the curve is long, or a damping of more than
         1 ms with two digits would give a metal cantilever of its length a damping ratio above 0.1.
         """

@@ -526,7 +526,7 @@ def _split_at_rows(
             if table.is_repeated and table.kind == "linear":
                 raise BeamdaeError(
                     f"{part}: {table.name} is repeated and linear, so that a law of time would "
-                    "have breakpoints without end; use kind='pchip', or repeat the rows of one "
+                    "have breakpoints in each period; use kind='pchip', or repeat the rows of one "
                     "period for the whole run."
                 )
 

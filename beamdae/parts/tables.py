@@ -613,8 +613,7 @@ def table(
         an argument leaves the range, with a reason that names the table, argument and value; and
         "repeat" continues the table periodically, for example over the turns of a crank, with the
         range of `x` as the period and splines that are smooth from period to period. Repeated
-        tables have one argument and equal first and last values; they are no time laws if they are
-        linear.
+        tables have one argument and equal first and last values; linear ones cannot be time laws.
     name
         Name in messages. Defaults to "table".
 

@@ -166,7 +166,7 @@ def _examine_loads(
         change = static[peak.column] - drawn[peak.column]
         overshoot = peak.value - static[peak.column]
         if 0.0 < overshoot * np.sign(change) <= _MAX_OVERSHOOT * abs(change) and (
-            not is_driven or _is_vibration(equations, trajectory, observe, peak)
+            not is_driven or _vibration_in_peak(equations, trajectory, observe, peak) > 0.0
         ):
             caused.append(peak)
     if not caused:
@@ -210,20 +210,22 @@ def _examine_inertia(
         for is_at_rest in (False, True)
     )
     changes, by_inertia = np.abs(smooth - drawn), np.abs(smooth - resting)
-    caused = [
-        peak
+    is_inertia = by_inertia >= _MIN_PART_OF_INERTIA * changes
+    vibrations = {
+        peak: _vibration_in_peak(equations, trajectory, observe, peak)
         for peak in peaks
-        if by_inertia[peak.column] >= _MIN_PART_OF_INERTIA * changes[peak.column]
-        and _is_vibration(equations, trajectory, observe, peak, changes[peak.column])
-    ]
-    if not caused:
+        if is_inertia[peak.column]
+    }
+    limits = _MAX_OVERSHOOT * changes
+    if not any(0.0 < size <= limits[peak.column] for peak, size in vibrations.items()):
         return "", set()
     # The start does not change the torque of a crank at its dead center, but the vibration does.
-    caused += [
-        peak
+    vibrations |= {
+        peak: _vibration_in_peak(equations, trajectory, observe, peak)
         for peak in peaks
-        if peak not in caused and _is_vibration(equations, trajectory, observe, peak)
-    ]
+        if peak not in vibrations
+    }
+    caused = [peak for peak in peaks if vibrations[peak] > 0.0]
     rotation = _find_rotation(active, trajectory, time, start)
     remedy = "use bd.periodic if the motion repeats, or "
     if rotation is not None:
@@ -300,20 +302,19 @@ def _is_hit(gap: SurfaceGapTerm, trajectory: Trajectory) -> bool:
     return bool(before - after > _MIN_SPEED_SHARE * _DIFFERENCE * gap.length)
 
 
-def _is_vibration(
+def _vibration_in_peak(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
     observe: Callable[..., Array],
     peak: _EarlyPeak,
-    change: float = np.inf,
-) -> bool:
-    """Return True if the excess of a peak is that of a vibration, after a `change` by the start."""
+) -> float:
+    """Return the contribution of vibrations to a peak, or 0 if it does not explain the excess."""
     (at,), states = trajectory.at(np.array([peak.time]))
     state = State(*(x[0] for x in states))
     values = _observe_smooth(equations, trajectory, observe, at, state)
     share = (peak.value - values[peak.column]) * np.sign(peak.value)
     excess = abs(peak.value - peak.later)
-    return bool(_MIN_SHARE_OF_EXCESS * excess <= share <= _MAX_OVERSHOOT * change)
+    return float(share) if share >= _MIN_SHARE_OF_EXCESS * excess else 0.0
 
 
 def _repeats(e: EquationsOfMotion, trajectory: Trajectory) -> bool:
