@@ -53,6 +53,7 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
+from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
 from beamdae.results.solution import Solution
@@ -214,7 +215,7 @@ def _drive(
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
-    status = _name_unstable_loop(status, equations, trajectory, run.repeated)
+    status = _name_cause(status, equations, trajectory, run.repeated, float(times[-1]))
     solution = Solution(
         equations,
         trajectory,
@@ -244,16 +245,19 @@ def _drive(
     return solution
 
 
-def _name_unstable_loop(
+def _name_cause(
     status: Status,
     equations: EquationsOfMotion,
     trajectory: Trajectory,
     repeated: Sequence[RepeatedSample],
+    end: float,
 ) -> Status:
-    """Return the status with an unstable loop as the first reason of a run that has stopped."""
+    """Return the status with an unstable loop or a vibration as the first reason to stop."""
     if status.kind not in ("failed", "limited"):
         return status
     cause = describe_growth(repeated) or next(growing_loop_warnings(equations, trajectory), "")
+    if not cause and status.kind == "limited":
+        cause = describe_followed_vibration(equations, trajectory, end)
     if not cause:
         return status
     stop, _, reason = status.sentence.partition(": ")

@@ -446,3 +446,37 @@ def test_regression_runs_without_progress_do_not_need_inf_steps():
     assert sentence is not None
     assert sentence.startswith("steps have shrunk to 0 s, so the run makes no progress, possibly")
     assert "inf" not in sentence
+
+
+def slow_slider_crank(damping=0.0):
+    """A slider-crank at 12 rpm whose weight begins to act at the start."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    steel = bd.Material(E=210e9, nu=0.3, rho=7850.0)
+    section = bd.Section.rectangle(steel, width=0.02, height=0.01, damping=damping)
+    pin = mech.ground.at(0.0, 0.0)
+    crank = mech.add(bd.RigidBody("crank", mass=0.5, inertia=1e-4, center=(0.0, 0.0)))
+    rod = mech.add(bd.Beam("rod", bd.Line((0.04, 0.0), (0.19, 0.0)), section, elements=4))
+    mech.add(bd.PointMass("slider", 1.0, on=rod.end))
+    mech.add(bd.Revolute("bearing", pin, crank.at(0.0, 0.0)))
+    mech.add(bd.Driver("motor", pin, crank.at(0.0, 0.0), law=bd.run_up(0.4 * np.pi, 1.0)))
+    mech.add(bd.Revolute("crank pin", crank.at(0.04, 0.0), rod.start))
+    mech.add(bd.PointOnLine("guide", mech.ground.at(0.19, 0.0), rod.end, direction=(1.0, 0.0)))
+    return mech
+
+
+def test_regression_runs_that_follow_undamped_vibrations_name_them():
+    """Extreme loads, units and np.arctan2 were the causes named for a slider-crank at 12 rpm."""
+    with pytest.warns(bd.BeamdaeWarning, match="the steps follow vibrations of rod with a period"):
+        run = bd.simulate(slow_slider_crank(), bd.Radau(1e-7), t_end=10.0)
+    assert run.status.kind == "limited"
+    # The remedies.
+    assert bd.simulate(
+        slow_slider_crank(), bd.Radau(1e-7), t_end=10.0, start="equilibrium"
+    ).status.success
+
+
+def test_runs_that_stop_within_few_periods_do_not_blame_them():
+    """A limit of the user ends a run whose oscillation is the motion of interest."""
+    with pytest.warns(bd.BeamdaeWarning, match="reached max_steps = 5000"):
+        run = bd.simulate(strip(), bd.Radau(1e-9, max_steps=5000), t_end=1e3)
+    assert "follow" not in run.status.sentence
