@@ -33,6 +33,8 @@ def describe_followed_vibration(
     """
     last = trajectory.intervals[-1]
     t, v = last.t[-_STEPS:], last.state.v[-_STEPS:]
+    if len(t) <= _MIN_TURNS:
+        return ""
     periods = {}
     for beam in beams_of(equations.mechanism):
         (part,) = (x for x in equations.parts if x.name == beam.name)
