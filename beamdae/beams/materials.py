@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from beamdae.errors import (
@@ -11,6 +12,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
     suggest,
+    warn_user,
 )
 
 # E [Pa], nu, rho [kg/m^3] at 20 °C. Sources: EN 1993-1-1:2005, 3.2.6 (density:
@@ -27,6 +29,17 @@ _TABLE = {
     "brass": (110e9, 0.375, 8530.0),
     "copper": (115e9, 0.343, 8940.0),
 }
+# Numbers of one pascal and of one kg/m^3 in units in which data sheets state them.
+_MODULUS_UNITS = {"Pa": 1.0, "MPa": 1e-6, "GPa": 1e-9, "psi": 1.450377e-4, "ksi": 1.450377e-7}
+_DENSITY_UNITS = {
+    "kg/m^3": 1.0,
+    "g/cm^3": 1e-3,
+    "kg/mm^3": 1e-9,
+    "t/mm^3": 1e-12,
+    "lb/in^3": 3.612729e-5,
+}
+# Largest relative difference of E and rho from a material of the table that is recognized.
+_MAX_DIFFERENCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -75,6 +88,22 @@ class Material:
             )
         if not -1.0 < self.nu <= 0.5:
             raise BeamdaeError(f"Material: nu must lie in (-1, 0.5], got {self.nu:g}.")
+        self._warn_of_units()
+
+    def _warn_of_units(self) -> None:
+        """Warn of numbers that are those of a material of the table in other units."""
+        for name, (modulus, _, density) in _TABLE.items():
+            stiff = _find_unit(self.E / modulus, _MODULUS_UNITS)
+            dense = _find_unit(self.rho / density, _DENSITY_UNITS)
+            if stiff == "Pa" and dense == "kg/m^3":
+                return
+            if stiff and dense:
+                warn_user(
+                    f"Material: E = {self.E:g} Pa and rho = {self.rho:g} kg/m^3 are those of "
+                    f"{name} in {stiff} and {dense}; pass E in Pa and rho in kg/m^3, such as "
+                    f"E={modulus:g} and rho={density:g}."
+                )
+                return
 
     @classmethod
     def of(cls, name: str) -> Material:
@@ -132,6 +161,11 @@ class Material:
     def G(self) -> float:
         """Shear modulus [Pa]."""
         return self.E / (2.0 * (1.0 + self.nu))
+
+
+def _find_unit(ratio: float, units: Mapping[str, float]) -> str:
+    """Return the unit in which a number is `ratio` times that in the SI unit, or ""."""
+    return next((x for x, one in units.items() if abs(ratio / one - 1.0) < _MAX_DIFFERENCE), "")
 
 
 def require_material(part: str, value: object) -> Material:

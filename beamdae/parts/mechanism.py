@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from copy import copy
 from itertools import islice
@@ -23,6 +24,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
     suggest,
+    warn_user,
 )
 from beamdae.model_functions import HasOrigin
 from beamdae.parts.attachments import Attachment
@@ -65,6 +67,10 @@ def require_start(part: str, start: Any, more: str = "") -> Any:
 REFUSE, MINIMUM_NORM = "refuse", "minimum norm"
 # Number of parts named in the repr of a mechanism.
 _MAX_NAMES_IN_REPR = 6
+_EARTH = 9.80665  # m/s^2
+# Numbers of 1 m/s^2 in other units.
+_GRAVITY_UNITS = {"mm/s^2": 1e3, "cm/s^2": 1e2, "in/s^2": 1.0 / 0.0254, "ft/s^2": 1.0 / 0.3048}
+_MAX_GRAVITY_DIFFERENCE = 4e-3  # covers the poles, the equator and rounded numbers
 P = TypeVar("P", bound=Part)
 
 
@@ -136,7 +142,7 @@ class Mechanism(HasOrigin):
         if any(callable(component) for component in components):
             x, y = (as_law("Mechanism.gravity", component) for component in gravity)
             self.gravity_laws, gravity = GravityLaws((x, y)), (0.0, 0.0)
-        self._gravity = require_point("Mechanism", "gravity", gravity)
+        self.gravity = gravity
         self.start = read_only(require_start("Mechanism", start))
         self.redundant = require_choice("Mechanism", "redundant", redundant, (REFUSE, MINIMUM_NORM))
         self.ground = Ground()
@@ -163,6 +169,13 @@ class Mechanism(HasOrigin):
     @gravity.setter
     def gravity(self, value: Any) -> None:
         self._gravity = require_point("Mechanism", "gravity", value)
+        size = math.hypot(*self._gravity)
+        for unit, one in _GRAVITY_UNITS.items():
+            if abs(size / (_EARTH * one) - 1.0) < _MAX_GRAVITY_DIFFERENCE:
+                warn_user(
+                    f"Mechanism: gravity = {size:g} m/s^2 is that of the earth in {unit}; pass "
+                    "m/s^2, such as gravity=(0.0, -9.81)."
+                )
 
     def add(self, part: P) -> P:
         """Add a part, such as a body, a joint or a load, and return the part.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -209,3 +211,38 @@ def test_regression_the_beginning_of_the_name_of_a_material_suffices():
     for name in ("ti", "st", "", 3):
         with pytest.raises(bd.BeamdaeError, match=r"^Material\.of: the name must be one of"):
             bd.Material.of(name)
+
+
+@pytest.mark.parametrize(
+    ("E", "rho", "words"),
+    [
+        (210e3, 7850.0, "those of steel in MPa and kg/m^3; pass E in Pa"),
+        (210.0, 7.85, "steel in GPa and g/cm^3"),
+        (206e3, 7.85e-9, "steel in MPa and t/mm^3"),
+        (70e9, 2.7, "aluminum in Pa and g/cm^3"),
+        (10e6, 0.0975, "aluminum in psi and lb/in^3"),
+    ],
+)
+def test_regression_materials_in_other_units_have_a_warning(E, rho, words):
+    """Steel with E = 210000 Pa was softer than rubber, in silence."""
+    with pytest.warns(bd.BeamdaeWarning, match=re.escape(words)):
+        bd.Material(E=E, nu=0.3, rho=rho)
+
+
+@pytest.mark.parametrize(
+    ("E", "rho"), [(0.7e6, 5540.0), (210e9, 7850.0), (1e3, 1.0), (68.95e9, 2760.0), (2e3, 950.0)]
+)
+def test_soft_materials_have_no_warning(E, rho):
+    """The rubber of a benchmark of pendulums, numbers without units, and soft foam."""
+    assert bd.Material(E=E, nu=0.3, rho=rho).E == E
+
+
+@pytest.mark.parametrize(("gravity", "unit"), [(9810.0, "mm"), (-386.1, "in"), (32.2, "ft")])
+def test_regression_gravity_in_other_units_has_a_warning(gravity, unit):
+    with pytest.warns(bd.BeamdaeWarning, match=rf"of the earth in {unit}/s\^2"):
+        bd.Mechanism(gravity=(0.0, gravity))
+
+
+@pytest.mark.parametrize("gravity", [9.81, 1.62, 100.0, 98.1, 0.0])
+def test_gravity_of_other_planets_and_centrifuges_has_no_warning(gravity):
+    assert bd.Mechanism(gravity=(0.0, gravity)).gravity[1] == gravity
