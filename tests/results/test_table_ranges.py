@@ -62,13 +62,15 @@ def test_tables_over_time_hold_their_last_value_without_a_warning():
         bd.simulate(falling(table, lambda point, t: t), t_end=0.3)
 
 
-def turning(angles, values, outside="hold"):
-    """Return a disk that turns twice with a torque from a table of its angle."""
+def turning(angles, values, outside="hold", unit=1.0):
+    """Return a disk that turns twice with a torque from a table of its angle, times `unit`."""
     mech = bd.Mechanism()
     disk = mech.add(bd.RigidBody("disk", 1.0, 1.0, (0.0, 0.0), angular_velocity=4.0 * np.pi))
     mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0)))
     table = bd.table(angles, values, "pchip", outside)
-    mech.add(bd.ForceLaw("load", disk.at(0.0, 0.0), lambda disk, t: (0, 0, table(disk.angle))))
+    mech.add(
+        bd.ForceLaw("load", disk.at(0.0, 0.0), lambda disk, t: (0, 0, table(unit * disk.angle)))
+    )
     mech.observe("disk", disk.at(0.0, 0.0))
     return mech
 
@@ -85,6 +87,24 @@ def test_regression_tables_of_one_turn_that_turn_on_carry_a_warning():
     # A stop on one side, and a table of another range.
     for angles, values in ((TURN, [0.0, 0.0, 0.0, -1.0, -1.0]), (0.9 * TURN, load)):
         assert bd.simulate(turning(angles, values), t_end=1.0).warnings == ()
+
+
+@pytest.mark.parametrize("outside", ["hold", "repeat"])
+@pytest.mark.parametrize("turns", [0.25, 1.0, 2.0])
+def test_regression_angles_in_rad_in_tables_over_degrees_have_a_warning(turns, outside):
+    """A press had no load in any turn, in silence, and a table over rad held its last value."""
+    load = [0.0, 1.0, 3.0, 1.0, 0.0]
+    degrees, angles = np.linspace(0.0, 360.0 * turns, 5), np.linspace(0.0, 2.0 * np.pi * turns, 5)
+    words = "load: x of table is an angle in {}, but the table seems to be over {}"
+    for rows, unit, units in (
+        (degrees, 1.0, ("rad", "degrees")),
+        (angles, 180.0 / np.pi, ("degrees", "rad")),
+    ):
+        with pytest.warns(bd.BeamdaeWarning, match=words.format(*units)):
+            bd.simulate(turning(rows, load, outside, unit), t_end=1.0)
+    for rows, unit in ((degrees, 180.0 / np.pi), (angles, 1.0)):
+        warned = bd.simulate(turning(rows, load, outside, unit), t_end=1.0).warnings
+        assert not any("is an angle in" in x for x in warned)
 
 
 def test_runs_inside_the_table_carry_no_warning():

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.table_arguments import (
     TableArgumentTerm,
     compile_table_arguments,
@@ -33,6 +33,12 @@ _MAX_USED_ROWS = 1
 # Tables over one or several turns, in rad or degrees, such as those of a press or an engine.
 _TURNS = np.outer((2.0 * np.pi, 360.0), (1.0, 2.0, 4.0))
 _TURN_TOLERANCE = 1e-3  # relative difference of a table from whole turns
+# Quarter turn, in the unit of a table, and the derivative of an argument in the other unit by an
+# angle in rad.
+_QUARTERS = {"degrees": (90.0, 1.0), "rad": (0.5 * np.pi, 180.0 / np.pi)}
+_DIFFERENCE, _MAX_ERROR_OF_DERIVATIVE = 1e-5, 1e-4
+_MAX_TURN_ERROR = 5e-3  # of a table, in quarter turns; covers 6.28
+_MAX_QUARTERS = 16
 _MIN_TURN_EXCESS = 0.05  # distance outside a table of turns relative to its range
 
 
@@ -62,6 +68,9 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
         if not times:
             continue
         t, x = np.concatenate(times), np.concatenate(values)
+        if sentence := _describe_unit_of_angle(term, equations, trajectory):
+            yield sentence
+            continue
         yield from _unused_range_warnings(term, x)
         if term.table.is_repeated:
             continue
@@ -100,6 +109,31 @@ def _covers_turns(term: TableArgumentTerm) -> bool:
     if len(term.table.axes) > 1 or term.table.values[0] != term.table.values[-1]:
         return False
     return bool(np.any(np.abs(_TURNS - (high - low)) <= _TURN_TOLERANCE * _TURNS))
+
+
+def _describe_unit_of_angle(
+    term: TableArgumentTerm, equations: EquationsOfMotion, trajectory: Trajectory
+) -> str:
+    """Return a warning if an angle in rad enters a table over degrees, or vice versa, or ""."""
+    low, high = term.limits
+    for unit, (quarter, slope) in _QUARTERS.items():
+        turns = (high - low) / quarter
+        if not 1 <= round(turns) <= _MAX_QUARTERS or abs(turns - round(turns)) > _MAX_TURN_ERROR:
+            continue
+        angles = [k for k, x in enumerate(equations.coordinates) if x.unit == "rad"]
+        first = trajectory.intervals[0]
+        state = State(*(np.repeat(x[:1], len(angles) + 1, axis=0) for x in first.state))
+        state.q[np.arange(len(angles)), angles] += _DIFFERENCE
+        values = term.evaluate(np.full(len(state.q), first.t[0]), first.branch, state)
+        slopes = np.abs(values[:-1] - values[-1]) / _DIFFERENCE
+        if abs(np.max(slopes, initial=0.0) / slope - 1.0) < _MAX_ERROR_OF_DERIVATIVE:
+            other, factor = ("rad", "180 / pi") if unit == "degrees" else ("degrees", "pi / 180")
+            return (
+                f"{term.part}: {term.table.arguments[term.axis]} of {term.table.name} is an angle "
+                f"in {other}, but the table seems to be over {unit} ({low:.6g} to {high:.6g}); "
+                f"multiply the argument by {factor}."
+            )
+    return ""
 
 
 def _unused_range_warnings(term: TableArgumentTerm, values: Array) -> Iterator[str]:
