@@ -219,6 +219,30 @@ def shorten_navigation(app, env):
     return []
 
 
+# The navigation does not list these pages, so it depends only on their folder and parents.
+_UNLISTED_PAGES = ("api/names/", "_modules/")
+_NAVIGATIONS = {}
+
+
+def share_navigation(app, page, template, context, doctree):
+    """Compute the navigation of unlisted pages once.
+
+    It takes most of the time of writing a page.
+    """
+    compute = context.get("toctree")
+    if compute is None or not page.startswith(_UNLISTED_PAGES):
+        return
+    place = (page.rpartition("/")[0], *(parent["link"] for parent in context["parents"]))
+
+    def navigation(**options):
+        key = (*place, *sorted(options.items()))
+        if key not in _NAVIGATIONS:
+            _NAVIGATIONS[key] = compute(**options)
+        return _NAVIGATIONS[key]
+
+    context["toctree"] = navigation
+
+
 def start_kernels(app, env, pages):
     """Start the server of kernels if notebooks may be executed."""
     if pages and app.config.nb_execution_mode != "off" and hasattr(os, "fork"):
@@ -231,6 +255,8 @@ def setup(app):
     app.connect("config-inited", write_pages)
     app.connect("env-before-read-docs", start_kernels)
     app.connect("env-updated", shorten_navigation)
+    # Before the theme computes the navigation.
+    app.connect("html-page-context", share_navigation, priority=400)
     app.connect("source-read", gallery_cards.write_cards)
     app.connect("build-finished", gallery_cards.save_thumbnails)
     app.connect("autodoc-process-docstring", adapt_to_napoleon, priority=400)
