@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import inspect
+import linecache
 import pkgutil
 
 import pytest
@@ -40,6 +41,8 @@ SLOW = pytest.mark.slow(reason="half a second and more")
 )
 def test_examples_of_module_return_what_they_print(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # The debugger of each docstring would check all source files for changes.
+    monkeypatch.setattr(linecache, "checkcache", lambda *_: None)
     runner = doctest.DocTestRunner()
     for test in Finder().find(importlib.import_module(name)):
         runner.run(test)

@@ -140,10 +140,10 @@ def as_expression(value: Any) -> Any:
 def find_signals(*expressions: Any) -> tuple[Signal, ...]:
     """Return the signals whose symbols occur in expressions; other objects are ignored."""
     # Most models have no signals.
-    columns = [ca.vec(x) for x in expressions if isinstance(x, SX)] if _SIGNALS else []
-    if not columns:
+    symbolic = [x for x in expressions if isinstance(x, SX)] if _SIGNALS else []
+    if not symbolic:
         return ()
-    symbols = ca.symvar(ca.vertcat(*columns))
+    symbols = ca.symvar(ca.veccat(*symbolic))
     signals = (_SIGNALS.get(symbol.element_hash()) for symbol in symbols)
     return tuple(dict.fromkeys(signal for signal in signals if signal is not None))
 

@@ -413,7 +413,7 @@ def test_regression_unstable_loops_of_states_have_a_warning():
     rate = mech.sensor("rate again", mech.parts["wheel"].at(0.0, 0.0), "angle_dot")
     torque = bd.pid(mech, "loop", error, kp=8.0, ki=30.0, kd=1.0, rate=-rate)
     mech.add(bd.Moment("second motor", mech.parts["wheel"].at(0.0, 0.0), torque))
-    run = bd.simulate(mech, bd.Radau(), t_end=20.0)
+    run = bd.simulate(mech, bd.Radau(), t_end=8.0)
     assert any(x.startswith("loop: the command grows exponentially") for x in run.warnings)
 
 
