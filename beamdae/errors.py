@@ -22,6 +22,8 @@ MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does no
 _USUAL_DEGREES, _MAX_DEGREES = 15.0, 720.0  # multiples of angles in degrees
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
+# Names that are suggested have this ratio of `difflib.SequenceMatcher`; that of count and about is .6.
+_MIN_SIMILARITY = 0.62
 CASADI_MISMATCH = "shapes or types of CasADi expressions do not match"
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
 _MAX_PATH_LENGTH = 4096  # characters of a path, on any system
@@ -660,7 +662,9 @@ def require_choice(part: str, name: str, value: Any, choices: Sequence[Any]) -> 
 def suggest(value: Any, choices: Iterable[Any]) -> str:
     """Return the hint " (did you mean 'x'?)" with the closest choice, or "" if none is close."""
     text = (as_text(value) or short_repr(value))[:_MAX_REPR_LENGTH]
-    closest = difflib.get_close_matches(text, [str(choice) for choice in choices], n=1, cutoff=0.5)
+    closest = difflib.get_close_matches(
+        text, [str(choice) for choice in choices], n=1, cutoff=_MIN_SIMILARITY
+    )
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import beamdae as bd
 from beamdae.cli.model_files.example_files import example_names
+from beamdae.errors import suggest
 from beamdae.model_parameters import (
     describe_parameters,
     parse_unit,
@@ -302,3 +303,12 @@ def test_converted_parameters_in_other_units_are_numbers():
         return foreign(swing=swing)
 
     outer()
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("count", ""), ("mas", "mass"), ("elemnts", "elements")]
+)
+def test_regression_names_that_share_few_letters_are_not_suggested(name, hint):
+    """The hint for `modes(count=3)` was 'about'."""
+    choices = ["about", "n", "mass", "elements", "damping"]
+    assert suggest(name, choices) == (f" (did you mean {hint!r}?)" if hint else "")

@@ -118,7 +118,7 @@ def test_usage_errors_are_one_line(response, options, message):
 @pytest.mark.parametrize("command", [["response", "--over", "frequency=1:2"], ["periodic"]])
 def test_plotted_columns_are_checked_before_the_analysis(response, command):
     for options, message in (
-        (["--plot", "bib"], "there is no observed column 'bib' (did you mean 'bob.y'?)"),
+        (["--plot", "bob.u"], "there is no observed column 'bob.u' (did you mean 'bob."),
         (["--plot", "bob.x", "--no-picture"], "--plot requires the picture"),
     ):
         result = CliRunner().invoke(app, [command[0], "oscillator.py", *command[1:], *options])
