@@ -22,7 +22,7 @@ MAX_MAGNITUDE = 1e75  # no value in SI units is larger; the fourth power does no
 _USUAL_DEGREES, _MAX_DEGREES = 15.0, 720.0  # multiples of angles in degrees
 _MIN_POSITIVE = 1e-75  # the fourth power does not underflow to zero
 _MAX_REPR_LENGTH = 80  # characters of a value in a message
-# Names that are suggested have this ratio of `difflib.SequenceMatcher`; that of count and about is .6.
+# Least ratio of `difflib.SequenceMatcher` of suggested names; that of count and about is 0.6.
 _MIN_SIMILARITY = 0.62
 CASADI_MISMATCH = "shapes or types of CasADi expressions do not match"
 _MAX_MESSAGE_LENGTH = 200  # characters of a quoted exception
