@@ -5,6 +5,7 @@ import re
 import shlex
 import sys
 import types
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
+import beamdae as bd
 from beamdae.cli.app import app
 
 ROOT = Path(__file__).parents[1]
@@ -145,7 +147,9 @@ def test_compliant_stage_matches_its_text(tmp_path, monkeypatch):
 @slow
 def test_drop_test_matches_its_text(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = run_page(TUTORIALS / "drop_test.md")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", bd.BeamdaeWarning)
+        names = run_page(TUTORIALS / "drop_test.md")
     assert -names["elastic"]["bottom.y"].min() == pytest.approx(names["deepest"], rel=0.015)
     assert names["loss"] == pytest.approx(0.42 * 1.03, rel=0.01)
     table = names["table"]

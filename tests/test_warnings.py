@@ -5,6 +5,7 @@ import subprocess
 import sys
 import warnings
 
+import numpy as np
 import pytest
 
 import beamdae as bd
@@ -155,3 +156,41 @@ def test_regression_analyses_issue_the_warnings_of_their_results(analyze, text):
     assert any(text in x for x in messages)
     assert set(messages) <= set(result.warnings)
     assert len(messages) == len(set(messages))
+
+
+def issued(mech, t_end):
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("always")
+        solution = bd.simulate(mech, t_end=t_end)
+    return [str(x.message) for x in records], solution
+
+
+def test_regression_searches_of_equilibria_in_checks_issue_no_warnings():
+    """A strip that fell on a floor at 1.4 m/s was said not to use its velocity."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    aluminium = bd.Material(E=70e9, nu=0.33, rho=2700.0)
+    section = bd.Section.rectangle(aluminium, 0.02, 0.01, damping=2e-5)
+    line = bd.Line((-0.1, 0.0), (0.1, 0.0))
+    strip = mech.add(bd.Beam("strip", line, section, elements=2, velocity=(0.0, -1.4)))
+    mech.add(bd.PointMass("mass", 0.3, on=strip.at(0.1)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0), direction=(1.0, 0.0))
+    for name, end in (("left", strip.start), ("right", strip.end)):
+        foot = bd.Contact(name, end, floor, 2e6, restitution=0.7, impact_speed=1.4)
+        mech.observe(name, mech.add(foot).force)
+    mech.observe("section", strip.section_forces(0.08))
+    messages, solution = issued(mech, 0.03)
+    assert not [x for x in messages if "is not used" in x]
+    assert set(messages) == set(solution.warnings)
+
+
+def test_regression_finer_meshes_of_checks_issue_no_warnings():
+    """Each of two meshes for the error of fast loads repeated the warning of the damping."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.02, damping=0.01)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (2.0, 0.0)), section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rod.start))
+    pulse = bd.piecewise((1e-4, lambda t: 1e3 * np.sin(1e4 * np.pi * t) ** 2), 0.0)
+    mech.add(bd.Force("push", rod.end, (pulse, 0.0)))
+    mech.observe("tip", rod.end)
+    messages, _ = issued(mech, 1e-3)
+    assert sum("`damping` is a time" in x for x in messages) == 1

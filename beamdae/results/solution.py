@@ -16,7 +16,13 @@ from beamdae.equations import measures
 from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.assembly.building import add_observable
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError, require_finite, require_sequence, short_repr
+from beamdae.errors import (
+    BeamdaeError,
+    hold_messages,
+    require_finite,
+    require_sequence,
+    short_repr,
+)
 from beamdae.interrupts import interruptible
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.mechanism import AS_DRAWN
@@ -163,7 +169,9 @@ class Solution(RunData, TimeSeries):
 
     @cached_property
     def _sentences(self) -> dict[Check, tuple[str, ...]]:
-        return {check: tuple(check(self)) for check in RUN_CHECKS}
+        # Checks search equilibria and assemble finer meshes, whose messages are not about the run.
+        with hold_messages():
+            return {check: tuple(check(self)) for check in RUN_CHECKS}
 
     def coordinate_columns(self) -> dict[str, Array]:
         """Return the columns (k,) of `coordinates` by header."""
