@@ -12,12 +12,13 @@ from beamdae.argument_names import explain_unknown_arguments
 from beamdae.catalog import attributes_by_module
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
-from beamdae.scipy_import import fast_scipy_import
+from beamdae.scipy_import import fast_scipy_import, shorten_thread_timeout
 
 _load, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=attributes_by_module())
 __version__ = "0.1.0"
 # Interrupts are raised after the import.
 _import = interruptible(_load)
+shorten_thread_timeout()
 
 
 def __getattr__(name: str) -> Any:

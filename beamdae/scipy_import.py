@@ -11,10 +11,21 @@ from types import ModuleType
 from typing import Any
 
 # Half of the processor time that the imports of SciPy take.
-_UNUSED_MODULES = ("char", "core", "ctypeslib", "f2py", "testing")
+_UNUSED_MODULES = ("char", "core", "ctypeslib", "f2py", "ma", "rec", "testing")
 # By default, new threads of OpenBLAS wait for work without sleeping for 2^26 cycles, 30 ms of each
 # core. Products of matrices in sequence take the same time with 2^20 cycles.
 _THREAD_TIMEOUT = ("OPENBLAS_THREAD_TIMEOUT", "20")
+
+_is_timeout_set = False  # in the environment, by this module
+
+
+def shorten_thread_timeout() -> None:
+    """Let idle threads of BLAS libraries sleep sooner, until the next `fast_scipy_import` ends.
+
+    This includes the threads of NumPy, if a script imports beamdae before NumPy.
+    """
+    if "numpy" not in sys.modules:
+        _set_thread_timeout()
 
 
 @contextmanager
@@ -32,16 +43,28 @@ def fast_scipy_import() -> Iterator[None]:
 @contextmanager
 def _short_thread_timeout() -> Iterator[None]:
     """Set the timeout of threads of the BLAS libraries that are loaded in a `with` block."""
-    name, cycles = _THREAD_TIMEOUT
     # scipy.linalg loads the library; scipy.sparse does not.
-    if "scipy.linalg" in sys.modules or name in os.environ:
-        yield
-        return
-    os.environ[name] = cycles
+    if "scipy.linalg" not in sys.modules:
+        _set_thread_timeout()
     try:
         yield
     finally:
-        os.environ.pop(name, None)
+        _restore_thread_timeout()
+
+
+def _set_thread_timeout() -> None:
+    global _is_timeout_set
+    name, cycles = _THREAD_TIMEOUT
+    if name not in os.environ:
+        os.environ[name] = cycles
+        _is_timeout_set = True
+
+
+def _restore_thread_timeout() -> None:
+    global _is_timeout_set
+    if _is_timeout_set:
+        os.environ.pop(_THREAD_TIMEOUT[0], None)
+        _is_timeout_set = False
 
 
 @contextmanager
