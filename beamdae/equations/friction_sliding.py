@@ -34,6 +34,10 @@ class SlidingTerm:
 
     def evaluate(self, times: Array, state: State) -> Array:
         """Return sliding velocities [m/s] at rows of (t, branch), NaN without a normal force."""
+        return self.evaluate_with_forces(times, state)[0]
+
+    def evaluate_with_forces(self, times: Array, state: State) -> tuple[Array, Array]:
+        """Return the sliding velocities, see `evaluate`, and the normal forces [N]."""
         law = self.law
         columns = self.observable.evaluate(self.numbers, times, state.q, state.v, state.lam)
         force, slip = columns.T
@@ -41,7 +45,7 @@ class SlidingTerm:
             coefficient = np.abs(law.friction_coefficient(slip)) * (law.radius or 1.0)
             with np.errstate(invalid="ignore", divide="ignore"):
                 force = np.abs(force) / coefficient
-        return np.where(force > law.min_force, slip, np.nan)
+        return np.where(force > law.min_force, slip, np.nan), force
 
 
 def compile_sliding(equations: EquationsOfMotion) -> Sequence[SlidingTerm]:

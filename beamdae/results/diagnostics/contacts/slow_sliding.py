@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.friction_sliding import SlidingTerm, compile_sliding
-from beamdae.equations.starts.rank import build_constraint_jacobian
+from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.least_strain import solve_least_change
 from beamdae.errors import format_percent
 from beamdae.parts.forces.regularized_friction import RegularizedFriction
 from beamdae.results.trajectory import Trajectory
@@ -22,7 +23,10 @@ _MAX_SLOW_SHARE = 0.5  # of the time with a normal force
 _MIN_DISTANCE = 1e-2
 _MIN_PRESCRIBED_DISTANCE = 1e-4
 _SPEED_CHANGE = 0.1  # relative to the regularization velocity
-_MIN_RATIO_CHANGE = 1e-6  # friction force / (friction N); less is a rounding error
+# Parts that friction N moves by less than this share of a distance are not held by it there: the
+# pins of a flexible coupler between a crank and a rocker turn with them.
+_MAX_YIELD = 0.01
+_MAX_ROWS_AT_ONCE = 256
 _RATIO_AT_FRICTION_SPEED = float(np.tanh(1.0))  # friction force / (friction N)
 # Parts that friction should hold, and that creep over more than this distance and more than this
 # share of the distance that they slide, are reported.
@@ -89,16 +93,17 @@ class _Sliding:
 
     def warning(self, trajectory: Trajectory) -> str | None:
         """Return the warning, None if there is none."""
-        durations, slips, places = [np.zeros(0)], [np.zeros(0)], []
+        durations, slips, forces, places = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)], []
         for interval in trajectory.intervals:
             if self.name in interval.inactive:
                 continue
             state, times = interval.state, interval.times[:: interval.nodes_per_step]
-            slip = np.asarray(self.term.evaluate(times, state))
+            slip, force = self.term.evaluate_with_forces(times, state)
             steps = np.diff(interval.t)
             weights = 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
             durations.append(weights)
             slips.append(slip)
+            forces.append(force)
             if np.isfinite(slip).any():
                 k = int(np.nanargmin(np.abs(slip)))
                 places.append((abs(slip[k]), times[k], State(*(x[k] for x in state))))
@@ -107,11 +112,19 @@ class _Sliding:
         slowest = min(places, key=lambda x: x[0])[1:]
         duration, slip = np.concatenate(durations), np.concatenate(slips)
         is_loaded = np.isfinite(slip)
-        slow = self._warning_of_slow_sliding(slip[is_loaded], duration[is_loaded], slowest)
-        return slow or self._warning_of_reversals(slip, duration, slowest)
+        normal = np.concatenate(forces)
+
+        def is_prescribed(distance: float) -> bool:
+            mean = np.average(normal[is_loaded], weights=duration[is_loaded])
+            force = self.law.largest_coefficient * float(mean)
+            displacement = self._displacement(*slowest, force, trajectory.end - trajectory.start)
+            return displacement < _MAX_YIELD * distance
+
+        slow = self._warning_of_slow_sliding(slip[is_loaded], duration[is_loaded], is_prescribed)
+        return slow or self._warning_of_reversals(slip, duration, is_prescribed)
 
     def _warning_of_slow_sliding(
-        self, slip: Array, duration: Array, slowest: tuple[Array, State]
+        self, slip: Array, duration: Array, is_prescribed: Callable[[float], bool]
     ) -> str | None:
         """Return the warning of sliding that is slow most of the time, None if there is none."""
         ratio = np.tanh(slip / self.law.speed)
@@ -129,15 +142,15 @@ class _Sliding:
         # Vibrations of a part that sticks cancel.
         distance = float(np.ptp(np.append(0.0, np.cumsum(duration * speed))))
         share_of_length = distance / (self.law.radius or self.equations.length)
-        is_prescribed = share_of_length > _MIN_PRESCRIBED_DISTANCE and self._is_prescribed(*slowest)
+        is_fixed = share_of_length > _MIN_PRESCRIBED_DISTANCE and is_prescribed(distance)
         # A part that starts at rest and never slides is held under any load.
         is_held = load is not None or (not slid and abs(ratio[0]) < _MAX_START_RATIO)
         has_crept = is_held and share_of_length > _MAX_CREEP and distance > _MAX_CREEP_SHARE * slid
-        if not (share_of_length > _MIN_DISTANCE or is_prescribed or has_crept):
+        if not (share_of_length > _MIN_DISTANCE or is_fixed or has_crept):
             return None
         limit = f"{self.law.coefficient_name if self.law.static is None else 'static'} N"
         name = self.law.speed_name
-        if not is_prescribed and has_crept:
+        if not is_fixed and has_crept:
             amount = f"{distance:.3g} m"
             if self.law.radius is not None:
                 amount = f"{distance / self.law.radius:.3g} rad"
@@ -159,7 +172,7 @@ class _Sliding:
         )
 
     def _warning_of_reversals(
-        self, slip: Array, duration: Array, slowest: tuple[Array, State]
+        self, slip: Array, duration: Array, is_prescribed: Callable[[float], bool]
     ) -> str | None:
         """Return the warning of creep between sliding to and fro, None if there is none."""
         # Phases of sliding (1, -1), of creep (0) and without a normal force (2)
@@ -177,7 +190,7 @@ class _Sliding:
         stroke = float(np.sum(distance[is_sliding])) / (n_reversals + 1)
         is_vibration = stroke < _MIN_DISTANCE * (self.law.radius or self.equations.length)
         share = creep / stroke
-        if is_vibration or share <= _MAX_REVERSAL_CREEP or self._is_prescribed(*slowest):
+        if is_vibration or share <= _MAX_REVERSAL_CREEP or is_prescribed(stroke):
             return None
         name = self.law.speed_name
         speed = self.law.speed * _RECOMMENDED_REVERSAL_CREEP / share
@@ -188,24 +201,32 @@ class _Sliding:
             f"{name}={speed:.2g} or less."
         )
 
-    def _ratios(self, times: Array, state: State) -> Array:
-        """Return the share tanh(slip / speed) of Coulomb friction, NaN without a normal force."""
-        return np.asarray(np.tanh(self.term.evaluate(times, state) / self.law.speed))
+    def _displacement(self, time: Array, state: State, force: float, duration: float) -> float:
+        """Return by how much a friction force [N] changes the sliding [m] of a run.
 
-    def _is_prescribed(self, time: Array, state: State) -> bool:
-        """Return True if no motion that the constraints allow changes the sliding speed."""
-        equations = self.equations
-        change = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n)
-        if equations.m:
-            constraints = build_constraint_jacobian(equations)
-            (columns,) = np.nonzero(np.diff(constraints.pattern.indptr))
-            (jacobian,) = constraints.at(time[None], state.q[None])
-            change[columns] -= np.linalg.lstsq(jacobian, jacobian @ change[columns])[0]
-        speed = _SPEED_CHANGE * self.law.speed / equations.length
-        states = State(*(np.stack([x, x]) for x in state))
-        states.v[1] += speed * equations.position_scales * change
-        before, after = self._ratios(np.stack([time, time]), states)
-        return bool(abs(after - before) < _MIN_RATIO_CHANGE)
+        Drivers and joints prescribe the sliding, except for elastic deformations by the force and
+        motions that it causes against inertia in the run of this duration [s].
+        """
+        solver, gradient = ConsistencySolver(self.equations), self._gradient(time, state)
+        stiffness, _, mass = solver.linearize_forces(time, solver.rest_state(state.q))
+        rows = solver.constraint_matrix(time, state.q)
+        gaps = np.zeros(rows.shape[0])
+        change = solve_least_change(stiffness + mass / duration**2, rows, gaps, force * gradient)
+        return abs(float(gradient @ change))
+
+    def _gradient(self, time: Array, state: State) -> Array:
+        """Return the derivative of the sliding speed by the velocities, (n,)."""
+        scales = self.equations.position_scales
+        changes = _SPEED_CHANGE * self.law.speed / self.equations.length * scales
+        (before,) = self.term.evaluate(time[None], State(*(x[None] for x in state)))
+        rates = []
+        for k in range(0, len(changes), _MAX_ROWS_AT_ONCE):
+            columns = range(k, min(k + _MAX_ROWS_AT_ONCE, len(changes)))
+            times, *values = (np.repeat(x[None], len(columns), axis=0) for x in (time, *state))
+            states = State(*values)
+            states.v[np.arange(len(columns)), columns] += changes[columns]
+            rates.append((self.term.evaluate(times, states) - before) / changes[columns])
+        return np.concatenate(rates)
 
 
 def _constant_ratio(ratio: Array, duration: Array) -> float | None:
