@@ -29,7 +29,7 @@ _STATUS_FILE = Path("/proc/self/status")
 _CLEAR_FILE = Path("/proc/self/clear_refs")
 # Enough for all entries of interest; `Path.read_text` takes four times as long.
 _MAX_FILE_BYTES = 4096
-_UNCHECKED_BYTES = 1e6
+UNCHECKED_BYTES = 1e6  # see `require_memory`
 # In messages of CasADi, and of the dynamic linker.
 _OUT_OF_MEMORY_WORDS = ("bad_alloc", "failed to map segment", "cannot allocate memory")
 # Writing this to clear_refs resets the peak of resident memory.
@@ -105,7 +105,7 @@ def require_memory(part: str, purpose: str, required: float, remedy: str) -> Non
     The message contains `purpose`, the required and the available memory, and `remedy`. Less than
     1 MB is not checked: reading the available memory takes 3 % of the assembly of a small model.
     """
-    if required < _UNCHECKED_BYTES:
+    if required < UNCHECKED_BYTES:
         return
     available = available_memory()
     if required > available:

@@ -50,7 +50,7 @@ from beamdae.errors import (
     short_repr,
     warn_user,
 )
-from beamdae.memory import available_memory, require_memory
+from beamdae.memory import UNCHECKED_BYTES, available_memory, require_memory
 from beamdae.parts.attachments import Attachment
 from beamdae.parts.joints.kinematic_constraint import KinematicConstraint
 from beamdae.parts.mechanism import Mechanism
@@ -1317,7 +1317,10 @@ def _require_valid_slenderness(part: str, section: Section | VaryingSection, len
 def _require_mesh_memory(part: str, mesh: Mesh) -> None:
     """Reject a mesh whose run would exceed the available memory, before arrays are allocated."""
     bytes_per_element = _BYTES_PER_ELEMENT_INTERVAL * (mesh.nodes - 1)
-    needed_bytes, available = bytes_per_element * mesh.elements, available_memory()
+    needed_bytes = bytes_per_element * mesh.elements
+    if needed_bytes < UNCHECKED_BYTES:
+        return
+    available = available_memory()
     if needed_bytes <= available:
         return
     remedy = f"use at most elements={int(available / bytes_per_element)}"

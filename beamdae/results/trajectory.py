@@ -29,8 +29,11 @@ _DEGREE_OF_REACTIONS = 3  # for a and lam, which may jump from step to step
 # components of a and lam. Jumps have 0.05 to 0.5, vibrations of at most 2 rad between these nodes
 # less than 0.04.
 _MAX_LEADING_SHARE = 0.04
-_FEW_TIMES = 64  # at which positions are evaluated without the weights of all steps
-_MAX_CACHED_WEIGHTS = 1_000_000  # of nodes in integrals over steps, which take 12 MB
+# Number of times at which positions are evaluated without the weights of all steps, and at which
+# weights are not cached.
+_FEW_TIMES = 64
+# Cached weights of nodes in integrals over steps, which take 12 MB, and in states.
+_MAX_CACHED_WEIGHTS = 1_000_000
 
 
 @read_only_data
@@ -284,15 +287,21 @@ class Interval:
 
     def _state_weights(self, t: Array) -> tuple[sp.csr_array, sp.csr_array]:
         """Return the Lagrange weights of v, and of a and lam, at times (j,) [s]."""
-        node = _preceding_node(self.nodes, t)
-        motion = self._lagrange_weights(t, node, _DEGREE_OF_MOTION)
+        motion = self._weights_of_degree(t, _DEGREE_OF_MOTION)
         if self._degree(_DEGREE_OF_REACTIONS) == self._degree(_DEGREE_OF_MOTION):
             return motion, motion
-        return motion, self._lagrange_weights(t, node, _DEGREE_OF_REACTIONS)
+        return motion, self._weights_of_degree(t, _DEGREE_OF_REACTIONS)
 
     def velocity_weights_at(self, t: Array) -> sp.csr_array:
         """Return the field `velocities` of `weights_at` at times (j,) [s]."""
-        return self._lagrange_weights(t, _preceding_node(self.nodes, t), _DEGREE_OF_MOTION)
+        return self._weights_of_degree(t, _DEGREE_OF_MOTION)
+
+    def _weights_of_degree(self, t: Array, degree: int) -> sp.csr_array:
+        """Return the Lagrange weights (j, k) of the nodes at times (j,) [s]."""
+        if len(t) <= _FEW_TIMES:
+            return self._lagrange_weights(t, _preceding_node(self.nodes, t), degree)
+        nodes, times = self.nodes.tobytes(), t.tobytes()
+        return _interpolation_weights(nodes, self.nodes_per_step, times, degree)
 
     def interpolate(self, values: Array, t: Array) -> Array:
         """Interpolate quantities at times inside the interval with the polynomials of v.
@@ -454,9 +463,23 @@ class Interval:
 @bounded_cache(_MAX_CACHED_WEIGHTS, lambda weights: weights.nnz)
 def _step_weights(nodes: bytes, nodes_per_step: int) -> sp.csr_array:
     """Return the weights (steps, k) of the nodes of an interval in integrals over each step."""
-    no_rows = State(*[np.zeros((0, 0))] * len(State._fields))
-    interval = Interval(np.frombuffer(nodes), no_rows, 0.0, nodes_per_step)
+    interval = _without_rows(nodes, nodes_per_step)
     return interval._integration_weights(interval.t[1:], np.arange(len(interval.t) - 1))
+
+
+# The arguments take as much memory as the weights.
+@bounded_cache(_MAX_CACHED_WEIGHTS, lambda weights: weights.nnz + sum(weights.shape))
+def _interpolation_weights(
+    nodes: bytes, nodes_per_step: int, times: bytes, degree: int
+) -> sp.csr_array:
+    """Return the weights (times, k) of the nodes of an interval in the states at times."""
+    interval, t = _without_rows(nodes, nodes_per_step), np.frombuffer(times)
+    return interval._lagrange_weights(t, _preceding_node(interval.nodes, t), degree)
+
+
+def _without_rows(nodes: bytes, nodes_per_step: int) -> Interval:
+    no_rows = State(*[np.zeros((0, 0))] * len(State._fields))
+    return Interval(np.frombuffer(nodes), no_rows, 0.0, nodes_per_step)
 
 
 def _multiply_lagrange_factors(t: Array, x: Array) -> Array:

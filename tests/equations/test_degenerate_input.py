@@ -36,6 +36,11 @@ def test_the_suggested_number_of_elements_fits(monkeypatch):
     assert bd.Beam("beam", LINE, STRIP, elements=37).mesh.elements == 37
 
 
+def test_small_meshes_do_not_read_the_available_memory(monkeypatch):
+    monkeypatch.setattr(memory, "_free_physical_memory", None)
+    assert bd.Beam("beam", LINE, STRIP, elements=3).mesh.elements == 3
+
+
 def test_available_memory_is_known_or_unbounded():
     assert memory.available_memory() > 1e6
 

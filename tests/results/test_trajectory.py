@@ -257,6 +257,19 @@ def test_interpolation_at_few_times_has_the_bits_of_products(count):
     assert_array_equal(interval.interpolate(values, times), products)
 
 
+def test_runs_with_equal_steps_share_the_weights_at_many_times(monkeypatch):
+    nodes, times = np.linspace(0.0, 1.0, 22), np.linspace(0.01, 0.99, 100)
+    first, second = (make_interval(nodes, [f, np.cos, np.tan, np.exp]) for f in (np.sin, np.cosh))
+    expected = [first.at(times), second.at(times)]
+    monkeypatch.setattr(trajectories, "_FEW_TIMES", len(times))
+    for interval, state in zip((first, second), expected, strict=True):
+        for x, y in zip(interval.at(times), state, strict=True):
+            assert_array_equal(x, y)  # without shared weights
+    monkeypatch.undo()
+    monkeypatch.setattr(Interval, "_lagrange_weights", None)
+    assert_array_equal(second.at(times).q, expected[1].q)
+
+
 def test_positions_at_steps_are_those_of_the_polynomials():
     t = np.linspace(0.0, 1.0, 21)
     interval = make_interval(t, [np.sin, np.cos, np.tan, np.exp])
