@@ -380,7 +380,7 @@ def draw_run(run: Run, solution: Solution) -> None:
     status = solution.status
     title = run.title if status.success else f"{run.title}, ended early ({status.kind})"
     if run.plot.is_default:
-        run.files.write(
+        run.files.write_picture(
             run.picture.name, lambda: [save_run_figure(run.picture, run.columns, title)]
         )
         return
@@ -389,7 +389,7 @@ def draw_run(run: Run, solution: Solution) -> None:
     if len(next(iter(columns.values()))) == len(solution.t):
         columns = merge_columns(columns, solution.coordinate_columns())
     plot = run.plot
-    run.files.write(
+    run.files.write_picture(
         run.picture.name,
         lambda: [
             save_selected_columns(run.picture, columns, plot.columns, plot.x, plot.data, title)

@@ -242,3 +242,20 @@ assert np.testing is sys.modules["numpy.testing"]
 xp_assert_close(np.ones(2), np.ones(2))  # uses its copy of `np.testing`
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow(reason="starts a process")
+def test_commands_import_matplotlib_without_lists_of_properties():
+    """Matplotlib needed 55 ms for docstrings that no command shows."""
+    code = """
+from beamdae.cli.startup import import_matplotlib
+import_matplotlib()
+from matplotlib.artist import kwdoc
+from matplotlib.lines import Line2D
+assert "antialiased" not in Line2D.set.__doc__
+assert "antialiased" in kwdoc(Line2D), "changed for the model file"
+line = Line2D([], [])
+line.set(linewidth=2.5)
+assert line.get_linewidth() == 2.5
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -46,6 +46,8 @@ MAX_PANELS = 12
 # Largest number of ticks for which numbers with six digits do not overlap.
 _MAX_HORIZONTAL_TICKS = 5
 _RESOLUTION = 150  # of picture files [dots per inch]
+# Of 9; files are a tenth larger than by the default of 6, and compressed in two thirds of the time.
+_COMPRESSION_LEVEL = 3
 
 # Sizes in a figure of panels [inch]. Sizes of texts are fixed because measuring all texts, as the
 # constrained layout of Matplotlib does, takes longer than drawing the figure.
@@ -357,7 +359,7 @@ def _write_png(figure: Figure, path: Path) -> None:
     canvas, resolution = figure.canvas, figure.dpi
     try:
         figure.set_dpi(_RESOLUTION)
-        FigureCanvasAgg(figure).print_png(path)
+        FigureCanvasAgg(figure).print_png(path, pil_kwargs={"compress_level": _COMPRESSION_LEVEL})
     finally:
         figure.set_dpi(resolution)
         figure.set_canvas(canvas)
