@@ -54,3 +54,22 @@ def test_regression_copies_have_their_own_sums():
     other = copy(evaluator)
     assert_array_equal(other.force(TIME, q, rest), force_by_new_sum(equations, q))
     assert other._motion._buffers is not evaluator._motion._buffers
+
+
+def test_repeated_gaps_at_a_position_are_evaluated_once(monkeypatch):
+    evaluations = []
+    evaluate = StateEvaluator._evaluate
+
+    def count(*arguments):
+        evaluations.append(arguments)
+        return evaluate(*arguments)
+
+    monkeypatch.setattr(StateEvaluator, "_evaluate", count)
+    evaluator, q = StateEvaluator(build_pendulum(0.2)), np.array([3.0, 4.0])
+    assert_array_equal(evaluator.position_gaps(TIME, q), evaluator.position_gaps(TIME, q.copy()))
+    assert len(evaluations) == 1
+    gaps = evaluator.position_gaps(TIME, q)
+    # An array that changes in place is a new position.
+    q += 1.0
+    assert evaluator.position_gaps(TIME, q) != gaps
+    assert len(evaluations) == 2

@@ -198,6 +198,10 @@ class StateEvaluator:
         return Recent()
 
     @cached_property
+    def _recent_gaps(self) -> Recent:
+        return Recent()
+
+    @cached_property
     def _gradients(self) -> SumEvaluator:
         return SumEvaluator.borrow(self.sums.gradients, self.equations.p, self)
 
@@ -222,7 +226,10 @@ class StateEvaluator:
 
     def position_gaps(self, time: Array, q: Array) -> Array:
         """Return g, the gap of each constraint, (m,); 0 if the constraint is nonholonomic."""
-        return self.constraint_levels(time, q)[0]
+        # The steps of a consistent start ask for the same gaps repeatedly.
+        return self._recent_gaps.get(
+            np.concatenate([time, q]), lambda: self.constraint_levels(time, q)[0]
+        )
 
     def force(
         self,
