@@ -290,3 +290,51 @@ def test_regression_growth_far_below_the_command_has_no_warning(size):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", ".*its loop seems to be unstable")
         bd.simulate(build_stage(0.5), bd.Radau(), t_end=0.8, inputs={"target": law})
+
+
+def build_slow_amplifier(gain, limit=8.0):
+    """Return a PID loop of a mass of 0.25 kg on a spring whose amplifier has a lag of 1 ms."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 0.25, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    mech.add(bd.Spring("leaf", mech.ground.at(-1.0, 0.0), stage.point, 211.0))
+    error = mech.input("goal", STEP, unit="m") - mech.sensor("x", stage.point, "x")
+    gains = {"kp": 7709.0 * gain, "ki": 345600.0 * gain, "kd": 72.0 * gain}
+    limits = (-limit, limit)
+    force = bd.pid(mech, "servo", error, **gains, filter_time=5e-4, limits=limits, scale=1e-6)
+    mech.add(bd.Force("coil", stage.point, (bd.low_pass(mech, "amplifier", force, 1e-3), 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize(("gain", "is_unstable"), [(1.0, False), (10.0, True), (50.0, True)])
+@pytest.mark.parametrize("t_end", [0.08, 0.15])
+def test_regression_limit_cycles_of_few_swings_have_a_warning(gain, is_unstable, t_end):
+    """The first command exceeded the limits by a factor of 200, and hid the swings after it."""
+    found = loop_warnings(build_slow_amplifier(gain), t_end)
+    assert len(found) == is_unstable
+    assert all(x.startswith("servo: the command does not settle") for x in found)
+
+
+@pytest.mark.parametrize(("every", "is_unstable"), [(1e-3, False), (8e-3, True), (1e-2, True)])
+@pytest.mark.parametrize("limit", [10.0, 30.0])
+def test_regression_unstable_sampled_loops_of_ten_samples_have_a_warning(every, is_unstable, limit):
+    """Commands at their limits in all samples have no gains there, but between them."""
+    for t_end in (0.1, 0.15):
+        mech = build_sampled_stage(every, 2e4, 60.0, limit=limit)
+        assert len(loop_warnings(mech, t_end, bd.GeneralizedAlpha(5e-4))) == is_unstable
+
+
+@pytest.mark.parametrize("every", [1e-3, 1e-2])
+def test_sampled_relays_have_no_gains(every):
+    """The level of a thermostat alternates as it should."""
+    mech = build_hard_stage(0.0, 0.0)
+    stage = mech.parts["stage"]
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("actuator", stage.point, (force, 0.0)))
+    reads = [mech.sensor("position", stage.point, "x")]
+
+    def law(sample):
+        return 4.0 if sample.reads[0] < STEP else 0.0
+
+    mech.add(bd.Controller("relay", every, reads, [force], law))
+    assert not loop_warnings(mech, 0.12, bd.GeneralizedAlpha(5e-4))

@@ -42,6 +42,7 @@ _MAX_TRIED_SAMPLES = 12
 # Steps of finite differences of laws, relative to the ranges of their arguments in the run. Their
 # derivatives agree unless the law has a limit, a switch or a quantization there.
 _LAW_STEPS, _MAX_DIFFERENCE = (1e-5, 1e-6), 1e-3
+_BISECTIONS = 40
 
 
 class GrowingMode(NamedTuple):
@@ -160,7 +161,8 @@ def _differentiate_law(
     """Return the derivatives of the values of a law by its reads and the values before a sample.
 
     They are those of the first sample at which the commands depend on the reads and the law has no
-    limit or jump nearby; None if there is no such sample.
+    limit or jump nearby, or between two samples with commands at opposite limits; None if there are
+    no such samples, as for relays.
     """
     controller, every = term.controller, term.controller.every
     first, last = np.ceil(trajectory.start / every) + 1, np.floor(trajectory.end / every)
@@ -177,20 +179,21 @@ def _differentiate_law(
     scales = np.ptp(arguments, axis=0)
     scales = np.where(scales > 0.0, scales, 1.0 + np.abs(arguments[0]))
     newest = slice(n_driven * controller.delay, n_driven * (1 + controller.delay))
-    for index, argument in zip(indices.tolist(), arguments, strict=True):
 
-        def evaluate(x: Array, index: int = index) -> Array:
-            return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
+    def evaluate(index: int, x: Array) -> Array:
+        return controller.next_values(every * index, index, x[:n_reads], x[n_reads:], stream)
 
+    def differentiate(index: int, argument: Array) -> tuple[Array, Array] | None:
         # Most laws that do not depend on the reads, or are at a limit, are excluded by two calls.
         change = scales * np.where(np.arange(len(argument)) < n_reads, _LAW_STEPS[0], 0.0)
-        ends = [evaluate(argument + sign * change)[newest] for sign in (1.0, -1.0)]
+        ends = [evaluate(index, argument + sign * change)[newest] for sign in (1.0, -1.0)]
         if np.array_equal(ends[0], ends[1]):
-            continue
+            return None
         fine, coarse = (
             np.stack(
                 [
-                    (evaluate(argument + dx) - evaluate(argument - dx)) / (2.0 * np.max(dx))
+                    (evaluate(index, argument + dx) - evaluate(index, argument - dx))
+                    / (2.0 * np.max(dx))
                     for dx in np.diag(scales * step)
                 ],
                 axis=1,
@@ -202,6 +205,26 @@ def _differentiate_law(
         is_smooth = np.abs((fine - coarse) * scales) <= _MAX_DIFFERENCE * sizes
         if is_smooth.all() and np.any(fine[newest, :n_reads]):
             return fine[:, :n_reads], fine[:, n_reads:]
+        return None
+
+    for index, argument in zip(indices.tolist(), arguments, strict=True):
+        derivatives = differentiate(index, argument)
+        if derivatives is not None:
+            return derivatives
+    # All commands are at limits; between two opposite ones, a saturated law depends on the reads.
+    values = np.array([evaluate(*x)[newest] for x in zip(indices.tolist(), arguments, strict=True)])
+    jumps = np.abs(np.diff(values, axis=0))
+    if not np.any(jumps):
+        return None
+    k, drive = np.unravel_index(np.argmax(jumps), jumps.shape)
+    index, begin, end = int(indices[k]), arguments[k], arguments[k + 1]
+    low, high = values[k : k + 2, drive]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (begin + end)
+        share = (evaluate(index, middle)[newest][drive] - low) / (high - low)
+        if 0.25 < share < 0.75:
+            return differentiate(index, middle)
+        begin, end = (middle, end) if share <= 0.25 else (begin, middle)
     return None
 
 
