@@ -99,16 +99,16 @@ class Structure:
     states
         Indices of the coordinates of first-order states x: their rows of F are x' - f, without
         inertia.
-    deformations
-        Indices of the coordinates relative to floating frames.
+    correction_factors
+        Diagonal P of the corrections q' = v - P G^T mu by joints, (n,).
     """
 
     n: int = field(compare=False)
     m: int = field(compare=False)
     forces: tuple[ForceTerm, ...] = field(compare=False, repr=False)
     joints: tuple[ConstraintTerm, ...] = field(compare=False, repr=False)
+    correction_factors: Array = field(compare=False, repr=False)
     states: tuple[int, ...] = field(default=(), compare=False)
-    deformations: tuple[int, ...] = field(default=(), compare=False)
     _key: Any = field(init=False, repr=False)
     _derived: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -118,7 +118,7 @@ class Structure:
             self.n,
             self.m,
             self.states,
-            self.deformations,
+            self.correction_factors.tobytes(),
             *(comparison_key(value) for term in terms for value in vars(term).values()),
         )
         object.__setattr__(self, "_key", key)
@@ -135,7 +135,7 @@ def comparison_key(value: Any) -> Any:
 
 
 def has_same_patterns(one: Structure, other: Structure) -> bool:
-    """Return True if structures are equal except for the weights in their operators."""
+    """Return True if structures are equal except for weights of operators and of corrections."""
 
     def pattern_key(structure: Structure) -> Any:
         terms = (*structure.forces, *structure.joints)
@@ -144,8 +144,7 @@ def has_same_patterns(one: Structure, other: Structure) -> bool:
             comparison_key(_with_unit_weights(x) if isinstance(x, sp.csr_array) else x)
             for x in values
         )
-        sizes = structure.n, structure.m, structure.states, structure.deformations
-        return *sizes, *keys
+        return structure.n, structure.m, structure.states, *keys
 
     return one == other or pattern_key(one) == pattern_key(other)
 

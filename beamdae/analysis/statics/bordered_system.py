@@ -328,7 +328,9 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     count = len(structure.forces)
     forces = tuple(compress(structure.forces, is_selected[:count]))
     joints = tuple(compress(structure.joints, is_selected[count:]))
-    return intern_structure(Structure(structure.n, structure.m, forces, joints))
+    return intern_structure(
+        Structure(structure.n, structure.m, forces, joints, structure.correction_factors)
+    )
 
 
 def _iterate_inversely(inverse: Callable[[Array], Array], vectors: Array) -> Array:

@@ -14,7 +14,7 @@ stabilized-index1   q, v, Lam, Mu  as ggl with lam = Lam', mu = Mu'
 
 ggl: Gear, Gupta & Leimkuhler, J. Comput. Appl. Math. 12-13 (1985) 77. stabilized-index1:
 Anantharaman & Hiller, Int. J. Numer. Meth. Eng. 32 (1991) 1531. The diagonal matrix P assigns small
-shares of the corrections to deformations (`sums.correction_factors`); it does not change the
+shares of the corrections to deformations (`Structure.correction_factors`); it does not change the
 solution, for which mu = 0. Nonholonomic constraints A(t, q) v + b(t, q) = 0 replace g_dot = 0, with
 A in place of G, and their derivative replaces g_ddot = 0. They also replace g = 0 in index3; in the
 forms with mu, mu = 0 replaces g = 0.
@@ -39,7 +39,6 @@ from beamdae.equations.formulations.sums import (
     add_joint_matrices,
     add_tangents,
     assemble_residual,
-    correction_factors,
     create_matrix_sum,
 )
 from beamdae.equations.structure import Structure, cache_on_owner, share_plans
@@ -298,7 +297,7 @@ def plan_jacobian(structure: Structure, name: str, apart: bool) -> tuple[sp.csc_
     if apart:
         sums = ((STIFFNESS,), (DAMPING,), (MASS,))
     blocks = ((n, 0), (n, n), (below + n, n))[: len(sums)]
-    factors = correction_factors(structure)
+    factors = structure.correction_factors
     # c_l = c scales G^T if time integrals of the multipliers are the unknowns.
     reaction, by_c = (SCALED_GRADIENT, below) if form.impulses else (GRADIENT, 0)
     for term, copies in add_tangents(total, structure, layout, sums):

@@ -28,13 +28,6 @@ N_BALANCE_SCALARS = 6
 _FORCE_SCALARS = (0, 1, 2, 3, 5)  # scalars to which forces contribute
 _DRIVER_POWER = 4  # scalar to which joints contribute
 
-# Share of deformations relative to a floating frame in the correction q' - v by joints. With 1, the
-# share of rigid motions, stiff deformations took over errors of the much faster rigid motion, and
-# stresses in slow presses were wrong by 5 to 300 % between the steps. The force in a slow rod was
-# wrong by 3.6 % with 1e-4 at rtol 1e-3, and is exact to 0.5 % with 1e-6. Results with 1e-9 are
-# equally accurate.
-_DEFORMATION_SHARE = 1e-6
-
 # Outputs of `ConstraintKernel.matrices_kernel`.
 GRADIENT = 0  # G
 SCALED_GRADIENT = 1  # c_l G
@@ -123,20 +116,10 @@ def assemble_residual(
         copies = _add_joint(total, joint, layout, own_levels, corrects)
         total.add_column(copies, 0, joint.operator, dynamic)
         if corrects:
-            total.add_column(copies, 1, joint.operator, 0, correction_factors(structure))
+            total.add_column(copies, 1, joint.operator, 0, structure.correction_factors)
         for k in range(len(levels)):
             total.add_column(copies, 1 + corrects + k, joint.rows, dynamic + n + k * m)
     return total
-
-
-def correction_factors(structure: Structure) -> Array:
-    """Return the diagonal P of q' = v - P G^T mu, (n,).
-
-    It is 1e-6 for deformations relative to a floating frame and 1 for other coordinates.
-    """
-    factors = np.ones(structure.n)
-    factors[list(structure.deformations)] = _DEFORMATION_SHARE
-    return factors
 
 
 def _add_joint(

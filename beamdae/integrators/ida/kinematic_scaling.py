@@ -1,12 +1,13 @@
 """Scaling of the kinematic rows: position corrections in proportion to position scales.
 
-Stabilized forms keep positions on the constraints by q' = v - P G^T mu; without deformations, P =
-1, and this is the smallest correction in the units of the coordinates. It failed for a rotor making
-many revolutions, driven from a frame that hardly moved: half of the admissible error of the rotor
-angle was assigned to the frame, whose tolerance was a thousand times smaller. IDA tried to double
-the step after each step, failed, and stayed at order 1. Positions are therefore corrected in
-proportion to their scales, q' = v - S P G^T mu with S = diag(scales / largest scale). S does not
-change the solution because mu is zero if the constraints are satisfied.
+Stabilized forms keep positions on the constraints by q' = v - P G^T mu; without deformations, this
+is the smallest correction relative to the size of the mechanism. It failed for a rotor making many
+revolutions, driven from a frame that hardly moved: half of the admissible error of the rotor angle
+was assigned to the frame, whose tolerance was a thousand times smaller. IDA tried to double the
+step after each step, failed, and stayed at order 1. Positions are therefore corrected in proportion
+to their scales, q' = v - S P G^T mu with S = diag(scales / largest scale), where the scales of
+lengths are relative to the size of the mechanism. S does not change the solution because mu is zero
+if the constraints are satisfied.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class KinematicRowScaling:
 
     @classmethod
     def from_form(cls, form: FirstOrderForm, scales: Array) -> KinematicRowScaling:
-        """Return the scaling of a form for the position scales [m or rad], (n,)."""
+        """Return the scaling of a form for dimensionless position scales, (n,)."""
         n = form.equations.n if form.formulation.stabilized else 0
         columns = np.arange(2 * n)
         rows = columns % max(n, 1)

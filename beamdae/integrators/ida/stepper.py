@@ -104,7 +104,7 @@ class IdaStepper:
             "max_step": self._longest,
         }
         iteration = {
-            "kinematic": KinematicRowScaling.from_form(self._form, scales.position),
+            "kinematic": KinematicRowScaling.from_form(self._form, scales.position / scales.size),
             "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
         self._ida = _make_solver(self._form, plan, linear_solver, options, iteration)

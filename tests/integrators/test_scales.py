@@ -1,0 +1,73 @@
+"""Runs do not depend on the unit of length."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import beamdae as bd
+
+SCALES = [1e-6, 1e-3, 1e3]
+
+
+def resonator(scale):
+    """Return two beams with a mass between them, enlarged by `scale`, and its period [s].
+
+    Without changes of the material, times grow in proportion to lengths.
+    """
+    silicon, half, period = bd.Material(E=160e9, nu=0.22, rho=2330.0), 0.2 * scale, 0.05 * scale
+    strip = bd.Section.rectangle(silicon, 0.01 * scale, 0.002 * scale, damping=2e-5 * scale)
+    mech = bd.Mechanism()
+    left = mech.add(bd.Beam("left", bd.Line((-half, 0.0), (0.0, 0.0)), strip, elements=2))
+    right = mech.add(bd.Beam("right", bd.Line((0.0, 0.0), (half, 0.0)), strip, elements=2))
+    mech.add(bd.Weld("left clamp", mech.ground.at(-half, 0.0), left.start))
+    mech.add(bd.Weld("right clamp", mech.ground.at(half, 0.0), right.end))
+    mech.add(bd.Weld("middle", left.end, right.start))
+    mech.add(bd.PointMass("shuttle", 0.2 * scale**3, on=left.end))
+    force = bd.sine(0.2 * scale**2, 1.0 / period)
+    mech.add(bd.Force("comb", left.end, (0.0, force)))
+    mech.observe("middle", left.end)
+    return mech, period
+
+
+def run_resonator(integrator, scale):
+    mech, period = resonator(scale)
+    solution = bd.simulate(mech, integrator, 3.0 * period)
+    assert solution.status.success, solution.status.sentence
+    return solution, np.abs(solution["middle.y"]).max() / scale
+
+
+def require_equal_runs(integrator, scale, step_tolerance):
+    expected, expected_deflection = run_resonator(integrator, 1.0)
+    solution, deflection = run_resonator(integrator, scale)
+    steps = solution.statistics.steps
+    assert_allclose(steps, expected.statistics.steps, rtol=step_tolerance)
+    assert_allclose(deflection, expected_deflection, rtol=10.0 * integrator.rtol)
+
+
+# Rounding errors accept and reject single steps of few.
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+@pytest.mark.parametrize("scale", SCALES)
+def test_steps_of_radau_do_not_depend_on_the_unit_of_length(scale, rtol):
+    require_equal_runs(bd.Radau(rtol), scale, 0.03)
+
+
+# BDF changes its order at single steps, after which steps differ by a tenth.
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+@pytest.mark.parametrize("scale", SCALES)
+def test_steps_of_ida_do_not_depend_on_the_unit_of_length(scale, rtol):
+    require_equal_runs(bd.Ida(rtol), scale, 0.15)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_steps_of_generalized_alpha_do_not_depend_on_the_unit_of_length(scale):
+    require_equal_runs(bd.GeneralizedAlpha(rtol=1e-5), scale, 0.03)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_periodic_motions_do_not_depend_on_the_unit_of_length(scale):
+    deflections = []
+    for size in (1.0, scale):
+        mech, period = resonator(size)
+        motion = bd.periodic(mech, period=period)
+        deflections.append(motion.amplitudes()["half range"]["middle.y [m]"] / size)
+    assert_allclose(deflections[1], deflections[0], rtol=1e-5)
