@@ -54,6 +54,7 @@ from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibr
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
 from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
+from beamdae.results.diagnostics.saturated_commands import saturated_command_warnings
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
@@ -258,6 +259,7 @@ ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings
 RUN_CHECKS: tuple[Check, ...] = (
     # Unstable loops cause failures, large strains and errors.
     _growing_loops,
+    _of_motion(saturated_command_warnings),
     # The motion and the deformation.
     _balance,
     _columns,

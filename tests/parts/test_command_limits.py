@@ -78,3 +78,60 @@ def test_values_that_are_no_sums_of_limited_values_are_no_commands():
     curve = bd.table([0.0, 1.0, 2.0], [0.0, 1.0, 3.0], name="curve")
     mech.add(bd.Force("table", mech.parts["stage"].point, (0.0, curve(x - 1.0))))
     assert not limit_sentences(bd.linearize, mech)
+
+
+def build_servo(target, sign=1.0, push=None):
+    """Return a mass of 0.25 kg on a spring with a PID loop, or with a law that limits `push`."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 0.25, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    ends = mech.ground.at(-1.0, 0.0), stage.point
+    mech.add(bd.SpringDamper("leaf", *ends, stiffness=211.0, damping=0.5))
+    error = sign * (mech.input("target", target) - mech.sensor("x", stage.point, "x"))
+    gains = {"kp": 7709.0, "ki": 3.456e5, "kd": 72.0, "filter_time": 5e-4, "scale": 1e-6}
+    if push is None:
+        force = bd.pid(mech, "servo", error, **gains, limits=(-8.0, 8.0))
+    else:
+        force = ca.fmin(ca.fmax(7709.0 * error, push[0]), push[1])
+    mech.add(bd.Force("coil", stage.point, (force, 0.0)))
+    return mech
+
+
+def saturation_warnings(mech, t_end):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.BeamdaeWarning)
+        run = bd.simulate(mech, t_end=t_end)
+    return [x for x in run.warnings if "is at its limit" in x]
+
+
+@pytest.mark.parametrize(
+    ("settings", "start"),
+    [
+        ({"target": 1.0}, "servo: the command is at its limit 8 during 100 % of the run"),
+        ({"target": 1e-3, "sign": -1.0}, "servo: the command is at its limit -8 during"),
+        ({"target": 1.0, "push": (-6.0, 8.0)}, "coil: the limited value is at its limit 8 during"),
+    ],
+    ids=["unit", "sign", "formula"],
+)
+def test_regression_commands_at_a_limit_during_the_whole_run_have_a_warning(settings, start):
+    """A target of 1 m instead of 1 mm, and a wrong sign, were silent."""
+    (sentence,) = saturation_warnings(build_servo(**settings), t_end=0.1)
+    assert sentence.startswith(start)
+    assert "check the sign of the measured value, the unit of the target, and the lim" in sentence
+
+
+@pytest.mark.parametrize(
+    "mech",
+    [
+        build_servo(1e-3),
+        # At the limit until 40 ms.
+        build_servo(0.03),
+        # At the limit from 60 ms on.
+        build_servo(bd.piecewise((0.06, 0.0), 1.0)),
+        # An end stop that the mass does not reach.
+        build_servo(-1.0, push=(0.0, 8.0)),
+    ],
+    ids=["holds", "starts", "ends", "stop"],
+)
+def test_commands_that_leave_their_limits_have_no_warning(mech):
+    assert not saturation_warnings(mech, t_end=0.1)

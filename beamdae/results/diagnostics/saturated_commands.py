@@ -1,0 +1,59 @@
+"""Warnings about commands of continuous controllers that are at a limit during the whole run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beamdae.equations.commands import compile_commands
+from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.errors import format_percent
+from beamdae.results.trajectory import Trajectory
+
+_MIN_SHARE = 0.95  # of the run; the command is at the limit at its end, too
+_SAMPLES = 1001  # times at which commands are evaluated
+_ROUNDING = 1e-9  # of the distance between both limits
+
+
+def saturated_command_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory
+) -> Iterator[str]:
+    """Yield one warning per limited command that is at one limit for over 95 % of a run.
+
+    Values in laws have a warning only between a negative and a positive limit: others may be those
+    of parts that act in one direction, or not at all, such as end stops.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    """
+    if not trajectory.end > trajectory.start:
+        return
+    commands = [
+        x
+        for x in compile_commands(equations)
+        if x.has_limits and (x.is_output or x.low < 0.0 < x.high)
+    ]
+    if not commands:
+        return
+    at = trajectory.at(np.linspace(trajectory.start, trajectory.end, _SAMPLES))
+    for command in commands:
+        low, high = command.low, command.high
+        values = command.evaluate(*at)[:, 0]
+        rounding = _ROUNDING * (high - low)
+        for limit, is_beyond in (
+            (low, values <= low + rounding),
+            (high, values >= high - rounding),
+        ):
+            share = float(np.mean(is_beyond))
+            if share > _MIN_SHARE and is_beyond[-1]:
+                yield (
+                    f"{command.name} is at its limit {limit:.4g} during {format_percent(share)} of "
+                    "the run and at its end, so that there is no feedback (without limits, its "
+                    f"median is {np.median(values):.3g}); check the sign of the measured value, "
+                    "the unit of the target, and the limits."
+                )
