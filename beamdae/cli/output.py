@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from beamdae.cli import startup
 from beamdae.errors import (
     BeamdaeError,
     BeamdaeWarning,
@@ -275,7 +274,10 @@ class WrittenFiles:
         """Write pictures as `write` does, after a faster import of Matplotlib."""
 
         def import_and_write() -> list[Path]:
-            startup.import_matplotlib()
+            # Imported here because most commands draw no picture.
+            from beamdae.report.pictures.matplotlib_import import import_matplotlib
+
+            import_matplotlib()
             return write()
 
         self.write(name, import_and_write)

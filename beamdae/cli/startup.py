@@ -40,22 +40,6 @@ def import_before_models(module: str) -> None:
         gc.enable()
 
 
-def import_matplotlib() -> None:
-    """Import what Matplotlib needs for a picture, without lists of properties in its docstrings.
-
-    These lists take a quarter of the time of the import (55 ms), and no command shows them.
-    """
-    from matplotlib import artist
-
-    list_properties = artist.kwdoc
-    artist.kwdoc = lambda artist: ""
-    try:
-        import_module("matplotlib.figure")
-        import_module("matplotlib.backends.backend_agg")
-    finally:
-        artist.kwdoc = list_properties
-
-
 def skip_final_collection() -> None:
     """Exempt all objects from the collections at the end of the process, which take 0.2 s."""
     gc.disable()

@@ -248,7 +248,7 @@ xp_assert_close(np.ones(2), np.ones(2))  # uses its copy of `np.testing`
 def test_commands_import_matplotlib_without_lists_of_properties():
     """Matplotlib needed 55 ms for docstrings that no command shows."""
     code = """
-from beamdae.cli.startup import import_matplotlib
+from beamdae.report.pictures.matplotlib_import import import_matplotlib
 import_matplotlib()
 from matplotlib.artist import kwdoc
 from matplotlib.lines import Line2D
