@@ -690,10 +690,10 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def format_percent(fraction: float) -> str:
-    """Return a fraction in percent with two significant digits, such as "2.1 %" or "130 %"."""
-    digits = f"{100.0 * fraction:.2g}"
-    return f"{float(digits):.0f} %" if "e+" in digits else f"{digits} %"
+def format_percent(fraction: float, digits: int = 2) -> str:
+    """Return a fraction in percent with these significant digits, such as "2.1 %" or "130 %"."""
+    percent = f"{100.0 * fraction:.{digits}g}"
+    return f"{float(percent):.0f} %" if "e+" in percent else f"{percent} %"
 
 
 def set_fields(instance: Any, **values: Any) -> None:

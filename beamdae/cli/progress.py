@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from beamdae.cli.output import create_progress_console, is_quiet
-from beamdae.errors import format_count
+from beamdae.errors import format_count, format_percent
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -137,7 +137,7 @@ def show_design_progress(most: int) -> Iterator[Callable[[int, float, float], No
         def update(count: int, objective: float, violation: float) -> None:
             label = f"objective {objective:.5g}"
             if violation > 0.0:
-                label += f", a limit exceeded by {100.0 * violation:.2g} %"
+                label += f", a limit exceeded by {format_percent(violation)}"
             done = f"{format_count(count, 'design')}, {(monotonic() - start) / count:.2g} s each"
             show_line(ProgressLine(count / most, done, None, label))
 

@@ -195,7 +195,12 @@ def _long_elements(run: RunData) -> Iterator[str]:
     yield from long_element_warnings(
         *motion, run._observe_at, lambda: run._energy_ledger.is_lightly_damped, examined
     )
-    yield from fast_load_warnings(*motion)
+
+
+def _fast_loads(run: RunData) -> Iterable[str]:
+    if run._is_at_rest:
+        return ()
+    return fast_load_warnings(run.equations, run.trajectory, run.step_extremes)
 
 
 def _start_transients(run: RunData) -> Iterable[str]:
@@ -256,6 +261,9 @@ def _built_model(run: RunData) -> Iterable[str]:
 # Warnings about peaks and vibrations that the output rows do not show.
 ROW_CHECKS: tuple[Check, ...] = (_missed_peaks, _of_motion(unknown_peak_warnings), _coarse_rows)
 
+# Warnings about waves after fast changes of laws.
+FAST_LOADS: Check = _fast_loads
+
 RUN_CHECKS: tuple[Check, ...] = (
     # Unstable loops cause failures, large strains and errors.
     _growing_loops,
@@ -282,6 +290,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _untouched_contacts,
     _mesh_errors,
     _long_elements,
+    FAST_LOADS,
     _of_motion(moving_load_warnings),
     _of_motion(table_range_warnings),
     # The start and the model.

@@ -30,7 +30,7 @@ from beamdae.read_only import read_only_data
 from beamdae.results.displays import Animation, Plot, load_views
 from beamdae.results.event_records import tabulate_events
 from beamdae.results.provenance import describe_provenance, state_hash
-from beamdae.results.run_checks import ROW_CHECKS, RUN_CHECKS, Check
+from beamdae.results.run_checks import FAST_LOADS, ROW_CHECKS, RUN_CHECKS, Check
 from beamdae.results.run_data import RunData, coordinate_headers
 from beamdae.results.storage.files import require_file_path, write_result
 from beamdae.results.time_series import TimeSeries
@@ -166,6 +166,11 @@ class Solution(RunData, TimeSeries):
     def row_warnings(self) -> tuple[str, ...]:
         """Those of the `warnings` about peaks and vibrations that the output rows do not show."""
         return tuple(chain.from_iterable(self._sentences[check] for check in ROW_CHECKS))
+
+    @property
+    def _fast_load_warnings(self) -> tuple[str, ...]:
+        """Those of the `warnings` about waves after fast changes of laws."""
+        return self._sentences[FAST_LOADS]
 
     @cached_property
     def _sentences(self) -> dict[Check, tuple[str, ...]]:

@@ -109,3 +109,24 @@ def test_regression_responses_name_the_largest_error_of_beams():
     response = FrequencyResponse("f", (*points, unknown), Status("ok", "reached the end"))
     assert len(response.warnings) == 2
     assert response.warnings[1].startswith("f = 9: arm: with strain='exact' and twice as many")
+
+
+def test_regression_periodic_motions_have_no_errors_of_a_start():
+    """The response to a start from rest had errors of 10 %, next to those of the motion."""
+    with pytest.warns(bd.BeamdaeWarning, match="errors by the strains and elements"):
+        motion = motion_of(275.0, 5.0, elements=2)
+    assert not any("faster than waves" in warning for warning in motion.warnings)
+
+
+def test_pulses_after_rest_in_periodic_motions_have_errors_of_waves():
+    mech, period = bd.Mechanism(), 0.02
+    steel = bd.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    bar = bd.Section.rectangle(steel, width=0.02, height=0.02, damping=2e-5)
+    rod = mech.add(bd.Beam("rod", bd.Line((0.0, 0.0), (1.0, 0.0)), bar, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rod.start))
+    times = [0.0, 0.01, 0.0105, 0.011, period]
+    force = bd.table(times, [0.0, 0.0, 1e3, 0.0, 0.0], "pchip", outside="repeat")
+    mech.add(bd.Force("blow", rod.end, (0.0, force)))
+    mech.observe("root", rod.stress(0.1, "top"))
+    with pytest.warns(bd.BeamdaeWarning, match="blow: this law rises within 0.00033 s"):
+        bd.periodic(mech, period, RUNS)

@@ -151,3 +151,9 @@ def test_regression_large_percentages_have_no_exponent() -> None:
     fractions = (0.0214, 0.2, 0.994, 0.996, 1.234, 12.0)
     texts = ["2.1 %", "20 %", "99 %", "100 %", "120 %", "1200 %"]
     assert [format_percent(x) for x in fractions] == texts
+    assert [format_percent(x, digits=1) for x in (0.004, 0.13, 0.3, 12.0)] == [
+        "0.4 %",
+        "10 %",
+        "30 %",
+        "1000 %",
+    ]

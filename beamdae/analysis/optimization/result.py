@@ -34,7 +34,7 @@ from beamdae.analysis.optimization.search import (
     find_active_bounds,
 )
 from beamdae.beams.beam import Beam
-from beamdae.errors import BeamdaeError, format_count
+from beamdae.errors import BeamdaeError, format_count, format_percent
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
@@ -119,7 +119,7 @@ class Constraint(NamedTuple):
         size, word = abs(self.margin), "margin" if self.margin > 0.0 else "violated by"
         if self.limit == 0.0:
             return f"{word} {format_with_unit(float(f'{size:.3g}'), self.unit)}"
-        return f"{word} {100.0 * abs(self.relative_margin):.3g} % of the limit"
+        return f"{word} {format_percent(abs(self.relative_margin), 3)} of the limit"
 
 
 @read_only_data

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.failure_diagnosis import STARTING_STEPS, list_moving_drivers
-from beamdae.errors import list_first
+from beamdae.errors import format_percent, list_first
 from beamdae.results.diagnostics.energy_balance import EnergyLedger
 
 # Imbalances relative to the energy exchanged, in the run or over a few steps. In 257 random drops
@@ -54,7 +54,7 @@ def balance_warnings(equations: EquationsOfMotion, energy_ledger: EnergyLedger) 
     if drivers:
         ratio = local.ratio if is_balanced else energy.ratio
         yield (
-            f"energy: the first steps change the energy by {_format_percent(ratio)} of the "
+            f"energy: the first steps change the energy by {format_percent(ratio, 3)} of the "
             f"energy exchanged, because {list_first(drivers, _MAX_NAMES)} starts with a velocity; "
             "there, velocities and forces may be wrong by tens of percent, while the energy is "
             "balanced later. Start the law smoothly, as bd.run_up does, or reduce the step."
@@ -67,21 +67,21 @@ def balance_warnings(equations: EquationsOfMotion, energy_ledger: EnergyLedger) 
                 "percent"
             )
         yield (
-            f"energy: the energy imbalance is {_format_percent(energy.ratio)} of the energy "
+            f"energy: the energy imbalance is {format_percent(energy.ratio, 3)} of the energy "
             f"exchanged, so {consequence}; {_REMEDY}."
         )
     elif local.ratio > _MAX_ENERGY_IMBALANCE:
         yield (
             f"energy: around t = {local.time:.4g} s, the energy imbalance changes by "
-            f"{_format_percent(local.ratio)} of the energy exchanged there, as in an impact of few "
-            f"steps, so velocities and forces may be wrong by tens of percent; {_REMEDY}."
+            f"{format_percent(local.ratio, 3)} of the energy exchanged there, as in an impact of "
+            f"few steps, so velocities and forces may be wrong by tens of percent; {_REMEDY}."
         )
     rounding = _REST_TOLERANCE * energy.largest_term / equations.length
     time_above = energy_ledger.time_above(max(_MAX_RESIDUAL * force.scale, rounding))
     if time_above > _MAX_TIME_ABOVE_RESIDUAL:
         yield (
             "forces: the residual of the equations of motion exceeds half the largest force during "
-            f"{_format_percent(time_above)} of the run, so accelerations, reactions and section "
+            f"{format_percent(time_above, 3)} of the run, so accelerations, reactions and section "
             f"forces are unreliable; {_REMEDY}."
         )
 
@@ -113,7 +113,3 @@ def column_warnings(observed: Mapping[str, np.ndarray], times: np.ndarray) -> It
                 f"times, first at t = {times[rows[0]]:.6g} s; check the observable and "
                 "the model for very large or very small values."
             )
-
-
-def _format_percent(fraction: float) -> str:
-    return f"{100.0 * fraction:.3g} %"

@@ -14,7 +14,7 @@ from beamdae.beams.sections import Section
 from beamdae.equations.assembly.building import NumberStore, build_observable
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
@@ -107,12 +107,12 @@ def hard_impact_warnings(impacts: tuple[HardImpact, ...]) -> Iterator[str]:
         return
     worst = max(impacts, key=lambda x: x.ratio)
     others = [x.part for x in impacts if x is not worst]
-    error = 100.0 * _ERROR_PER_RATIO * worst.ratio
+    error = format_percent(_ERROR_PER_RATIO * worst.ratio, _DIGITS)
     yield (
         f"{name_with_others(worst.part, others)}: this force rises within "
         f"{worst.rise_time:.2g} s, faster than waves pass the elements of {worst.beam}, so its "
         "peak and the stresses contain vibrations of single elements and may be wrong by roughly "
-        f"{float(f'{error:.{_DIGITS}g}'):g} %; use about {worst.required_elements} elements, or a "
+        f"{error}; use about {worst.required_elements} elements, or a "
         "lower stiffness that represents the local compliance of the bodies (Hertz)."
     )
 

@@ -154,9 +154,10 @@ class _Sliding:
             amount = f"{distance:.3g} m"
             if self.law.radius is not None:
                 amount = f"{distance / self.law.radius:.3g} rad"
-            size = f"{100.0 * load:.3g}" if load else f"up to {100.0 * np.max(np.abs(ratio)):.3g}"
+            largest = format_percent(float(np.max(np.abs(ratio))), 3)
+            size = format_percent(load, 3) if load else f"up to {largest}"
             return (
-                f"{self.name}: the load is {size} % of {limit}, so that friction "
+                f"{self.name}: the load is {size} of {limit}, so that friction "
                 f"should hold it, but it creeps over {amount}, because {name} is "
                 f"{self.law.speed:g} m/s; "
                 f"use a smaller {name}=."

@@ -30,7 +30,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, list_first, name_with_others
+from beamdae.errors import BeamdaeError, format_percent, list_first, name_with_others
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
@@ -61,6 +61,7 @@ _MAX_COORDINATES = 700
 _MAX_SAMPLED_TIMES = 2000
 _MAX_SLOW_SAMPLES = 200  # of functions that accept no arrays
 _FAST_SHARE = 0.05  # of the largest rate, in the time of the fast change
+_CONSTANT_SHARE = 1e-6  # largest change of a constant law, relative to its range
 _FINE_TIMES, _COARSE_TIMES = 100, 400  # of the fast change, and of the response
 _PERIODS = 1.2  # duration of the response, in periods of a clamped beam
 _CANTILEVER = 3.516  # angular frequency over sqrt(EI / (rhoA L^4))
@@ -107,6 +108,7 @@ def fast_load_warnings(
     equations: EquationsOfMotion,
     trajectory: Trajectory,
     extremes: Mapping[str, StepExtremes],
+    is_periodic: bool = False,
 ) -> Iterator[str]:
     """Yield a warning if a law changes so fast that the elements of beams do not resolve the waves.
 
@@ -121,6 +123,9 @@ def fast_load_warnings(
         The steps of the run.
     extremes
         Extremes of the observed columns, by header.
+    is_periodic
+        True for a periodic motion. It contains no response to the start, so that only changes of
+        laws that are constant before them count.
     """
     intervals = tuple(takewhile(lambda x: not x.inactive, trajectory.intervals))
     trajectory, mechanism = Trajectory(intervals), equations.mechanism
@@ -129,7 +134,7 @@ def fast_load_warnings(
     beams = beams_of(mechanism)
     if not beams:
         return
-    change = _find_fastest_change(equations, trajectory, beams)
+    change = _find_fastest_change(equations, trajectory, beams, is_periodic)
     if change is None:
         return
     times = _time_grid(equations, trajectory, change, beams)
@@ -166,16 +171,17 @@ def fast_load_warnings(
 
 
 def _find_fastest_change(
-    equations: EquationsOfMotion, trajectory: Trajectory, beams: list[Beam]
+    equations: EquationsOfMotion, trajectory: Trajectory, beams: list[Beam], is_periodic: bool
 ) -> _Change | None:
     """Return the change of a law with the shortest rise time; None if elements resolve all."""
     assert equations.mechanism is not None
     is_balanced = equations.start is not None and equations.start.description == EQUILIBRIUM
-    is_first = trajectory.start == 0.0 and not is_balanced
+    is_first = trajectory.start == 0.0 and not (is_balanced or is_periodic)
     changes = []
     for part in equations.mechanism.parts.values():
         for law in part.laws:
-            change = _measure_change(part.name, law, part.is_load and is_first, trajectory)
+            is_sudden = part.is_load and is_first
+            change = _measure_change(part.name, law, is_sudden, is_periodic, trajectory)
             if change is not None:
                 changes.append(change)
     fastest = min(changes, key=lambda x: x.rise_time, default=None)
@@ -192,10 +198,13 @@ def _find_fastest_change(
     return fastest
 
 
-def _measure_change(part: str, law: Law, is_sudden: bool, trajectory: Trajectory) -> _Change | None:
+def _measure_change(
+    part: str, law: Law, is_sudden: bool, is_periodic: bool, trajectory: Trajectory
+) -> _Change | None:
     """Return the fastest change of a law in a run, or None if it is constant.
 
-    If `is_sudden` is True, the law is zero before the run.
+    If `is_sudden` is True, the law is zero before the run. If `is_periodic` is True, it must be
+    constant at the start for longer than it rises.
     """
     times: list[Array] = []
     values: list[Array] = []
@@ -226,6 +235,10 @@ def _measure_change(part: str, law: Law, is_sudden: bool, trajectory: Trajectory
     largest = float(np.max(rates, initial=0.0))
     if largest == 0.0:
         return None
+    if is_periodic:
+        departure = t[np.argmax(np.abs(y - y[0]) > _CONSTANT_SHARE * span)]
+        if departure - t[0] < span / largest:
+            return None
     fast = np.flatnonzero(rates > _FAST_SHARE * largest)
     starts, ends = t[:-1][is_step], t[1:][is_step]
     return _Change(part, float(starts[fast[0]]), float(ends[fast[-1]]), span / largest)
@@ -501,7 +514,7 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {100.0 * largest:.1g}" if largest < LARGE_ERROR else "100 or more"
+    size = f"about {format_percent(largest, 1)}" if largest < LARGE_ERROR else "100 % or more"
     # By extrapolation with the observed order of convergence.
     order = max(math.log2(largest / max(float(np.max(refined)), _TINY)), _MIN_ORDER)
     refinement = min((largest / _RECOMMENDED_ERROR) ** (1.0 / order), _MAX_REFINEMENT)
@@ -515,5 +528,5 @@ def _describe(
     return (
         f"{change.part}: this law {when}, faster than waves pass the elements of "
         f"{list_first([x.name for x in beams], _MAX_NAMES)}, and the largest or smallest value of "
-        f"{name_with_others(first, others)} is wrong by {size} % of half the range; {remedy}."
+        f"{name_with_others(first, others)} is wrong by {size} of half the range; {remedy}."
     )

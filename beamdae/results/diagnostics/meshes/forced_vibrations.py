@@ -33,7 +33,7 @@ from beamdae.beams.dispersion import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import build_constraint_jacobian
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
@@ -483,9 +483,9 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
+    size = f"about {format_percent(largest)}" if largest < LARGE_ERROR else "100 % or more"
     remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_ERROR)
     return (
         f"{beam.name}: the elements are too long for its vibration, whose amplitude or phase is "
-        f"wrong by {size} % of half the range of {name_with_others(first, others)}; {remedy}."
+        f"wrong by {size} of half the range of {name_with_others(first, others)}; {remedy}."
     )

@@ -15,7 +15,7 @@ from beamdae.beams.dispersion import (
     convergence_order,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
@@ -238,12 +238,12 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_PHASE_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {100.0 * largest:.2g}" if largest < LARGE_ERROR else "100 or more"
+    size = f"about {format_percent(largest)}" if largest < LARGE_ERROR else "100 % or more"
     beam, refined = vibration.beam, partial(vibration.errors, half_ranges, spectrum)
     remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_PHASE_ERROR)
     return (
         f"{beam.name}: the elements are too long for its vibration, and the phase error that "
-        f"accumulates is {size} % of half the range of {name_with_others(first, others)}; "
+        f"accumulates is {size} of half the range of {name_with_others(first, others)}; "
         f"{remedy}."
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from beamdae.errors import name_with_others
+from beamdae.errors import format_percent, name_with_others
 from beamdae.results.columns import (
     Header,
     largest_of_kind,
@@ -85,13 +85,13 @@ def long_step_warnings(
     rough = _order(roughness > _MAX_ROUGHNESS, roughness)
     if delayed and has_free_vibrations():
         largest = float(error[delayed[0]])
-        size = f"about {100.0 * largest:.2g}" if largest < 1.0 else "more than 100"
+        size = f"about {format_percent(largest)}" if largest < 1.0 else "more than 100 %"
         step = duration / n_steps
         shorter = step * (_RECOMMENDED_PHASE_ERROR / largest) ** 0.5
         columns = [names[k] for k in dict.fromkeys([*delayed, *rough])]
         sentence = (
             f"fixed steps of {step:.3g} s change the period of its vibration, and the error that "
-            f"accumulates is {size} % of half its range; use a step of {shorter:.1g} s, or an "
+            f"accumulates is {size} of half its range; use a step of {shorter:.1g} s, or an "
             "integrator with rtol."
         )
     elif rough:

@@ -24,7 +24,7 @@ from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.smooth_motion import find_smooth_state
-from beamdae.errors import BeamdaeError, name_with_others
+from beamdae.errors import BeamdaeError, format_percent, name_with_others
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import (
     mark_constant_columns,
@@ -463,7 +463,7 @@ def _describe(
     names = [headers[k] for k in order]
     first, *others = map(remove_unit, names)
     largest = float(errors[order[0]])
-    size = f"about {100.0 * largest:.2g}" if largest < _LARGE_ERROR else "100 or more"
+    size = f"about {format_percent(largest)}" if largest < _LARGE_ERROR else "100 % or more"
     step = max_step = float(np.max(jump.steps))
     for _ in range(_MAX_HALVINGS):
         max_step *= 0.5
@@ -472,7 +472,7 @@ def _describe(
     remedy = f"max_step={max_step:.1g}" if is_radau else f"Radau(max_step={max_step:.1g})"
     return SuspectedError(
         f"{name_with_others(first, others)}: steps of up to {step:.2g} s do not resolve fast "
-        f"vibrations that begin suddenly at t = {jump.time:.4g} s, and the error is {size} % of "
+        f"vibrations that begin suddenly at t = {jump.time:.4g} s, and the error is {size} of "
         f"half its range; use {remedy}, or set damping= of the sections.",
         tuple(names),
     )
