@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -178,9 +178,9 @@ class Equilibrium(HasPage):
         """Sentence on an unstable end of the path; "" if there is none.
 
         A prescribed displacement, or arc length, also holds equilibria that are unstable under
-        constant loads. Such a path has a sentence only if no critical point shows where it became
-        unstable: it began unstable, or switched to an unstable path. A critical point at the end is
-        neither stable nor unstable.
+        constant loads. Such a path has a sentence if it follows the arc length to a load factor, if
+        no critical point shows where it became unstable, because it began unstable, or if it
+        switched to an unstable path. A critical point at the end is neither stable nor unstable.
         """
         count, end = int(self.unstable[-1]), len(self.q) - 1
         if count <= 0 or any(point.row == end for point in self.critical):
@@ -207,7 +207,13 @@ class Equilibrium(HasPage):
         if not by_load:
             switches = np.cumsum(np.abs(self.settings.get("switch", []))).tolist()
             if onset.kind != "branch point" or number not in switches:
-                return ""
+                if isinstance(self.settings["to"], Mapping) or not self.status.success:
+                    return ""
+                return (
+                    f"equilibrium: {state} since the {onset.kind} at load factor "
+                    f"{onset.factor:.6g}, where a real structure leaves this path; simulate what "
+                    "it does beyond this point."
+                )
             return (
                 f"equilibrium: {state} since the branch point at load factor {onset.factor:.6g}, "
                 "where the path switches; simulate what the structure does at this point."

@@ -230,9 +230,9 @@ def run_warnings(
     """
     has_exact_strains = error is not None and error.has_exact_strains
     replaced = set(range_warnings(solution.validity)) if has_exact_strains else set()
-    if solution._fast_load_warnings:
+    if solution.fast_load_warnings:
         motion = solution.equations, solution.trajectory, solution.step_extremes
-        replaced |= {*solution._fast_load_warnings} - {*fast_load_warnings(*motion, True)}
+        replaced |= {*solution.fast_load_warnings} - {*fast_load_warnings(*motion, True)}
     about_rows = {x: f"{x.rpartition('; ')[0]}; {_ROW_REMEDY}" for x in solution.row_warnings}
     if not includes_rows:
         replaced |= set(about_rows)

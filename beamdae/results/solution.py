@@ -168,7 +168,7 @@ class Solution(RunData, TimeSeries):
         return tuple(chain.from_iterable(self._sentences[check] for check in ROW_CHECKS))
 
     @property
-    def _fast_load_warnings(self) -> tuple[str, ...]:
+    def fast_load_warnings(self) -> tuple[str, ...]:
         """Those of the `warnings` about waves after fast changes of laws."""
         return self._sentences[FAST_LOADS]
 

@@ -216,6 +216,25 @@ def test_regression_unstable_ends_by_arc_length_warn_if_no_critical_point_shows_
         assert path.instability == ""
 
 
+def test_regression_unstable_ends_at_the_load_of_a_path_by_arc_length_warn():
+    """The end was returned as the equilibrium under the load, in silence."""
+    mech, span, rise = bd.Mechanism(), 0.4, 0.012
+    radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
+    half = np.arcsin(0.5 * span / radius)
+    curve = bd.Arc(radius, 2.0 * radius * half, start=(0.5 * span, 0.0), angle=np.pi - half)
+    strip = bd.Section.rectangle(bd.Material(E=2.1e11, nu=0.3, rho=7850.0), 0.02, 0.002)
+    arch = mech.add(bd.Beam("arch", curve, strip, elements=2, formulation="exact"))
+    for name, end in (("right", arch.start), ("left", arch.end)):
+        mech.add(bd.Revolute(name, mech.ground.at(*end.point), end))
+    mech.add(bd.Force("press", arch.at(0.52 * arch.length), (0.0, -100.0)))
+    with pytest.warns(bd.BeamdaeWarning, match="unstable in 2 directions since the limit point at"):
+        path = bd.equilibrium(mech, to=0.9, control="arc length")
+    assert path.status.success
+    assert path.instability in path.warnings
+    # The load is reached before the limit point.
+    assert bd.equilibrium(mech, to=0.5, control="arc length").instability == ""
+
+
 def test_regression_paths_by_arc_length_that_begin_unstable_warn():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     rod = mech.add(bd.RigidBody("rod", 1.0, 0.1, (0.0, 1.0)))

@@ -95,7 +95,7 @@ def error_of(size, beams=("arm",)):
 def test_regression_responses_name_the_largest_error_of_beams():
     """The first error above 1 % was named, 1.3 % of 18 %."""
     errors = [None, error_of(0.013), error_of(-0.18), error_of(0.05), error_of(0.002)]
-    solution = SimpleNamespace(warnings=(), row_warnings=(), validity=())
+    solution = SimpleNamespace(warnings=(), row_warnings=(), fast_load_warnings=(), validity=())
     points = tuple(
         ResponsePoint(float(k), 1.0, solution, np.ones(1), beam_error=error)
         for k, error in enumerate(errors)

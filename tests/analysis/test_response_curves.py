@@ -412,7 +412,12 @@ def test_regression_warnings_of_motions_are_those_of_the_response():
     """Pages and commands dropped them; of those that differ only in numbers, one is kept."""
     texts = ("link: the error is 1.2 %.", "link: the error is 3 %.", "arm: the error is 2 %.")
     points = tuple(
-        ResponsePoint(k, 1.0, SimpleNamespace(warnings=(text,), row_warnings=()), np.ones(1))
+        ResponsePoint(
+            k,
+            1.0,
+            SimpleNamespace(warnings=(text,), row_warnings=(), fast_load_warnings=()),
+            np.ones(1),
+        )
         for k, text in enumerate(texts)
     )
     response = FrequencyResponse("speed", points, Status("ok", "reached the end"))

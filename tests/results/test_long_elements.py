@@ -272,7 +272,7 @@ def test_regression_large_errors_have_a_lower_limit_of_the_number_of_elements():
     mech, beam = kicked_cantilever(1, 1e-4)
     mech.observe("clamp", beam.section_forces(0.0))
     (message,) = warnings_of(bd.simulate(mech, bd.Ida(), 0.3))
-    assert " is wrong by 100 or more % " in message
+    assert " is wrong by 100 % or more " in message
     assert re.search(r"; use at least elements=\d\.$", message)
 
 
