@@ -10,6 +10,7 @@ from scipy.optimize import fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import beamdae as bd
+from beamdae.analysis.periodic.shooting import IncompleteRunError
 from beamdae.results.column_ranges import ColumnRange
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
@@ -447,3 +448,11 @@ def test_regression_rounding_errors_at_dead_centers_are_no_lost_velocities(law):
     guide = mech.ground.at(0.0, -0.25)
     mech.add(bd.Prismatic("guide", guide, ram.at(0.0, -0.25), direction=(0.0, 1.0)))
     assert bd.periodic(mech, period=1.0).warnings == ()
+
+
+def test_regression_runs_that_need_a_larger_rtol_name_the_argument():
+    """The message recommended a larger rtol, which `periodic` has no argument for."""
+    sentence = "stopped at t = 1 s: the error test failed; loosen rtol"
+    solution = SimpleNamespace(status=Status("failed", sentence))
+    message = str(IncompleteRunError("the run to settle", solution))
+    assert message.endswith("loosen rtol; rtol is that of integrator=, such as bd.Radau(1e-6).")
