@@ -337,4 +337,5 @@ def test_long_runs_with_frequent_samples_need_no_pilot_run(monkeypatch):
     calls = []
     run = bd.simulate(pushed(1e-3, lambda t: 4.0, calls), bd.Radau(), 0.5, output_step=0.01)
     assert run.trajectory.intervals[0].record is not None
-    assert len(calls) < 1.1 * 500
+    # A pilot run doubles the calls; checks of the loop add about fifty.
+    assert len(calls) < 1.5 * 500
