@@ -24,7 +24,6 @@ _BORDER_WEIGHT = 2.0**-60
 _DIAGONAL_THRESHOLD = 0.1
 # Threshold at which the largest entry of a column is the pivot.
 _PARTIAL_PIVOTING = 1.0
-_BALANCING_ITERATIONS = 8  # of geometric means, and of largest magnitudes
 # Smaller exponents of two of the sizes are replaced by this value, so that scales stay finite.
 _MIN_EXPONENT = -1000
 
@@ -137,34 +136,6 @@ def invert_to_power_of_two(sizes: Array) -> Array:
     """
     _, exponent = np.frexp(sizes)
     return np.ldexp(1.0, -np.maximum(exponent, _MIN_EXPONENT))
-
-
-def balance_rows(rows: Array, columns: Array, values: Array) -> Array:
-    """Return scale factors of the rows, powers of two, after which pivots do not depend on units.
-
-    Rows and columns are divided in turn by the geometric means of their magnitudes, so that the
-    units of equations and unknowns cancel (Curtis & Reid, J. Inst. Maths Applics 10 (1972) 118);
-    then several times by the square roots of their largest magnitudes, so that small entries do not
-    matter (Ruiz, RAL-TR-2001-034).
-    """
-    size = int(columns[-1]) + 1
-    is_used = values != 0.0
-    rows, columns, logs = rows[is_used], columns[is_used], np.log2(np.abs(values[is_used]))
-    row_counts, column_counts = (
-        np.maximum(np.bincount(x, minlength=size), 1) for x in (rows, columns)
-    )
-    row_logs, column_logs = np.zeros((2, size))
-    for _ in range(_BALANCING_ITERATIONS):
-        row_logs = np.bincount(rows, logs - column_logs[columns], size) / row_counts
-        column_logs = np.bincount(columns, logs - row_logs[rows], size) / column_counts
-    for _ in range(_BALANCING_ITERATIONS):
-        scaled = logs - row_logs[rows] - column_logs[columns]
-        for own_logs, index in ((row_logs, rows), (column_logs, columns)):
-            largest = np.full(size, -np.inf)
-            np.maximum.at(largest, index, scaled)
-            own_logs += 0.5 * np.where(np.isfinite(largest), largest, 0.0)
-    exponents = np.clip(np.round(-row_logs), _MIN_EXPONENT, -_MIN_EXPONENT)
-    return np.ldexp(1.0, exponents.astype(int))
 
 
 def factorize_in_order(matrix: sp.csc_matrix) -> SuperLU:

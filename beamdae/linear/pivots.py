@@ -22,10 +22,10 @@ from beamdae.linear.elimination import N_EXTRA_ENTRIES, EliminationPlan, empty_p
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.linear.lane_blocks import BlockElimination, find_blocks
 from beamdae.linear.orderings import (
-    balance_rows,
     compute_bordered_ordering,
     factorize_in_order,
     factorize_with_partial_pivoting,
+    invert_to_power_of_two,
 )
 
 Array = np.ndarray
@@ -177,9 +177,10 @@ def _scale_matrix(ordered: _OrderedPattern, nonzeros: Array, scale: Array) -> sp
 
 
 def _compute_row_scale(key: _PatternKey, nonzeros: Array) -> Array:
-    """Return the scale factors of the rows, powers of two; see `orderings.balance_rows`."""
-    starts, rows = (np.frombuffer(x, np.int64) for x in (key.starts, key.indices))
-    return balance_rows(rows, np.repeat(np.arange(key.size), np.diff(starts)), nonzeros)
+    """Return powers of two close to 1 / the largest magnitude in each row."""
+    largest = np.zeros(key.size)
+    np.maximum.at(largest, np.frombuffer(key.indices, np.int64), np.abs(nonzeros))
+    return invert_to_power_of_two(largest)
 
 
 def _plan_blocks(
