@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.fit.column_scales import ColumnScale, check_first_run
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.problem import FitProblem, Scaling
+from beamdae.analysis.fit.recording_errors import RecordingErrors
 from beamdae.analysis.fit.result import Fit, create_fit
-from beamdae.analysis.fit.search import SearchResult, robust_search
+from beamdae.analysis.fit.search import SearchResult, reject_data, robust_search
 from beamdae.analysis.parameter_bounds import MAX_SEED, MAX_STARTS, require_start_bounds
 from beamdae.analysis.sensitivities.model_differences import warn_of_idle_parameters
 from beamdae.errors import (
@@ -161,11 +161,10 @@ def fit(
     BeamdaeWarning
         Before the search, if columns of the data are not observed, have no unit in a file or have
         times without a unit, if the data end after the end time of the model or before 1/300 of it,
-        if the ranges of a column in the first run and in the data differ by a factor above 100, or
-        if the data look mirrored or in another unit; if the search did not converge, with the
-        reason, for each sentence in `Fit.warnings`, which include those of the runs, if a parameter
-        has no effect on the model, and for each sentence in `Fit.undetermined` if a standard
-        deviation is infinite.
+        or if the ranges of a column in the first run and in the data differ by a factor above 100;
+        if the search did not converge, with the reason, for each sentence in `Fit.warnings`, which
+        include those of the runs, if a parameter has no effect on the model, and for each sentence
+        in `Fit.undetermined` if a standard deviation is infinite.
 
     Examples
     --------
@@ -191,12 +190,8 @@ def fit(
         model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
     )
     scaling = Scaling(problem, bounds, log)
-    first, table, is_interrupted = scaling.first, None, False
-    first_scales: list[ColumnScale] = []
-
-    def check_start(evaluation: Evaluation) -> None:
-        first_scales.extend(check_first_run(problem, scaling, evaluation))
-
+    errors = RecordingErrors(problem, scaling, bounds, log, max_evaluations)
+    first, table, is_interrupted, rejected = scaling.first, None, False, ""
     if starts > 1:
         condition = ", above 0 for those in log" if np.any(scaling.is_log) else ""
         require_start_bounds("fit", problem.variables, *scaling.limits, condition)
@@ -205,12 +200,15 @@ def fit(
         except (ValueError, ArithmeticError):
             pass  # other searches may succeed
         else:
-            check_start(evaluation)
+            rejected = errors.check_start(evaluation)
+    if starts > 1 and not rejected:
         run_starts: Any = deferred.module("studies.fit_starts").run_starts
         first, table, is_interrupted = run_starts(
             problem, scaling, max_evaluations, starts, seed, folder, jobs, progress
         )
-    if is_interrupted:
+    if rejected:
+        end = reject_data(evaluation, 1, rejected)
+    elif is_interrupted:
         evaluation = problem.evaluate(scaling.values(first))
         status = Status("interrupted", "interrupted before the end of all searches")
         end = SearchResult(evaluation, 1, status, np.zeros(len(first), bool))
@@ -221,7 +219,7 @@ def fit(
                 scaling,
                 first,
                 max_evaluations,
-                check_start=check_start if table is None else None,
+                checks=errors if table is None else None,
             )
         except Interrupted as interrupt:
             if interrupt.partial is None:
@@ -232,7 +230,7 @@ def fit(
             # Those of the search from the best start, whose end is evaluated again.
             best = table["chi-square"].astype(float).idxmin()
             end = replace(end, evaluations=int(table["evaluations"][best]))
-    result = create_fit(problem, scaling, end, table, first_scales)
+    result = create_fit(problem, scaling, end, table, errors.first)
     if result.status.kind == "interrupted":
         if partial == "raise":
             raise Interrupted(result.status.sentence, result, "fit")

@@ -167,6 +167,13 @@ class FitProblem:
         for sentence in self.duration_warnings:
             warn_user(f"fit: {sentence}", InputWarning)
 
+    def with_sensors(self, sensors: Sensors, first_values: Array) -> FitProblem:
+        """Return a problem with other unknown properties of sensors, and first values of all."""
+        other = copy.copy(self)
+        other.sensors, other.first_values = sensors, first_values
+        other._t_end = other._latest_times()
+        return other
+
     @property
     def headers(self) -> tuple[str, ...]:
         """Header of the observed column of each series of `data`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 from scipy.special import chdtr, chdtrc, stdtrit
 
 from beamdae import deferred
-from beamdae.analysis.fit.column_scales import ColumnScale, describe_scales
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
@@ -153,6 +152,7 @@ class Fit:
     _scaling: Scaling = field(default=None, repr=False)  # type: ignore[assignment]
     _search: SearchResult = field(default=None, repr=False)  # type: ignore[assignment]
     _starts: Any = field(default=None, repr=False)
+    _first: Evaluation | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         values = ", ".join(
@@ -240,13 +240,12 @@ class Fit:
         steps of the runs (a run with half the step or a tenth of `rtol` would change them by more
         than 0.3 standard deviations), and on models that do not explain the data (`sigma` is known,
         and larger values of chi-square have a probability below 1e-3, or, without `sigma`, more
-        than half of the variance is left), or that explain a column far better with another scale
-        (mirrored data, or data in another unit), on a given `sigma` of more than 1.4 times the
-        residuals of its column (if smaller residuals have a probability below 1e-6), on residuals
-        that are no white noise (consecutive ones have a correlation above 0.5, single ones are
-        outliers, or, without `sigma`, columns or experiments scatter differently), on estimates at
-        a bound, on intervals of correlated parameters whose linear approximation may fail
-        (`profile` does without it), or on data that end after the end time of the model.
+        than half of the variance is left), on a given `sigma` of more than 1.4 times the residuals
+        of its column (if smaller residuals have a probability below 1e-6), on residuals that are no
+        white noise (consecutive ones have a correlation above 0.5, single ones are outliers, or,
+        without `sigma`, columns or experiments scatter differently), on estimates at a bound, on
+        intervals of correlated parameters whose linear approximation may fail (`profile` does
+        without it), or on data that end after the end time of the model.
         """
         return (*self._own_warnings, *self.run_warnings)
 
@@ -254,6 +253,7 @@ class Fit:
     def run_warnings(self) -> tuple[str, ...]:
         """Warnings of the runs with the estimates.
 
+        If the search ended before a minimum, only those that the first runs also have.
         Warnings that not all experiments have begin with the name of the first one. Those
         about the output rows are omitted, because a fit compares values at the times of the data.
         """
@@ -261,6 +261,8 @@ class Fit:
         for experiment, run in self.solutions.items():
             omitted = set(run.row_warnings)
             for sentence in (x for x in run.warnings if x not in omitted):
+                if self._is_side_effect(experiment, sentence):
+                    continue
                 kinds.setdefault(kind_of_message(sentence), {}).setdefault(experiment, sentence)
         sentences = []
         for by_experiment in kinds.values():
@@ -268,6 +270,13 @@ class Fit:
             is_everywhere = len(by_experiment) == len(self.solutions)
             sentences.append(sentence if is_everywhere else f"{experiment}: {sentence}")
         return tuple(sentences)
+
+    def _is_side_effect(self, experiment: str, sentence: str) -> bool:
+        """Return True for a warning about values of a failed search, unlike the first ones."""
+        if self.status.kind != "limited" or self._first is None:
+            return False
+        first = self._first.runs[experiment].solution.warnings
+        return kind_of_message(sentence) not in set(map(kind_of_message, first))
 
     @property
     def model_name(self) -> str:
@@ -762,11 +771,11 @@ def create_fit(
     scaling: Scaling,
     search: SearchResult,
     starts: Any,
-    first_scales: Sequence[ColumnScale],
+    first: Evaluation | None,
 ) -> Fit:
     """Return the result at the last values of a search.
 
-    `first_scales` are the linear trials of the first evaluation.
+    `first` is the evaluation of the first values, or None if it failed.
     """
     evaluation, names = search.evaluation, problem.variables
     all_names = (*names, *problem.coefficients)
@@ -792,7 +801,7 @@ def create_fit(
     np.fill_diagonal(covariance, variances)
     status = search.status
     steps: tuple[str, ...] = ()
-    if status.kind != "interrupted":
+    if status.kind != "interrupted" and not search.recording_error:
         try:
             # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
             scatter = float(np.sqrt(np.mean(residuals**2)))
@@ -801,12 +810,7 @@ def create_fit(
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
-    if scales := describe_scales(problem, evaluation, first_scales):
-        doubts = (f"The model does not explain the data, but {scales}.",)
-        if status.success:
-            # The search ends where the model has hardly any effect.
-            status = Status("limited", "the search converged, but the data look mirrored or scaled")
-    elif search.status.success or not search.invalid:
+    if not search.recording_error and (search.status.success or not search.invalid):
         doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
@@ -820,7 +824,7 @@ def create_fit(
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
         status=status,
-        undetermined=full.undetermined(texts, information),
+        undetermined=() if search.recording_error else full.undetermined(texts, information),
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
@@ -843,6 +847,7 @@ def create_fit(
         _scaling=scaling,
         _search=search,
         _starts=starts,
+        _first=first,
     )
 
 

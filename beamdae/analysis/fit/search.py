@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,8 +29,26 @@ _MAX_NEXT_STEP = 0.1
 _MIN_RUNAWAY = np.log(10.0)
 # Residuals below this ratio to the data are rounding errors, whose next step is arbitrary.
 MIN_RELATIVE_RESIDUAL = 1e-6
+# Number of evaluations from which the progress of a search is checked.
+_CHECKED_EVALUATIONS = 25
 # Singular values below this ratio to the largest are rounding errors of the derivatives.
 _MIN_SINGULAR_RATIO = 1e-9
+
+
+class Checks(Protocol):
+    """Checks of the data during a search, which ends if they return a clause on an error."""
+
+    first: Evaluation | None
+
+    def check_start(self, first: Evaluation) -> str:
+        """Check the data with the first evaluation."""
+
+    def check_progress(self, best: Evaluation) -> str:
+        """Check the data with the best of several evaluations; called repeatedly."""
+
+
+class _DataError(Exception):
+    """Raised to end a search because of an error of the data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +69,8 @@ class SearchResult:
         Sentence on parameters whose values the model rejected during the search, or "".
     held
         Names of parameters that keep their first values, see `robust_search`.
+    recording_error
+        Clause on the error of the data that ended the search, or "".
     """
 
     evaluation: Evaluation
@@ -59,6 +79,7 @@ class SearchResult:
     at_bounds: Array
     invalid: str = ""
     held: tuple[str, ...] = ()
+    recording_error: str = ""
 
     @property
     def chi_square(self) -> float:
@@ -72,17 +93,18 @@ def search(
     first: Array,
     max_evaluations: int,
     free: Array | None = None,
-    check_start: Callable[[Evaluation], None] | None = None,
+    checks: Checks | None = None,
     has_short_steps: bool = False,
 ) -> SearchResult:
     """Minimize the sum of squares from the variables `first` (K,).
 
     Only the variables marked in `free` (K,) vary; None means all. Variables without any effect keep
-    their first values. `check_start` is called with the first evaluation. The trust region is
-    scaled by the columns of the Jacobian (Moré, Lect. Notes Math. 630 (1978) 105,
-    doi:10.1007/BFb0067700), which suits narrow valleys but permits long steps of variables with
-    little effect. With `has_short_steps`, it is a sphere in the variables, as that of Levenberg:
-    the first step changes no variable by more than about its first value or a factor of e.
+    their first values. `checks` may end the search at its first values, because of an error of the
+    data. The trust region is scaled by the columns of the Jacobian (Moré, Lect. Notes Math. 630
+    (1978) 105, doi:10.1007/BFb0067700), which suits narrow valleys but permits long steps of
+    variables with little effect. With `has_short_steps`, it is a sphere in the variables, as that
+    of Levenberg: the first step changes no variable by more than about its first value or a factor
+    of e.
 
     Raises
     ------
@@ -125,7 +147,14 @@ def search(
         chi_square = float(evaluation.residuals @ evaluation.residuals)
         if best is None or chi_square < best[0]:
             best = chi_square, evaluation
+        if evaluations >= _CHECKED_EVALUATIONS:
+            check_progress()
         return evaluation
+
+    def check_progress() -> None:
+        assert best is not None
+        if checks is not None and (clause := checks.check_progress(best[1])):
+            raise _DataError(clause)
 
     def residuals(x: Array) -> Array:
         evaluation = evaluate(x)
@@ -150,8 +179,6 @@ def search(
             "fit: the first run has no finite sum of squared residuals; choose other first values "
             "in parameters, or check the data."
         )
-    if check_start is not None:
-        check_start(start)
     if not free.any():
         is_at_bound = np.zeros(len(first), bool)
         return SearchResult(start, 1, Status("ok", "all parameters are fixed"), is_at_bound)
@@ -166,6 +193,8 @@ def search(
     # The search must not depend on the units of the data.
     size = float(np.linalg.norm(start.residuals)) or 1.0
     try:
+        if checks is not None and (clause := checks.check_start(start)):
+            raise _DataError(clause)
         # Kept within the bounds up to rounding, as the method requires.
         result = least_squares(
             residuals,
@@ -178,6 +207,8 @@ def search(
             gtol=_ZERO_GRADIENT,
             max_nfev=max_evaluations,
         )
+    except _DataError as rejection:
+        return reject_data(start, evaluations, str(rejection))
     except KeyboardInterrupt:
         assert best is not None
         reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
@@ -213,12 +244,20 @@ def search(
     return SearchResult(last, evaluations, status, at_bounds, invalid)
 
 
+def reject_data(first: Evaluation, evaluations: int, clause: str) -> SearchResult:
+    """Return a result with the first values, because of an error of the data."""
+    count = format_count(evaluations, "evaluation")
+    status = Status("limited", f"the search ended after {count}, because {clause}")
+    at_bounds = np.zeros(len(first.values), bool)
+    return SearchResult(first, evaluations, status, at_bounds, recording_error=clause)
+
+
 def robust_search(
     problem: FitProblem,
     scaling: Scaling,
     first: Array,
     max_evaluations: int,
-    check_start: Callable[[Evaluation], None] | None = None,
+    checks: Checks | None = None,
 ) -> SearchResult:
     """Minimize the sum of squares also where parameters have little effect.
 
@@ -232,7 +271,30 @@ def robust_search(
     BeamdaeError, Interrupted
         See `search`.
     """
-    end = search(problem, scaling, first, max_evaluations, check_start=check_start)
+    end = _repeated_search(problem, scaling, first, max_evaluations, checks)
+    if checks is None or end.recording_error:
+        return end
+    try:
+        clause = checks.check_progress(end.evaluation)
+    except KeyboardInterrupt:
+        reason = "interrupted while the data were checked"
+        partial = replace(end, status=Status("interrupted", reason))
+        raise Interrupted(reason, partial) from None
+    assert checks.first is not None
+    return reject_data(checks.first, end.evaluations, clause) if clause else end
+
+
+def _repeated_search(
+    problem: FitProblem,
+    scaling: Scaling,
+    first: Array,
+    max_evaluations: int,
+    checks: Checks | None,
+) -> SearchResult:
+    """Return the best of the searches of `robust_search`."""
+    end = search(problem, scaling, first, max_evaluations, checks=checks)
+    if end.recording_error:
+        return end
     if end.status.success and not _find_runaways(problem, scaling, end).any():
         return end
     evaluations = end.evaluations

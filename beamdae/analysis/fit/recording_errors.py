@@ -1,0 +1,497 @@
+"""Errors of recorded columns that no parameter explains: signs, units and delays."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from beamdae.analysis.fit.data import Series
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.search import search
+from beamdae.analysis.fit.sensors import Sensor
+from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, list_first, warn_user
+from beamdae.interrupts import Interrupted
+from beamdae.model_parameters import conversion_factor, format_with_unit, split_unit
+from beamdae.results.columns import remove_unit
+
+Array = np.ndarray
+
+# Ratio of the ranges of a column in the first run and in the data from which a fit warns, and from
+# which it does not search if no parameter explains it.
+_MAX_RANGE_RATIO = 100.0
+_MAX_SEARCHED_RATIO = 300.0
+# Correlation of consecutive data up to which these may be noise.
+_MIN_CORRELATION = 0.5
+# A model is about proportional to a power of a parameter, of at least the first number, if its
+# derivative has at least this squared correlation with the model.
+_MIN_EXPONENT, _MIN_SHAPE = 0.5, 0.9
+# Squared correlation of model and data from which a scale describes the data of the first run, and
+# share of the residuals of an offset alone that it may leave.
+_MIN_SQUARED_CORRELATION = 0.7
+_MAX_LEFT_BY_SCALE = 0.3
+# Scales within this factor of 1 are no errors of signs or units.
+_MIN_FACTOR = 1.8
+_MAX_MIRRORED_FACTOR = 3.0
+# Share of the variation of the data that a search leaves which has not explained them yet.
+_MAX_UNEXPLAINED_SHARE = 0.2
+# An error explains the data if a search that estimates it leaves less than these shares of the
+# variation of the data and of the residuals without it.
+_MAX_LEFT_VARIATION = 0.05
+_MAX_LEFT_RESIDUALS = 0.1
+# Evaluations of a search that estimates an error.
+_MAX_EVALUATIONS = 25
+# Share of the effect of an error that changes of parameters cannot compensate, squared, and its
+# size in standard deviations.
+_MIN_INDEPENDENT_SHARE = 0.1
+_MIN_DEVIATIONS = 5.0
+# A sign leaves the amplitude unchanged, up to this relative error. A second error explains data
+# better than a first one if it leaves less than this share; a delay better than a sign that changes
+# the amplitude if it leaves less than its inverse.
+_MAX_SIGN_ERROR = 0.03
+_MAX_LEFT_SHARE = 0.5
+# A search of a delay begins with the best one of this number, from early data by this share of the
+# duration up to data whose first value is at the start, with bounds at this share on both sides.
+_DELAY_COUNT = 400
+_MAX_EARLY_SHARE = 0.5
+_MAX_FIRST_SHARE = 0.3
+_DELAY_WINDOW = 0.05
+_TIMES_PER_DELAY = 4  # of the run, between which it is linear
+_MIN_SINGULAR_VALUE = 1e-9  # of columns of unit length; smaller ones are rounding errors
+# Unit, factor and names of units that are mistaken for each other; "" means any unit.
+_MISTAKEN_UNITS = (
+    ("m/s^2", 9.80665, "g and m/s^2"),
+    ("m", 10.0, "cm and mm"),
+    ("m", 25.4, "inches and mm"),
+    ("rad", 180.0 / np.pi, "degrees and radians"),
+    ("m", 100.0, "m and cm"),
+    ("", 1e3, "a unit and its thousandth"),
+    ("", 1e6, "a unit and its millionth"),
+)
+_FACTOR_TOLERANCE = 0.05
+_MIN_OFFSET_SHARE = 0.05  # of the range of a column; smaller offsets are not named
+_MAX_NAMES = 3  # in a message
+
+
+def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> None:
+    """Compare the ranges of the columns in the first run and in the data.
+
+    Columns with an unknown scale are not compared, nor data that may be noise about a constant.
+
+    Raises
+    ------
+    BeamdaeError
+        If the ranges of a column differ by a factor above 300 that no parameter explains.
+
+    Warns
+    -----
+    BeamdaeWarning
+        If they differ by a factor above 100.
+    """
+    model = problem.recorded_values(first)
+    for series, header, rows in _unscaled_series(problem):
+        changes = series.values - series.values.mean()
+        if changes[1:] @ changes[:-1] <= _MIN_CORRELATION * (changes @ changes):
+            continue
+        low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], series.values)])
+        if high <= _MAX_RANGE_RATIO * low:
+            continue
+        unit = split_unit(header)[1]
+        texts = [format_with_unit(float(f"{x:.3g}"), unit) for x in ranges]
+        sentence = (
+            f"fit: {series.label} has a range of {texts[0]} in the first run and of "
+            f"{texts[1]} in the data"
+        )
+        if (
+            high < _MAX_SEARCHED_RATIO * low
+            or low == 0.0
+            or _has_scaling_parameter(problem, first, rows)
+            or _bounds_permit(scaling, first, high / low)
+        ):
+            advice = "check start=, loads, units and first values"
+            warn_user(f"{sentence}; {advice}.", InputWarning)
+            continue
+        raise BeamdaeError(
+            f"{sentence}, and no change of {', '.join(problem.names)} explains this factor of "
+            f"{high / low:.2g}; check the unit in the header "
+            f"{series.name_in_data or series.column!r}, start=, loads and first values, or "
+            f"estimate the factor with scale=[{remove_unit(header)!r}]."
+        )
+
+
+class RecordingErrors:
+    """Search of errors of the recorded columns that explain data which the model does not explain.
+
+    Parameters
+    ----------
+    problem, scaling
+        The fit.
+    bounds, log, max_evaluations
+        See `fit`.
+
+    Attributes
+    ----------
+    first
+        The first evaluation, after `check_start`.
+    """
+
+    def __init__(
+        self, problem: FitProblem, scaling: Scaling, bounds: Any, log: Any, max_evaluations: int
+    ) -> None:
+        self._problem, self._scaling, self._bounds, self._log = problem, scaling, bounds, log
+        self._max_evaluations = min(max_evaluations, _MAX_EVALUATIONS)
+        self._is_searched = False
+        self.first: Evaluation | None = None
+
+    def check_start(self, first: Evaluation) -> str:
+        """Return a clause on an error, or "", if a scale describes the data of the first run.
+
+        A search of the scale decides, because the first values may be far from the estimates. See
+        `check_ranges` for errors and warnings.
+        """
+        self.first = first
+        check_ranges(self._problem, self._scaling, first)
+        headers = [
+            header
+            for series, header, rows in _unscaled_series(self._problem)
+            if _looks_scaled(self._problem, first, series, rows)
+            and not _has_scaling_parameter(self._problem, first, rows)
+        ]
+        if not headers:
+            return ""
+        with np.errstate(all="ignore"):
+            return self._find(headers, first)
+
+    def check_progress(self, best: Evaluation) -> str:
+        """Return a clause on an error, or "", if a search has not explained the data yet."""
+        is_explained = _square(best) <= _MAX_UNEXPLAINED_SHARE * _variation(self._problem)
+        if is_explained or self._is_searched or _is_noise(best.residuals):
+            return ""
+        headers = [header for _, header, _ in _unscaled_series(self._problem)]
+        problem = _with_linear_sensors(self._problem, headers, has_scales=False)
+        # Searches of errors may run away to extreme values.
+        with np.errstate(all="ignore"):
+            shifted = self._search(problem, self._scaling, self._scaling.first)
+            return self._find(headers, best if shifted is None else shifted)
+
+    def _find(self, headers: Sequence[str], best: Evaluation) -> str:
+        """Return a clause on the error that explains the data far better than an evaluation.
+
+        Vibrations that are half a period late or early look mirrored, by a factor that is due to
+        damping, and mirrored ones look delayed.
+        """
+        self._is_searched = True
+        assert self.first is not None
+        problem = _with_linear_sensors(self._problem, headers)
+        limit = min(
+            _MAX_LEFT_RESIDUALS * _square(best), _MAX_LEFT_VARIATION * _variation(self._problem)
+        )
+        scaled, scales = self._search_scales(problem, self._scaling.first, limit)
+        if scaled is not None and scales:
+            factors = [-x for x in scales.values() if _is_mirrored(x)]
+            is_sign = all(abs(x - 1.0) < _MAX_SIGN_ERROR for x in factors)
+            if not factors or (is_sign and _is_noise(scaled.residuals)):
+                return _describe_scales(problem, scaled, scales)
+            share = _MAX_LEFT_SHARE if is_sign else 1.0 / _MAX_LEFT_SHARE
+            limit = min(limit, share * _square(scaled))
+        delayed = self._search_delay(
+            [self.first, best, *([] if scaled is None else [scaled])], limit
+        )
+        if delayed is not None and not scales:
+            begin = self._scaling.start(delayed.values[:-1])
+            limit = _MAX_LEFT_SHARE * _square(delayed)
+            scaled, scales = self._search_scales(problem, begin, limit)
+            delayed = None if scales else delayed
+        if delayed is not None:
+            return _describe_delay(self._problem, float(delayed.values[-1]))
+        return _describe_scales(problem, scaled, scales) if scaled is not None and scales else ""
+
+    def _search_scales(
+        self, problem: FitProblem, first: Array, limit: float
+    ) -> tuple[Evaluation | None, dict[str, float]]:
+        """Return the end of a search of scales, and those that are errors.
+
+        There are none if the end leaves more than a sum of squares.
+        """
+        end = self._search(problem, self._scaling, first)
+        is_end = end is not None and _square(end) <= limit
+        return end, _find_scales(problem, end) if end is not None and is_end else {}
+
+    def _search_delay(self, evaluations: Sequence[Evaluation], limit: float) -> Evaluation | None:
+        """Return the end of a search of a delay of all data, or None.
+
+        There is none if the end leaves more than a sum of squares. The search begins with the best
+        of several evaluations.
+        """
+        if self._problem.sensors.shifts or self._problem.sensors.scales:
+            return None
+        guesses = [(*_guess_delay(self._problem, x), x.values) for x in evaluations]
+        _, delay, values = min(guesses, key=lambda x: x[0])
+        problem = _with_delay(self._problem, delay)
+        scaling = Scaling(problem, self._bounds, self._log)
+        end = self._search(problem, scaling, scaling.start(np.append(values, delay)))
+        if end is None or _square(end) > limit:
+            return None
+        # Runs with these parameters may explain the data without it, periods later.
+        again = self._search(self._problem, self._scaling, self._scaling.start(end.values[:-1]))
+        is_needless = again is not None and _MAX_LEFT_SHARE * _square(again) < _square(end)
+        return None if is_needless else end
+
+    def _search(self, problem: FitProblem, scaling: Scaling, first: Array) -> Evaluation | None:
+        """Return the end of a short search, or None if it fails."""
+        try:
+            return search(
+                problem, scaling, first, self._max_evaluations, has_short_steps=True
+            ).evaluation
+        except Interrupted:
+            # The partial result is not that of the fit.
+            raise Interrupted from None
+        except (ValueError, ArithmeticError):
+            # BeamdaeError, or an error of the model function.
+            return None
+
+
+def _unscaled_series(problem: FitProblem) -> Iterator[tuple[Series, str, slice]]:
+    """Yield the series without an unknown scale, with their headers and rows."""
+    end = 0
+    for series, header in zip(problem.data.series, problem.headers, strict=True):
+        begin, end = end, end + len(series.values)
+        if not any(begin in sensor.rows for sensor in problem.sensors.scales):
+            yield series, header, slice(begin, end)
+
+
+def _looks_scaled(problem: FitProblem, first: Evaluation, series: Series, rows: slice) -> bool:
+    """Return True if data = scale * model + offset, and an offset alone leaves far more."""
+    # With weighted means, the offset is eliminated.
+    weights = series.sigma**-2 / np.sum(series.sigma**-2)
+    model = problem.recorded_values(first)[rows]
+    x, y = ((z - weights @ z) / series.sigma for z in (model, series.values))
+    square, variation, work = float(x @ x), float(y @ y), float(x @ y)
+    if square == 0.0 or variation == 0.0:
+        return False
+    left = variation - work**2 / square
+    is_described = left <= (1.0 - _MIN_SQUARED_CORRELATION) * variation
+    is_better = left < _MAX_LEFT_BY_SCALE * float((x - y) @ (x - y))
+    return is_described and is_better and _is_scale(work / square)
+
+
+def _is_scale(scale: float) -> bool:
+    """Return True if a scale is too far from 1 to be that of a calibration."""
+    return scale < 0.0 or _factor(scale) > _MIN_FACTOR
+
+
+def _factor(scale: float) -> float:
+    """Return the absolute value of a scale, or of its inverse if that is larger."""
+    return max(abs(scale), 1.0 / abs(scale)) if scale else np.inf
+
+
+def _has_scaling_parameter(problem: FitProblem, first: Evaluation, rows: slice) -> bool:
+    """Return True if a change of a parameter may scale the model.
+
+    It may if its value is zero, or if the model is about proportional to a power of it.
+    """
+    jacobian = first.projected_jacobian[rows]
+    is_zero = (first.values == 0.0) & np.any(jacobian, axis=0)
+    model = (problem.recorded_values(first) * problem.weights)[rows]
+    changes = jacobian * first.values
+    model, changes = model - model.mean(), changes - changes.mean(axis=0)
+    size, work = float(model @ model), model @ changes
+    is_power = (abs(work) > _MIN_EXPONENT * size) & (
+        work**2 > _MIN_SHAPE * size * np.sum(changes**2, axis=0)
+    )
+    return bool(np.any(is_zero | is_power))
+
+
+def _bounds_permit(scaling: Scaling, first: Evaluation, ratio: float) -> bool:
+    """Return True if the bounds of a parameter permit a change by a ratio."""
+    values, (lower, upper) = first.values, map(scaling.values, scaling.limits)
+    is_between = (lower > 0.0) & np.isfinite(upper)
+    return bool(np.any(is_between & ((upper >= ratio * values) | (lower * ratio <= values))))
+
+
+def _square(evaluation: Evaluation) -> float:
+    """Return the sum of the squared residuals."""
+    return float(evaluation.residuals @ evaluation.residuals)
+
+
+def _variation(problem: FitProblem) -> float:
+    """Return the sum of the squared deviations of the data from the mean of each series."""
+    return sum(
+        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
+    )
+
+
+def _is_noise(residuals: Array) -> bool:
+    """Return True if consecutive residuals are not alike."""
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) <= _MIN_CORRELATION * square
+
+
+def _with_linear_sensors(
+    problem: FitProblem, headers: Sequence[str], has_scales: bool = True
+) -> FitProblem:
+    """Return a problem with an unknown offset, and an unknown scale, of each of some columns."""
+    rows: dict[str, list[Array]] = {}
+    for _, header, part in _unscaled_series(problem):
+        if header in headers:
+            rows.setdefault(header, []).append(np.arange(part.start, part.stop))
+    added = [Sensor(header, np.concatenate(parts), 1.0, "") for header, parts in rows.items()]
+    sensors = replace(
+        problem.sensors,
+        scales=(*problem.sensors.scales, *(added if has_scales else ())),
+        offsets=(*problem.sensors.offsets, *added),
+    )
+    return problem.with_sensors(sensors, problem.first_values)
+
+
+def _with_delay(problem: FitProblem, delay: float) -> FitProblem:
+    """Return a problem with an unknown delay of all data about a first one."""
+    size = _DELAY_WINDOW * problem.last_time
+    latest = min(float(x.times[0]) for x in problem.data.series)
+    bounds = delay - size, min(delay + size, latest)
+    rows = np.arange(problem.data.count)
+    shift = Sensor("shift of *", rows, size, "s", bounds)
+    sensors = replace(problem.sensors, shifts=(shift,))
+    return problem.with_sensors(sensors, np.append(problem.first_values, delay))
+
+
+def _guess_delay(problem: FitProblem, evaluation: Evaluation) -> tuple[float, float]:
+    """Return the share of the variation that the best delay of the data leaves, and the delay.
+
+    Data are compared with the run where it covers their times less the delay.
+    """
+    times = [x.times for x in problem.data.series]
+    latest, last = min(float(x[0]) for x in times), problem.last_time
+    columns = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BeamdaeWarning)
+        for name, run in evaluation.runs.items():
+            t = np.linspace(0.0, run.solution.trajectory.end, _TIMES_PER_DELAY * _DELAY_COUNT)
+            columns[name] = t, run.solution.at_times(t).columns
+    best = np.inf, 0.0
+    # Data that begin late relative to their duration are hardly early.
+    begins_late = latest > _MAX_FIRST_SHARE * (last - latest)
+    earliest = 0.0 if begins_late else -_MAX_EARLY_SHARE * last
+    for delay in np.linspace(earliest, latest, _DELAY_COUNT):
+        left = variation = 0.0
+        for series, header in zip(problem.data.series, problem.headers, strict=True):
+            t, model = columns[series.experiment]
+            moved = series.times - delay
+            is_covered = moved <= t[-1]
+            if not is_covered.any():
+                continue
+            values, sigma = series.values[is_covered], series.sigma[is_covered]
+            change = np.interp(moved[is_covered], t, model[header]) - values
+            left += float(np.sum((change / sigma) ** 2))
+            variation += float(np.sum(((values - values.mean()) / sigma) ** 2))
+        if variation > 0.0 and left / variation < best[0]:
+            best = left / variation, float(delay)
+    return best
+
+
+def _is_significant(end: Evaluation, column: int, change: float, constants: Array) -> bool:
+    """Return True if the data determine a change, whatever the other estimates are.
+
+    Parameters
+    ----------
+    end
+        End of a search of all estimates.
+    column, change
+        Column of the Jacobian, and the change of its estimate that an error is.
+    constants
+        Columns of the Jacobian of offsets, which may always compensate.
+    """
+    effect, others = end.jacobian[:, column], np.delete(end.jacobian, column, axis=1)
+    size = np.linalg.norm(_project_out(effect, end.jacobian[:, constants]))
+    independent = np.linalg.norm(_project_out(effect, others))
+    deviation = np.sqrt(_square(end) / len(effect))
+    return bool(
+        independent**2 > _MIN_INDEPENDENT_SHARE * size**2
+        and independent * abs(change) > _MIN_DEVIATIONS * deviation
+    )
+
+
+def _project_out(vector: Array, matrix: Array) -> Array:
+    """Return the part of a vector that is orthogonal to the columns of a matrix."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    directions, singular, _ = np.linalg.svd(
+        matrix / np.where(lengths == 0.0, 1.0, lengths), full_matrices=False
+    )
+    directions = directions[:, singular > _MIN_SINGULAR_VALUE]
+    return np.asarray(vector - directions @ (directions.T @ vector))
+
+
+def _is_mirrored(scale: float) -> bool:
+    """Return True if a scale may be that of a wrong sign."""
+    return scale < 0.0 and _factor(scale) < _MAX_MIRRORED_FACTOR
+
+
+def _find_scales(problem: FitProblem, end: Evaluation) -> dict[str, float]:
+    """Return the scales that are errors, by header."""
+    count, sensors = len(problem.variables), problem.sensors.scales
+    constants = np.arange(count + len(sensors), end.jacobian.shape[1])
+    scales = zip(sensors, end.coefficients.tolist(), strict=False)
+    return {
+        sensor.name: scale
+        for k, (sensor, scale) in enumerate(scales, count)
+        if sensor.name in problem.headers
+        and _is_scale(scale)
+        and _is_significant(end, k, scale - 1.0, constants)
+    }
+
+
+def _describe_scales(problem: FitProblem, end: Evaluation, scales: Mapping[str, float]) -> str:
+    """Return a clause on scales of one kind by header: that of the largest factor."""
+    worst = max(scales, key=lambda x: _factor(scales[x]))
+    scale = scales[worst]
+    is_mirrored = _is_mirrored(scale)
+    alike = [x for x in scales if x != worst and _is_mirrored(scales[x]) == is_mirrored]
+    headers = [worst, *alike]
+    columns = [remove_unit(x) for x in headers]
+    remedy = f"scale=[{', '.join(map(repr, columns))}]"
+    if shifted := [remove_unit(x) for x in headers if _has_offset(problem, end, x)]:
+        remedy += f" and offset=[{', '.join(map(repr, shifted))}]"
+    named = f"the data of {list_first(columns, _MAX_NAMES)} look"
+    if is_mirrored:
+        return (
+            f"{named} mirrored (scale {scale:.3g}); reverse their sign, or estimate it with "
+            f"{remedy}"
+        )
+    series = problem.data.series[problem.headers.index(worst)]
+    return (
+        f"{named} scaled (scale {scale:.3g}{_guess_units(worst, scale)}); check the calibration "
+        f"and the unit in the header {series.name_in_data or series.column!r}, or estimate the "
+        f"factor with {remedy}"
+    )
+
+
+def _has_offset(problem: FitProblem, end: Evaluation, header: str) -> bool:
+    """Return True if a column has a large constant error."""
+    # Offsets follow scales.
+    offsets = dict(zip(problem.coefficients, end.coefficients.tolist(), strict=True))
+    pairs = zip(problem.data.series, problem.headers, strict=True)
+    size = max(float(np.ptp(x.values)) for x, name in pairs if name == header)
+    return abs(offsets[header]) > _MIN_OFFSET_SHARE * size
+
+
+def _describe_delay(problem: FitProblem, delay: float) -> str:
+    """Return a clause on a delay of all data, which vibrations determine up to whole periods."""
+    columns = dict.fromkeys(map(remove_unit, problem.headers))
+    name = "*" if len(columns) > 1 else next(iter(columns))
+    return (
+        f"the data look {'late' if delay > 0.0 else 'early'} by {abs(delay):.3g} s, up to whole "
+        f"periods; correct their times, or estimate the delay with shift=[{name!r}]"
+    )
+
+
+def _guess_units(header: str, scale: float) -> str:
+    """Return ", as between inches and mm" if such units of a column have this ratio, or ""."""
+    unit = split_unit(header)[1]
+    for like, ratio, names in _MISTAKEN_UNITS:
+        is_near = abs(np.log(_factor(scale) / ratio)) < _FACTOR_TOLERANCE
+        if is_near and (not like or not unit or conversion_factor(unit, like) is not None):
+            return f", as between {names}"
+    return ""
