@@ -627,6 +627,10 @@ class EquationsOfMotion:
         moving[..., self.states] = 0.0
         return moving
 
+    def coordinates_of_part(self, name: str) -> PartCoordinates:
+        """Return the coordinates of the part with this name, which must have some."""
+        return next(part for part in self.parts if part.name == name)
+
     @cached_property
     def position_scales(self) -> Array:
         """Scale of each coordinate, (n,): the characteristic length [m], or 1 rad for an angle.

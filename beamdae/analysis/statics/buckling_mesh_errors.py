@@ -156,7 +156,7 @@ def _measure_bending(
     ds = (0.5 * lengths[:, None] * weights).ravel()
     stiffness = np.repeat(section_values(beam, "EI")[0], _SECTIONS)
     moments = np.array([_differentiate(equations, beam, s, q, shape)[2] for shape in shapes.T])
-    (part,) = (x for x in equations.parts if x.name == beam.name)
+    part = equations.coordinates_of_part(beam.name)
     rows = range(part.rigid.stop, part.rows.stop)
     rotations = shapes[[k for k in rows if equations.coordinates[k].unit == "rad"]]
     squares = (moments / stiffness) ** 2 @ ds

@@ -30,7 +30,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.errors import BeamdaeError, format_percent, list_first, name_with_others
+from beamdae.errors import BeamdaeError, format_error, list_first, name_with_others
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import Header, remove_unit
@@ -514,7 +514,7 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {format_percent(largest, 1)}" if largest < LARGE_ERROR else "100 % or more"
+    size = format_error(largest, LARGE_ERROR, 1)
     # By extrapolation with the observed order of convergence.
     order = max(math.log2(largest / max(float(np.max(refined)), _TINY)), _MIN_ORDER)
     refinement = min((largest / _RECOMMENDED_ERROR) ** (1.0 / order), _MAX_REFINEMENT)

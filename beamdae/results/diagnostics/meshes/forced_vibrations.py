@@ -33,7 +33,7 @@ from beamdae.beams.dispersion import (
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rank import build_constraint_jacobian
-from beamdae.errors import format_percent, name_with_others
+from beamdae.errors import format_error, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
@@ -244,7 +244,7 @@ class _Vibration:
         observe
             See `examine_vibrations`.
         """
-        e, (part,) = self.equations, (x for x in self.equations.parts if x.name == self.beam.name)
+        e, part = self.equations, self.equations.coordinates_of_part(self.beam.name)
         phase_errors = bending_wave_errors(self.beam, self.rates) * self.rates * self.duration
         is_large = phase_errors >= _MIN_PHASE_ERROR
         rates = self.rates[is_large]
@@ -483,7 +483,7 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {format_percent(largest)}" if largest < LARGE_ERROR else "100 % or more"
+    size = format_error(largest, LARGE_ERROR)
     remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_ERROR)
     return (
         f"{beam.name}: the elements are too long for its vibration, whose amplitude or phase is "

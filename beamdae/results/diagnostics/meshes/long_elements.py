@@ -15,7 +15,7 @@ from beamdae.beams.dispersion import (
     convergence_order,
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import format_percent, name_with_others
+from beamdae.errors import format_error, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     LARGE_ERROR,
@@ -238,7 +238,7 @@ def _describe(
     names = sorted((x for x in errors if errors[x] > _MAX_PHASE_ERROR), key=lambda x: -errors[x])
     first, *others = map(remove_unit, names)
     largest = errors[names[0]]
-    size = f"about {format_percent(largest)}" if largest < LARGE_ERROR else "100 % or more"
+    size = format_error(largest, LARGE_ERROR)
     beam, refined = vibration.beam, partial(vibration.errors, half_ranges, spectrum)
     remedy = recommend_elements(beam, largest, refined, _RECOMMENDED_PHASE_ERROR)
     return (
@@ -250,6 +250,6 @@ def _describe(
 
 def _rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
     """Return the indices of the rotations of a beam's sections among the coordinates."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
+    part = equations.coordinates_of_part(beam.name)
     rows = range(part.rigid.stop, part.rows.stop)
     return [k for k in rows if equations.coordinates[k].unit == "rad"]

@@ -178,13 +178,13 @@ def mean_tension(equations: EquationsOfMotion, beam: Beam, trajectory: Trajector
 
 def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
     """Return the indices of the coordinates of a beam."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
+    part = equations.coordinates_of_part(beam.name)
     return range(part.rows.start, part.rows.stop)
 
 
 def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
     """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
-    (part,) = (x for x in equations.parts if x.name == beam.name)
+    part = equations.coordinates_of_part(beam.name)
     angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
     return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
 

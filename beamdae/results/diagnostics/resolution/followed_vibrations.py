@@ -37,7 +37,7 @@ def describe_followed_vibration(
         return ""
     periods = {}
     for beam in beams_of(equations.mechanism):
-        (part,) = (x for x in equations.parts if x.name == beam.name)
+        part = equations.coordinates_of_part(beam.name)
         rows = slice(part.rigid.stop, part.rows.stop)
         units = np.array([x.unit for x in equations.coordinates[rows]])
         turns = _count_turns(v[:, rows], units)

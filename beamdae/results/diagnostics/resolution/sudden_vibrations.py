@@ -24,7 +24,7 @@ from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.smooth_motion import find_smooth_state
-from beamdae.errors import BeamdaeError, format_percent, name_with_others
+from beamdae.errors import BeamdaeError, format_error, name_with_others
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.columns import (
     mark_constant_columns,
@@ -463,7 +463,7 @@ def _describe(
     names = [headers[k] for k in order]
     first, *others = map(remove_unit, names)
     largest = float(errors[order[0]])
-    size = f"about {format_percent(largest)}" if largest < _LARGE_ERROR else "100 % or more"
+    size = format_error(largest, _LARGE_ERROR)
     step = max_step = float(np.max(jump.steps))
     for _ in range(_MAX_HALVINGS):
         max_step *= 0.5
