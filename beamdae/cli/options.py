@@ -258,6 +258,15 @@ PlottedColumns = Annotated[
         "The page opens on them. Defaults to the columns that vary.",
     ),
 ]
+DataColumns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--data-column",
+        metavar="NAME=COLUMN",
+        help="Column of the model, or t, for a column of the data with another name, such as "
+        "'Laser [mm]=tip.y'; repeatable.",
+    ),
+]
 HorizontalColumn = Annotated[
     str | None,
     typer.Option(
@@ -417,6 +426,25 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
             raise BeamdaeError(f"{option} {setting}: the setting must have the form name=value.")
         values[key.strip()] = value.strip()
     return values
+
+
+def parse_data_columns(settings: list[str] | None) -> dict[str, str]:
+    """Return the columns of --data-column NAME=COLUMN by name.
+
+    Raises
+    ------
+    BeamdaeError
+        If an entry does not have this form, or two have the same name.
+    """
+    columns: dict[str, str] = {}
+    for setting in settings or []:
+        ((name, column),) = parse_assignments([setting], "--data-column").items()
+        if name in columns:
+            raise BeamdaeError(
+                f"--data-column {setting}: {name} is already mapped to {columns[name]}; omit one."
+            )
+        columns[name] = column
+    return columns
 
 
 def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -36,6 +36,7 @@ class RunPlot(NamedTuple):
     columns: Sequence[str] = ()
     x: str | None = None
     data: Path | None = None
+    data_columns: Mapping[str, str] | None = None
 
     @property
     def is_default(self) -> bool:
@@ -151,14 +152,16 @@ def select_charts(run: Run, is_drawn: bool, has_page: bool, is_resumed: bool) ->
     observed = equations.observed_headers
     headers = dict.fromkeys([TIME, *observed, *LEDGER_COLUMNS, *coordinate_headers(equations)])
     in_table = [TIME, *observed, *LEDGER_COLUMNS]
-    columns, x, data = run.plot
+    columns, x, data, data_columns = run.plot
     try:
-        selection = select_plot(list(headers), in_table, columns, x, data)
+        selection = select_plot(list(headers), in_table, columns, x, data, data_columns)
     except UnmatchedDataError as problem:
         warn_user(str(problem))
         run.plot = run.plot._replace(data=None)
         return select_charts(run, is_drawn, has_page, is_resumed)
-    run.charts = select_plot(list(headers), in_table, columns, None, data) if x else selection
+    run.charts = selection
+    if x:
+        run.charts = select_plot(list(headers), in_table, columns, None, data, data_columns)
     missing = [c for c in (selection.abscissa, *selection.columns) if c not in in_table]
     if is_resumed and missing:
         raise BeamdaeError(
@@ -392,7 +395,9 @@ def draw_run(run: Run, solution: Solution) -> None:
     run.files.write_picture(
         run.picture.name,
         lambda: [
-            save_selected_columns(run.picture, columns, plot.columns, plot.x, plot.data, title)
+            save_selected_columns(
+                run.picture, columns, plot.columns, plot.x, plot.data, title, plot.data_columns
+            )
         ],
     )
 

@@ -41,6 +41,7 @@ _ARGUMENT = re.compile(
     r"(?<![\w.-])(?P<name>[a-z]\w*)="
     r"(?P<value>'[^']*'|\"[^\"]*\"|\{[^}]*\}|\['[^]]*'\]|True\b|False\b|(?=[\s,;.)]|$))"
 )
+_PAIR = re.compile(r"\{'([^']*)': '([^']*)'\}")  # of a name and a text
 # An argument of a function that a command calls, at the start of a message: "simulate: t_end must".
 # Arguments of parts, such as the formulation of a beam, are no options.
 _CHECKED_ARGUMENT = re.compile(
@@ -105,6 +106,8 @@ def name_options(sentence: str) -> str:
             return match[0]
         if value == "False":
             return option.secondary_opts[0] if option.secondary_opts else match[0]
+        if pair := _PAIR.fullmatch(value):
+            return f'{name} "{pair[1]}={pair[2]}"'
         if value.startswith("{"):
             return f"{name} {option.metavar}"
         if value in ("", "True"):

@@ -183,12 +183,18 @@ class PeriodicMotion(HasTable, HasPage):
         """Return time, observed columns and energies of the period, see `Solution.table`."""
         return self.solution.table()
 
-    def plot(self, *names: str, x: str | None = None, data: Any = None) -> Plot:
+    def plot(
+        self,
+        *names: str,
+        x: str | None = None,
+        data: Any = None,
+        data_columns: Mapping[str, str] | None = None,
+    ) -> Plot:
         """Plot columns of the period over time or over another column, see `beamdae.plot`.
 
         Parameters
         ----------
-        *names, x, data
+        *names, x, data, data_columns
             See `Solution.plot`.
 
         Raises
@@ -196,7 +202,7 @@ class PeriodicMotion(HasTable, HasPage):
         BeamdaeError
             See `Solution.plot`.
         """
-        return self.solution.plot(*names, x=x, data=data)
+        return self.solution.plot(*names, x=x, data=data, data_columns=data_columns)
 
     def amplitudes(self) -> pd.DataFrame:
         """Return mean, half range, minimum, maximum and unit, with one row per observed column.

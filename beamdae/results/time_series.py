@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -247,7 +247,13 @@ class TimeSeries:
             )
         return one._over_time(headers) - two._over_time(headers)
 
-    def plot(self, *names: str, x: str | None = None, data: Any = None) -> Plot:
+    def plot(
+        self,
+        *names: str,
+        x: str | None = None,
+        data: Any = None,
+        data_columns: Mapping[str, str] | None = None,
+    ) -> Plot:
         """Plot columns over time or over another column, see `beamdae.plot`.
 
         Parameters
@@ -260,6 +266,8 @@ class TimeSeries:
         data
             Measured values, plotted as markers: a table or the path of a CSV file, see
             `beamdae.plot`.
+        data_columns
+            Names of columns of the run for columns of `data` with other names, see `fit`.
 
         Raises
         ------
@@ -267,7 +275,9 @@ class TimeSeries:
             If a name selects no column, `x` selects several columns, or the data cannot be read or
             contain none of the plotted columns.
         """
-        return load_views().plot_time_series(self, *names, x=x, data=data)
+        return load_views().plot_time_series(
+            self, *names, x=x, data=data, data_columns=data_columns
+        )
 
     def to_parquet(self, path: str | Path) -> Path:
         """Write the table as Parquet and return the path.

@@ -239,3 +239,58 @@ def test_regression_sigma_of_accelerations_in_gravities_has_units(unit, sigma, e
     data = {"t [s]": [0.0, 1.0], f"tip.y_ddot [{unit}]": [1.0, 2.0]}
     (series,) = read_data(data, sigma).series
     assert_allclose(series.sigma, expected)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "values"),
+    [
+        ("Zeit [ms],Laser [mm]", {"Zeit": "t", "Laser": "tip.y"}, [1e-3, 2e-3]),
+        ("Zeit (ms),Laser (mm)", {"Zeit (ms)": "t [s]", "Laser (mm)": "tip.y [m]"}, [1e-3, 2e-3]),
+        ("Zeit,Laser", {"Zeit": "t [ms]", "Laser": "tip.y [mm]"}, [1e-3, 2e-3]),
+        ("t [ms],tip.x [m]", {"tip.x": "tip.y"}, [1.0, 2.0]),
+    ],
+)
+def test_columns_of_data_may_have_other_names(write, header, columns, values):
+    data = write(f"{header}\n0,1\n100,2\n")
+    observed = {"": ["tip.x [m]", "tip.y [m]"]}
+    fitted = read_fit_data(read_measurements("fit", data, columns), observed)
+    assert fitted.headers == ("tip.y [m]",)
+    assert_allclose(fitted.series[0].times, [0.0, 0.1])
+    assert_allclose(fitted.series[0].values, values)
+
+
+def test_observables_of_long_tables_may_have_other_names():
+    table = {"observable": ["Laser [mm]", "Laser [mm]"], "Zeit [ms]": [0, 100], "value": [1, 2]}
+    columns = {"Laser": "tip.y", "Zeit": "t"}
+    fitted = read_fit_data(read_measurements("fit", table, columns), {"": ["tip.y [m]"]})
+    assert_allclose(fitted.series[0].times, [0.0, 0.1])
+    assert_allclose(fitted.series[0].values, [1e-3, 2e-3])
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"Lasr": "tip.y"}, r"data_columns contains 'Lasr', which is not a column of data"),
+        (
+            {"Laser": "tip.z"},
+            r"maps 'Laser \[mm\]' to 'tip.z \[mm\]' \(did you mean 'tip.y'\?\), w",
+        ),
+        ({"Laser": "tip.y", "other": "tip.y"}, "'Laser .mm.' and 'other' of data are the same"),
+        ({"Laser": "tip.y", "Laser [mm]": "tip.y"}, "'Laser .mm.' twice, also as 'Laser'; remove"),
+        ({"Laser": "t"}, r"maps 'Laser \[mm\]' to 't \[mm\]', which is not a column of the run"),
+        ({"other": "t [ms]"}, "'t .s.' and 'other' of data are both times; remove one"),
+        ({"Laser": 3}, "data_columns must be a dict of names of columns of the run by names in"),
+        ("tip.y", "data_columns must be a dict of names of columns of the run by names in data"),
+        ({}, r"must contain .*, or map them, as with data_columns=\{'Laser \[mm\]': 'tip.y'\}"),
+    ],
+)
+def test_wrong_names_of_columns_are_named(columns, message):
+    data = {"t [s]": [0.0, 0.1], "Laser [mm]": [1.0, 2.0], "other": [1.0, 2.0]}
+    observed = {"": ["a.angle [rad]", "tip.y [m]"]}
+    with pytest.raises(bd.BeamdaeError, match=message):
+        read_fit_data(read_measurements("fit", data, columns), observed)
+
+
+def test_times_of_another_name_are_suggested():
+    with pytest.raises(bd.BeamdaeError, match=r"as with data_columns=\{'Zeit \[ms\]': 't'\}\.$"):
+        read_measurements("fit", {"Laser [mm]": [1.0, 2.0], "Zeit [ms]": [0.0, 100.0]})

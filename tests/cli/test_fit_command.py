@@ -111,6 +111,11 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
         (["--by", "stiffness", "--shift", "mass.x=a"], "must have the form LOW:HIGH"),
         (["--by", "stiffness", "--shift", "mass.x=-5:5ms"], "one end has a unit"),
         (["--by", "stiffness", "--shift", "mass.x=-5mm:5mm"], "the unit mm measures another"),
+        (["--by", "stiffness", "--data-column", "Laser=mass.x"], "data_columns contains 'Laser'"),
+        (
+            ["--by", "stiffness", "--data-column", "x=mass.x", "--data-column", "x=mass.y"],
+            "--data-column x=mass.y: x is already mapped to mass.x; omit one",
+        ),
         (["--by", "stiffness", "--starts", "2"], "several starts need finite bounds"),
         (["--by", "stiffness", "--integrator", "ida"], "--step is not supported by ida"),
     ],
@@ -139,6 +144,24 @@ def test_regression_warnings_about_data_are_printed_before_the_search(here, opti
     assert "mass.x has a range of" in second
     assert not any("mass.x has a range of" in x for x in others)
     assert result.stderr.splitlines()[1] == f"warning: {second}"
+
+
+@pytest.mark.slow(reason="half a second and more")
+def test_columns_of_data_may_have_other_names(here):
+    table = pd.DataFrame({"Zeit [ms]": 1e3 * TIMES, "Laser [mm]": 1e3 * (1.0 + displacement(1.0))})
+    table.to_csv("laser.csv", index=False)
+    options = ["--by", "stiffness", "--no-page", "--no-picture", "--json"]
+    result = run("laser.csv", *options, "--data-column", "Zeit=t", "--data-column", "Laser=mass.x")
+    estimates = json.loads(result.stdout)["estimates"]
+    assert estimates["stiffness"]["value"] == pytest.approx(40.0, rel=1e-4)
+    result = run("laser.csv", *options, "--data-column", "Zeit=t")
+    assert result.exit_code == 2
+    assert '--data-column "Laser [mm]=mass.x"' in result.stderr
+    arguments = ["run", "model.py", "--data", "laser.csv", "--no-page"]
+    mapped = [*arguments, "--data-column", "Zeit [ms]=t", "--data-column", "Laser [mm]=mass.x"]
+    shown = CliRunner().invoke(app, [*mapped, "--set", "stiffness=40", "--set", "damping=0"])
+    assert shown.exit_code == 0, shown.output
+    assert "mass.x [m]" in shown.output
 
 
 def test_missing_data(here):

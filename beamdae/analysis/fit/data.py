@@ -81,7 +81,8 @@ class Series:
     sigma
         Standard deviations (k,) of the errors of the values.
     name_in_data
-        Name of the column in the data, if `convert_units` has changed it; otherwise "".
+        Name of the column in the data, if `data_columns` or `convert_units` has changed it;
+        otherwise "".
     problem
         Error message if the column cannot be read, for example because it contains text; its series
         is empty then. "" otherwise.
@@ -199,15 +200,22 @@ def match_columns(
         known = headers[series.experiment]
         header = _find_header(series.column, known)
         if header is None:
-            unknown[series.column] = _describe_unknown(series.column, known)
+            description = _describe_unknown(series.column, known)
+            if series.name_in_data:
+                raise BeamdaeError(
+                    f"{part}: data_columns maps {series.name_in_data!r} to {description}, which is "
+                    "not a column of the run; name one of its table."
+                )
+            unknown[series.column] = description
             continue
         if series.problem:
             raise BeamdaeError(series.problem)
-        other = names.setdefault((series.experiment, header), series.column)
-        if other != series.column:
+        name = series.name_in_data or series.column
+        other = names.setdefault((series.experiment, header), name)
+        if other != name:
             raise BeamdaeError(
-                f"{part}: the columns {other!r} and {series.column!r} of data are the same column "
-                "of the run; remove one."
+                f"{part}: the columns {other!r} and {name!r} of data are the same column of the "
+                "run; remove one."
             )
         matched.append(MeasuredColumn(series, header))
     if matched and not any(len(x.series.values) for x in matched):
@@ -216,12 +224,12 @@ def match_columns(
         )
     if not matched:
         listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
-        example = next(
-            (x for xs in headers.values() for x in xs if x != measures.TIME), "tip.y [m]"
-        )
+        given = next(iter(unknown))
+        example = _find_example(given, [x for xs in headers.values() for x in xs])
         raise UnmatchedDataError(
             f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
-            f"name them as in the table of the run, such as {example!r}."
+            f"name them as in the table of the run, such as {example!r}, or map them, as with "
+            f"data_columns={{{given!r}: {remove_unit(example)!r}}}."
         )
     return matched, list(unknown.values())
 
@@ -233,7 +241,8 @@ def warn_of_unknown_columns(
     if unknown:
         warn_user(
             f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
-            f"{reason} and {part} omits; name columns as in the table of the run, or remove them.",
+            f"{reason} and {part} omits; name columns as in the table of the run, map them with "
+            "data_columns=, or remove them.",
             InputWarning,
         )
 
@@ -249,6 +258,17 @@ def _find_header(column: str, headers: Sequence[str]) -> str | None:
         return None
     # Coordinates follow the observed columns.
     return next(iter(matches or of_observable), None)
+
+
+def _find_example(column: str, headers: Sequence[str]) -> str:
+    """Return a header that an unknown column may mean: a similar name, or the same quantity."""
+    headers = [x for x in headers if x != measures.TIME] or ["tip.y [m]"]
+    name, unit = split_unit(column)
+    hint = suggest(name, map(remove_unit, headers))
+    similar = [x for x in headers if hint == suggest(remove_unit(x), [remove_unit(x)])]
+    units = [(x, split_unit(x)[1]) for x in headers]
+    of_unit = [x for x, y in units if unit and y and conversion_factor(unit, y) is not None]
+    return next(iter(similar or of_unit or headers))
 
 
 def _describe_unknown(column: str, headers: Sequence[str]) -> str:
@@ -348,13 +368,14 @@ def convert_units(part: str, series: Series, header: str) -> Series:
     if factor is None:
         hint = suggest_unit(unit, observed_unit) if parse_unit(unit) is None else ""
         raise BeamdaeError(
-            f"{part}: the column {column!r} of data is in {unit}{hint}, but the model observes "
-            f"it in {observed_unit}; convert the values and name the column {header!r}."
+            f"{part}: the column {series.name_in_data or column!r} of data is in {unit}{hint}, but "
+            f"the model observes it in {observed_unit}; convert the values and name the column "
+            f"{header!r}."
         )
     return replace(
         series,
         column=header,
-        name_in_data=name,
+        name_in_data=series.name_in_data or name,
         values=series.values * float(factor),
         sigma=series.sigma * float(factor),
     )
@@ -368,7 +389,7 @@ def warn_of_missing_units(
     Tables that are not read from files are written in code, where values are in SI units.
     """
     missing = {
-        series.column: unit
+        series.name_in_data or series.column: unit
         for series, header in columns
         if len(series.values) and series.column != header
         for name, unit in [split_unit(header)]
@@ -385,7 +406,65 @@ def warn_of_missing_units(
     )
 
 
-def read_measurements(part: str, data: Any) -> Measurements:
+class _ColumnNames:
+    """Names of columns of the run, or of times, for columns of data with other names.
+
+    Parameters
+    ----------
+    part
+        The calling function, for messages.
+    data_columns
+        See `fit`.
+    """
+
+    def __init__(self, part: str, data_columns: Any) -> None:
+        given = {} if data_columns is None else data_columns
+        what = "a dict of names of columns of the run by names in data"
+        self._part = part
+        self._names: dict[str, str] = {}
+        for key, name in require_mapping(part, "data_columns", given, what).items():
+            text = as_text(name)
+            if not (text and text.strip()):
+                raise BeamdaeError(
+                    f"{part}: data_columns must be {what}, got {short_repr(name)} for "
+                    f"{short_repr(key)}."
+                )
+            self._names[standardize_header(key)] = standardize_header(text)
+        self._used: dict[str, str] = {}
+        self._known: list[str] = []
+
+    def in_run(self, header: str) -> str:
+        """Return the name in the run of a column of data, by default its own.
+
+        The unit in the header of the data precedes that of the name in the run.
+        """
+        self._known.append(header)
+        name, unit = split_unit(header)
+        keys = [x for x in dict.fromkeys((header, name)) if x in self._names]
+        if not keys:
+            return header
+        if len(keys) > 1:
+            raise BeamdaeError(
+                f"{self._part}: data_columns names {header!r} twice, also as {name!r}; remove one."
+            )
+        self._used[keys[0]] = header
+        in_run, other_unit = split_unit(self._names[keys[0]])
+        unit = unit or other_unit
+        return f"{in_run} [{unit}]" if unit else in_run
+
+    def require_all_used(self, name: str) -> None:
+        """Reject names that are not in the data, whose own name is `name`."""
+        unused = next((x for x in self._names if x not in self._used), None)
+        if unused is not None:
+            known = list(dict.fromkeys(self._known))
+            hint = suggest(unused, known) or f" ({list_first(known, _MAX_LISTED_COLUMNS)})"
+            raise BeamdaeError(
+                f"{self._part}: data_columns contains {unused!r}, which is not a column of "
+                f"{name}{hint}; correct the name."
+            )
+
+
+def read_measurements(part: str, data: Any, data_columns: Any = None) -> Measurements:
     """Return all columns of data as in `fit`; `part` is the calling function.
 
     Series of columns that contain text or no finite numbers are empty and state the problem.
@@ -393,9 +472,10 @@ def read_measurements(part: str, data: Any) -> Measurements:
     Raises
     ------
     BeamdaeError
-        If the data are no table, their times are missing or do not ascend, or a long table is
-        incomplete.
+        If the data are no table, their times are missing or do not ascend, a long table is
+        incomplete, or `data_columns` is invalid or names columns that the data do not contain.
     """
+    names = _ColumnNames(part, data_columns)
     path = None if isinstance(data, Mapping) else path_as_text(data)
     if path is not None and not (is_valid_path(path) and path.strip()):
         raise BeamdaeError(f"{part}: data must be {_ALLOWED}, got {short_repr(data)}.")
@@ -407,7 +487,7 @@ def read_measurements(part: str, data: Any) -> Measurements:
     has_sigma = False
     if _OBSERVABLE in table and _VALUE in table:
         table = _standardize_headers(part, table, name)
-        series, has_sigma = _read_long_table(part, table, name), _SIGMA in table
+        series, has_sigma = _read_long_table(part, table, name, names), _SIGMA in table
     elif table and all(_is_table(x) for x in table.values()):
         for experiment, columns in table.items():
             if not (experiment.strip() and experiment.isprintable()):
@@ -417,9 +497,10 @@ def read_measurements(part: str, data: Any) -> Measurements:
                 )
             place = f"the experiment {experiment!r}"
             columns = _as_columns(part, columns, place)
-            series += _read_wide_table(part, columns, place, experiment)
+            series += _read_wide_table(part, columns, place, names, experiment)
     else:
-        series = _read_wide_table(part, table, name, ONLY_EXPERIMENT)
+        series = _read_wide_table(part, table, name, names, ONLY_EXPERIMENT)
+    names.require_all_used(name)
     if not series:
         raise BeamdaeError(f"{part}: {name} contains no values; fill in measured values.")
     return Measurements(tuple(series), has_sigma, name, is_file)
@@ -530,16 +611,18 @@ def _require_times(part: str, times: Array, rows: Array, name: str) -> None:
         )
 
 
-def _find_time(part: str, table: Mapping[str, Any], names: Sequence[str]) -> str | None:
+def _find_time(part: str, table: Mapping[str, str], names: Sequence[str]) -> str | None:
     """Return the column of times: "t" or "time" with any unit of time, or one of `names`.
 
     Without such a column, return one named "t" or "time" that has another unit or none, if there is
-    one.
+    one. `table` contains the names in the run by those in the data.
     """
-    units = {x: unit for x in table for name, unit in [split_unit(x)] if _is_time(name) and unit}
-    candidates = [x for x in table if x in names or (x in units and _is_time_unit(units[x]))]
+    units = {
+        x: unit for x in table for name, unit in [split_unit(table[x])] if _is_time(name) and unit
+    }
+    candidates = [x for x in table if table[x] in names or (x in units and _is_time_unit(units[x]))]
     if not candidates:
-        return next(iter(units), next((x for x in table if _is_time(x)), None))
+        return next(iter(units), next((x for x in table if _is_time(table[x])), None))
     if len(candidates) > 1:
         raise BeamdaeError(
             f"{part}: the columns {candidates[0]!r} and {candidates[1]!r} of data are both times; "
@@ -558,9 +641,9 @@ def _is_time_unit(unit: str) -> bool:
     return parsed is not None and parsed[1] == {"s": 1}
 
 
-def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Array:
+def _read_times(part: str, values: Any, time: str, unit: str, name: str) -> Array:
     """Return the column of times in seconds."""
-    numbers, unit = _as_numbers(part, table[time], time, name), split_unit(time)[1]
+    numbers = _as_numbers(part, values, time, name)
     if not unit:
         warn_user(
             f"{part}: the times {time!r} of {name} have no unit and are taken as seconds; name the "
@@ -578,19 +661,22 @@ def _read_times(part: str, table: Mapping[str, Any], time: str, name: str) -> Ar
 
 
 def _read_wide_table(
-    part: str, table: Mapping[str, Any], name: str, experiment: str
+    part: str, table: Mapping[str, Any], name: str, names: _ColumnNames, experiment: str
 ) -> list[Series]:
     """Return the series of a table with a column of times and one column per observed column."""
     table = _standardize_headers(part, table, name)
-    time = _find_time(part, table, (measures.TIME,))
+    in_run = {header: names.in_run(header) for header in table}
+    time = _find_time(part, in_run, (measures.TIME,))
     columns = [column for column in table if column != time]
     if time is None or not columns:
+        names.require_all_used(name)
         raise BeamdaeError(
             f"{part}: {name} must contain the column {measures.TIME!r} and measured columns (or "
             f"the columns observable, {measures.TIME}, value), got columns "
-            f"{', '.join(map(repr, table)) or 'none'}."
+            f"{', '.join(map(repr, table)) or 'none'}{_suggest_time(table) if columns else ''}."
         )
-    times = _read_times(part, table, time, name)
+    time_header = time if split_unit(time)[1] else in_run[time]
+    times = _read_times(part, table[time], time, split_unit(time_header)[1], name)
     # Rows without a time are empty, unless a column has a value there.
     rows = np.flatnonzero(np.isfinite(times))
     used = times[rows]
@@ -615,19 +701,38 @@ def _read_wide_table(
                 _require_times(part, times[present], present, name)
         except BeamdaeError as problem:
             # Columns that a run does not have may contain anything.
-            empty = np.empty(0)
-            series.append(Series(experiment, column, empty, empty, empty, problem=str(problem)))
-            continue
-        ones = np.ones(len(present))
+            present, failure = np.arange(0), str(problem)
+            values = np.empty(0)
+        else:
+            failure = ""
         series.append(
-            Series(experiment, column, times[present], values[present], ones, time_header=time)
+            Series(
+                experiment,
+                in_run[column],
+                times[present],
+                values[present],
+                np.ones(len(present)),
+                name_in_data="" if in_run[column] == column else column,
+                problem=failure,
+                time_header=time_header,
+            )
         )
     return series
 
 
-def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Series]:
+def _suggest_time(table: Mapping[str, Any]) -> str:
+    """Return advice on a column of times with another name."""
+    of_unit = (x for x in table if _is_time_unit(split_unit(x)[1]))
+    name = next(of_unit, next(iter(table)))
+    return f"; map times of another name, as with data_columns={{{name!r}: 't'}}"
+
+
+def _read_long_table(
+    part: str, table: Mapping[str, Any], name: str, column_names: _ColumnNames
+) -> list[Series]:
     """Return the series of a table with one value per row; their rows may have any order."""
-    time = _find_time(part, table, _TIME_NAMES)
+    in_run = {x: x if x in _LONG_COLUMNS else column_names.in_run(x) for x in table}
+    time = _find_time(part, in_run, _TIME_NAMES)
     unknown = [x for x in table if x not in _LONG_COLUMNS and x != time]
     if time is None or unknown:
         problem = f"got {short_repr(unknown[0])}" if unknown else "got no times"
@@ -635,7 +740,8 @@ def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Ser
             f"{part}: the long table {name} must have the columns experiment, observable, "
             f"{measures.TIME}, value, sigma (the first and the last are optional), {problem}."
         )
-    times = _read_times(part, table, time, name)
+    time_header = time if split_unit(time)[1] else in_run[time]
+    times = _read_times(part, table[time], time, split_unit(time_header)[1], name)
     values = _as_numbers(part, table[_VALUE], _VALUE, name)
     sigma = (
         _as_numbers(part, table[_SIGMA], _SIGMA, name) if _SIGMA in table else np.ones(len(times))
@@ -667,8 +773,17 @@ def _read_long_table(part: str, table: Mapping[str, Any], name: str) -> list[Ser
                 f"{part}: {name} contains {label_series(column, experiment)} at {times[k]:g} s "
                 f"twice, again in row {k + 1}; average repeated values, or name the experiments."
             )
+        name_in_run = column_names.in_run(column)
         series.append(
-            Series(experiment, column, times[order], values[order], sigma[order], time_header=time)
+            Series(
+                experiment,
+                name_in_run,
+                times[order],
+                values[order],
+                sigma[order],
+                name_in_data="" if name_in_run == column else column,
+                time_header=time_header,
+            )
         )
     return series
 

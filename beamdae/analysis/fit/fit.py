@@ -42,6 +42,7 @@ def fit(
     by: Sequence[str] | str,
     integrator: Integrator | None = None,
     *,
+    data_columns: Mapping[str, str] | None = None,
     sigma: float | str | Mapping[str, float | str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     experiments: Mapping[str, Mapping[str, Any]] | None = None,
@@ -88,6 +89,11 @@ def fit(
     integrator
         Integrator whose runs can be differentiated; see `sensitivities`. Defaults to `Radau()`. One
         more run with half the step or a tenth of `rtol` checks the accuracy at the estimates.
+    data_columns
+        Names of columns of the model for columns of the data with other names, by the latter, with
+        or without their units: {"Laser [mm]": "tip.y", "Zeit": "t [ms]"} maps times to "t". Units
+        in the headers of the data precede those of the names given here. Other arguments name these
+        columns as in the model.
     sigma
         Standard deviation of the errors of the data, in the units of the columns of `data`, for
         example in mm for a column "tip.y [mm]" although the model is in m: a number for all
@@ -187,7 +193,18 @@ def fit(
     starts = require_count("fit", "starts", starts, most=MAX_STARTS)
     seed = require_count("fit", "seed", seed, least=0, most=MAX_SEED)
     problem = FitProblem(
-        model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
+        model,
+        data,
+        by,
+        integrator,
+        sigma,
+        parameters,
+        start,
+        experiments,
+        scale,
+        offset,
+        shift,
+        data_columns,
     )
     scaling = Scaling(problem, bounds, log)
     errors = RecordingErrors(problem, scaling, bounds, log, max_evaluations)

@@ -102,7 +102,8 @@ class FitProblem:
 
     Parameters
     ----------
-    model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift
+    model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift,
+    data_columns
         See `fit`.
 
     Attributes
@@ -136,12 +137,13 @@ class FitProblem:
         scale: Any = (),
         offset: Any = (),
         shift: Any = (),
+        data_columns: Any = None,
     ) -> None:
         self.names = require_parameters("fit", model, by)
         self.model, self.start = model, start
         self.integrator = require_integrator("fit", Radau() if integrator is None else integrator)
         self.parameters = complete_parameters("fit", model, parameters)
-        measured = read_measurements("fit", data)
+        measured = read_measurements("fit", data, data_columns)
         self._settings = self._read_experiments(experiments, measured.experiments)
         self.build_warnings: set[str] = set()
         self.data: FitData = read_fit_data(measured, self._observed_headers(), sigma)

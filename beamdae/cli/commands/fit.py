@@ -10,6 +10,7 @@ import typer
 
 from beamdae.cli.options import (
     Bounds,
+    DataColumns,
     FixedStep,
     Jobs,
     ModelName,
@@ -26,6 +27,7 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_assignments,
     parse_bounds,
+    parse_data_columns,
     parse_start,
     split_names,
 )
@@ -60,6 +62,7 @@ def fit_command(
     ],
     settings: Settings = None,
     model_name: ModelName = None,
+    data_columns: DataColumns = None,
     bounds: Bounds = None,
     log: Annotated[
         str, typer.Option(metavar="NAME,...", help="Parameters whose logarithms are varied.")
@@ -140,6 +143,7 @@ def fit_command(
     method = create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file)
     options: dict[str, Any] = {
         "by": split_names(by),
+        "data_columns": parse_data_columns(data_columns),
         "sigma": _parse_sigma(sigma),
         "experiments": _parse_experiments(experiment),
         "bounds": parse_bounds(model, bounds),

@@ -10,6 +10,7 @@ import typer
 
 from beamdae.cli import run_outputs, signals
 from beamdae.cli.options import (
+    DataColumns,
     EndTime,
     FixedStep,
     HorizontalColumn,
@@ -27,6 +28,7 @@ from beamdae.cli.options import (
     create_integrator,
     load_configured_model,
     parse_accuracy,
+    parse_data_columns,
     parse_start,
     split_names,
 )
@@ -116,6 +118,7 @@ def run_command(
             "times, such as 't [ms]', and columns of the model, such as 'tip.y [mm]'.",
         ),
     ] = None,
+    data_columns: DataColumns = None,
     checkpoint: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the final state to this file.")
     ] = None,
@@ -178,9 +181,10 @@ def run_command(
         )
     names = None if sensitivities is None else split_names(sensitivities)
     _require_differentiable(names, required_accuracy, resume_from)
-    run = Run(
-        model, method, out / f"{model.name}.csv", plot=RunPlot(split_names(plot, model), x, data)
-    )
+    if data_columns and data is None:
+        raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
+    chart = RunPlot(split_names(plot, model), x, data, parse_data_columns(data_columns))
+    run = Run(model, method, out / f"{model.name}.csv", plot=chart)
     run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)
     files = [run.table, run.table.with_suffix(".json")]

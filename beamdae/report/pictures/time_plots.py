@@ -74,6 +74,7 @@ def plot(
     labels: Sequence[str] | None = None,
     x: str | None = None,
     data: Any = None,
+    data_columns: Mapping[str, str] | None = None,
 ) -> Plot:
     """Plot columns of one or several runs over time or over another column.
 
@@ -100,6 +101,8 @@ def plot(
         runs do not contain are ignored, those of files with a warning. The time axis covers the
         data, extended by a quarter of their duration before and after them, or at most the whole
         run.
+    data_columns
+        Names of columns of the run for columns of `data` with other names, see `fit`.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def plot(
     run_labels = _require_labels(runs, labels)
     tables = [merge_columns(run.all_columns(), run.coordinate_columns()) for run in runs]
     observed = list(runs[0].all_columns())
-    selection = select_plot(list(tables[0]), observed, names, x, data)
+    selection = select_plot(list(tables[0]), observed, names, x, data, data_columns)
     figure = _create_figure(dict(zip(run_labels, tables, strict=True)), selection, observed)
     disable_math_text(figure)
     return Plot(figure)
@@ -138,10 +141,11 @@ def save_selected_columns(
     x: str | None,
     data: Any,
     title: str,
+    data_columns: Mapping[str, str] | None = None,
 ) -> Path:
     """Plot the selected columns of a table as in `plot`, and write an image file."""
     headers = [str(header) for header in table]
-    selection = select_plot(headers, headers, names, x, data)
+    selection = select_plot(headers, headers, names, x, data, data_columns)
     return save_figure(_create_figure({"run": table}, selection, headers, title), path)
 
 
@@ -259,6 +263,7 @@ def select_plot(
     names: Sequence[str],
     x: str | None = None,
     data: Any = None,
+    data_columns: Mapping[str, str] | None = None,
 ) -> PlotSelection:
     """Select the contents of a plot from the headers of the first run; see `plot`.
 
@@ -268,7 +273,7 @@ def select_plot(
         Headers of all columns of the run.
     observed
         Headers that take precedence if a name also selects other headers.
-    names, x, data
+    names, x, data, data_columns
         See `plot`.
 
     Raises
@@ -283,7 +288,7 @@ def select_plot(
         return select_columns(headers, name, observed=observed, part="plot")
 
     abscissa = TIME if x is None else require_one_column("plot", x, select(x))
-    measured = [] if data is None else _read_measured(data, headers)
+    measured = [] if data is None else _read_measured(data, headers, data_columns)
     present = [series.column for series in measured if series.column != abscissa]
     columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
     # The name of an observable selects the abscissa, too.
@@ -304,11 +309,13 @@ def select_plot(
     return PlotSelection(abscissa, columns, points)
 
 
-def _read_measured(data: Any, headers: Sequence[str]) -> list[Series]:
+def _read_measured(
+    data: Any, headers: Sequence[str], data_columns: Mapping[str, str] | None
+) -> list[Series]:
     """Return the measured series whose columns a run contains, in the units of the run."""
     from beamdae.analysis.fit import data as fit_data
 
-    measured = fit_data.read_measurements("plot", data)
+    measured = fit_data.read_measurements("plot", data, data_columns)
     columns, unknown = fit_data.match_columns(
         "plot", measured, dict.fromkeys(measured.experiments, headers)
     )
