@@ -116,6 +116,10 @@ class KernelWarning(UserWarning):
 # Kinds of warnings that were shown: the filters that showed them, and the key of the message in
 # Python's registry of shown warnings.
 _shown_kinds: dict[tuple[str, str, int], tuple[list[Any], list[Any], tuple[Any, ...]]] = {}
+_MERGING_NOTE = (
+    "warnings: further ones of this line that differ only in numbers are not shown; read "
+    "`warnings` of each result, or show all by warnings.simplefilter('always', bd.BeamdaeWarning)."
+)
 # Digits in names such as "link1" distinguish parts.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|nan|inf)(?!\w)")
 
@@ -204,13 +208,47 @@ def merge_ranges(messages: Sequence[str]) -> str:
     return merged
 
 
-def warn_user(message: str, category: type[BeamdaeWarning] = BeamdaeWarning) -> None:
+def warn_user(
+    message: str, category: type[BeamdaeWarning] = BeamdaeWarning, *, merges: bool = True
+) -> None:
     """Issue a `BeamdaeWarning` that cites the line outside this package that led to it.
 
     Python shows a text only once per line. Messages that differ only in numbers after their first
-    colon are one kind, of which only the first is shown, for example in the runs of a loop. As for
-    Python, this does not apply if filters show every warning or turn warnings into errors.
+    colon are one kind, of which only the first is shown, for example in the runs of a loop, unless
+    `merges` is False. As for Python, this does not apply if filters show every warning or turn
+    warnings into errors.
     """
+    _issue(message, category, merges=merges)
+
+
+def warn_of_incomplete_result(message: str) -> None:
+    """Issue the warning that a result is not the requested one, such as an unfinished run.
+
+    Unlike other warnings, it is shown for every result, also if its text and line are the same.
+    """
+    _issue(message, BeamdaeWarning, always=True)
+
+
+def warn_of_result(messages: Iterable[str], build_warnings: Iterable[str] = ()) -> None:
+    """Issue the warnings of a result, except those that were issued when its model was built.
+
+    If some are not shown because an earlier result at the same line had the same ones with other
+    numbers, a note is shown once.
+    """
+    issued = set(build_warnings)
+    for message in messages:
+        if message not in issued:
+            _issue(message, BeamdaeWarning, merges=True, notes=True)
+
+
+def _issue(
+    message: str,
+    category: type[BeamdaeWarning],
+    *,
+    merges: bool = False,
+    notes: bool = False,
+    always: bool = False,
+) -> None:
     held_messages = _held_messages.get()
     if held_messages is not None:
         held_messages.append(message)
@@ -227,28 +265,27 @@ def warn_user(message: str, category: type[BeamdaeWarning] = BeamdaeWarning) -> 
         warnings.warn(message, category, stacklevel=2)
         return
     file, line = frame.f_code.co_filename, frame.f_lineno
+    module = frame.f_globals.get("__name__") or "<unknown>"
+    if always:
+        # Python remembers shown warnings in the registry: a new one makes it show this one again.
+        warnings.warn_explicit(message, category, file, line, module, registry={})
+        return
     kind = kind_of_message(message), file, line
     filters: list[Any] = warnings.filters  # type: ignore[assignment]
     registry = frame.f_globals.setdefault("__warningregistry__", {})
     last = _shown_kinds.get(kind)
     # The list is another one inside `catch_warnings`, and changes if a filter is added. Notebooks
     # clear the registry before each cell.
-    if last and last[0] is filters and last[1] == filters and last[2] in registry:
+    if merges and last and last[0] is filters and last[1] == filters and last[2] in registry:
+        if notes and last[2][0] != message:
+            # As for any text, Python shows the note once per line.
+            warnings.warn_explicit(_MERGING_NOTE, category, file, line, module, registry)
         return
-    module = frame.f_globals.get("__name__") or "<unknown>"
     warnings.warn_explicit(message, category, file, line, module, registry)
     key = message, category, line
     if key in registry:
         # Python showed the warning and will not repeat it.
         _shown_kinds[kind] = filters, list(filters), key
-
-
-def warn_of_result(messages: Iterable[str], build_warnings: Iterable[str]) -> None:
-    """Issue the warnings of a result, except those that were issued when its model was built."""
-    issued = set(build_warnings)
-    for message in messages:
-        if message not in issued:
-            warn_user(message)
 
 
 # Messages of `warn_once` issued in this process.

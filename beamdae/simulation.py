@@ -23,6 +23,7 @@ from beamdae.errors import (
     require_positive,
     require_progress,
     short_repr,
+    warn_of_incomplete_result,
     warn_of_result,
 )
 from beamdae.integrators import Auto, Integrator
@@ -236,6 +237,8 @@ def simulate(
     solution, sentences = _collect_warnings(name, describe(solution))
     if solution.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(solution.status.sentence, solution, "simulate")
+    if not solution.status.success:
+        warn_of_incomplete_result(_describe_early_end(name, solution))
     warn_of_result(sentences, solution.equations.build_warnings)
     return solution
 
@@ -488,12 +491,13 @@ def _collect_warnings(name: str, solution: Solution) -> tuple[Solution, tuple[st
             f"{name}: the run could not be checked because no memory is left; use "
             "fewer elements, larger steps or fewer rows.",
         )
-    if solution.status.success:
-        return solution, sentences
+    return solution, sentences
+
+
+def _describe_early_end(name: str, solution: Solution) -> str:
     status, t_end = solution.status, solution.model["t_end"]
-    unfinished = (
+    return (
         f"{name}: the run was not finished ({status.kind}) and results cover t = "
         f"{solution.t[0]:.6g} to {solution.trajectory.end:.6g} s of {t_end:g} s; "
         f"{status.sentence}."
     )
-    return solution, (unfinished, *sentences)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.errors import warn_user
+from beamdae.errors import warn_of_result, warn_user
 
 
 def shown(action, messages, times=1):
@@ -47,6 +47,47 @@ def test_regression_a_loop_over_models_warns_once_of_each_kind():
     assert records[0].filename == __file__
 
 
+def _press_crown():
+    mech = bd.Mechanism()
+    crown = mech.add(bd.PointMass("crown", 1.0, at=(0.0, 0.2)))
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        mech.add(bd.Spring(name, mech.ground.at(x, 0.0), crown.point, 1000.0))
+    mech.add(bd.Force("press", crown.point, (0.0, -1.0)))
+    return mech
+
+
+def _stopped_run(number):
+    return bd.simulate(_press_crown(), bd.Radau(max_steps=5 + number // 2), t_end=10.0)
+
+
+def _short_path(number):
+    return bd.equilibrium(_press_crown(), to=1.0 + number // 2, max_points=2)
+
+
+@pytest.mark.parametrize("analyze", [_stopped_run, _short_path])
+def test_regression_each_unfinished_result_is_announced(analyze):
+    """Of results at one line that were not finished, only the first was announced."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("default")
+        results = [analyze(number) for number in range(4)]
+    messages = [str(x.message) for x in records]
+    reasons = [x.status.sentence for x in results]
+    assert not any(x.status.success for x in results)
+    assert len(set(reasons)) == 2  # two of four results are alike
+    assert [sum(reason in x for x in messages) for reason in reasons] == [2, 2, 2, 2]
+
+
+def test_regression_a_note_states_that_warnings_of_results_are_not_shown():
+    """Warnings of later results at the same line were omitted in silence."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("default")
+        for error in (1, 1, 2, 3):
+            warn_of_result([f"beam: the error is {error} %."])
+    first, note = (str(x.message) for x in records)
+    assert first == "beam: the error is 1 %."
+    assert "only in numbers are not shown; read `warnings`" in note
+
+
 def test_regression_numbers_of_names_distinguish_parts():
     messages = ["run: error of x1 is 3 %.", "run: error of x2 is 900 %.", "run: link1 is bad."]
     assert shown("default", messages) == messages
@@ -57,7 +98,7 @@ def test_regression_warnings_are_shown_again_in_a_new_run_of_a_cell():
     program = """
 import warnings
 warnings.simplefilter("default")
-from beamdae.errors import warn_user
+from beamdae.errors import warn_of_result, warn_user
 for t in (1.0, 2.0):
     globals().pop("__warningregistry__", None)
     for k in (1, 2):

@@ -28,7 +28,7 @@ from beamdae.errors import (
     require_finite,
     require_positive,
     require_progress,
-    warn_user,
+    warn_of_incomplete_result,
 )
 from beamdae.integrators import Radau
 from beamdae.integrators.limits import Progress
@@ -253,7 +253,7 @@ def certify(
         raise Interrupted(certificate.status.sentence, certificate, "certify")
     if not certificate.status.success:
         name = description.get("name", "certify")
-        warn_user(f"{name}: not certified; {certificate.status.sentence}.")
+        warn_of_incomplete_result(f"{name}: not certified; {certificate.status.sentence}.")
     return certificate
 
 

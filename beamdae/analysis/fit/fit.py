@@ -20,6 +20,8 @@ from beamdae.errors import (
     kind_of_message,
     require_choice,
     require_count,
+    warn_of_incomplete_result,
+    warn_of_result,
     warn_user,
 )
 from beamdae.integrators import Integrator
@@ -253,18 +255,18 @@ def fit(
             raise Interrupted(result.status.sentence, result, "fit")
         return result
     if not result.status.success:
-        warn_user(f"fit: {result.status.sentence}.")
+        warn_of_incomplete_result(f"fit: {result.status.sentence}.")
     idle = _warn_of_parameters_without_effect(problem, result)
     undetermined = np.isinf(result.standard_deviations) & ~np.isin(result.names, idle)
     for sentence in result.undetermined if undetermined.any() else ():
-        warn_user(f"fit: {sentence}")
+        warn_user(f"fit: {sentence}", merges=False)
     for sentence in result.warnings:
         if sentence in problem.duration_warnings:
             continue  # issued before the search
         if sentence not in result.run_warnings:
-            warn_user(f"fit: {sentence}")
+            warn_user(f"fit: {sentence}", merges=False)
         elif kind_of_message(sentence) not in problem.build_warnings:
-            warn_user(sentence)
+            warn_of_result([sentence])
     return result
 
 

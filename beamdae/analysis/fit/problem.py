@@ -167,7 +167,7 @@ class FitProblem:
             )
         self._t_end = self._latest_times()
         for sentence in self.duration_warnings:
-            warn_user(f"fit: {sentence}", InputWarning)
+            warn_user(f"fit: {sentence}", InputWarning, merges=False)
 
     def with_sensors(self, sensors: Sensors, first_values: Array) -> FitProblem:
         """Return a problem with other unknown properties of sensors, and first values of all."""

@@ -112,7 +112,7 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
             or _bounds_permit(scaling, first, high / low)
         ):
             advice = "check start=, loads, units and first values"
-            warn_user(f"{sentence}; {advice}.", InputWarning)
+            warn_user(f"{sentence}; {advice}.", InputWarning, merges=False)
             continue
         raise BeamdaeError(
             f"{sentence}, and no change of {', '.join(problem.names)} explains this factor of "

@@ -19,7 +19,7 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_sequence,
-    warn_user,
+    warn_of_result,
 )
 from beamdae.interrupts import interruptible
 from beamdae.model_functions import Model
@@ -207,9 +207,8 @@ class Campbell(HasTable, HasPage):
             kind = kind_of_message(sentence)
             if sentence in of_states and kind not in issued:
                 issued.add(kind)
-                warn_user(text)
-        for text in self._describe_lost_modes():
-            warn_user(text)
+                warn_of_result([text])
+        warn_of_result(self._describe_lost_modes())
 
     def plot(self, multiples: Sequence[int] | None = None) -> Plot:
         """Plot the frequencies over the rotation speed, see `beamdae.draw_campbell`."""

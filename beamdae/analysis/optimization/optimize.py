@@ -27,6 +27,8 @@ from beamdae.errors import (
     require_count,
     require_positive,
     require_progress,
+    warn_of_incomplete_result,
+    warn_of_result,
     warn_user,
 )
 from beamdae.integrators import Integrator
@@ -205,13 +207,12 @@ def optimize(
                 f"{list_first(names, _MAX_NAMES)} at the best design, so that the search keeps the "
                 "first values."
             )
-    messages = [] if result.status.success else [f"optimize: {result.status.sentence}."]
+    if not result.status.success:
+        warn_of_incomplete_result(f"optimize: {result.status.sentence}.")
     of_analyses = list_warnings(result.analyses)
-    messages += [
+    warn_of_result(
         x if x in of_analyses else f"optimize: {x}"
         for x in result.warnings
         if kind_of_message(x) not in problem.build_warnings
-    ]
-    for message in messages:
-        warn_user(message)
+    )
     return result

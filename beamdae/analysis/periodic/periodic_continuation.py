@@ -34,7 +34,8 @@ from beamdae.errors import (
     require_positive,
     require_progress,
     short_repr,
-    warn_user,
+    warn_of_incomplete_result,
+    warn_of_result,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -218,8 +219,12 @@ def frequency_response(
     )
     if status.kind == "interrupted" and partial == "raise":
         raise Interrupted(status.sentence, response, _NAME)
-    for message in response._list_warnings(includes_model=False):
-        warn_user(message)
+    messages = response._list_warnings(includes_model=False)
+    if not status.success:
+        # The first one is the status.
+        warn_of_incomplete_result(messages[0])
+        messages = messages[1:]
+    warn_of_result(messages)
     return response
 
 

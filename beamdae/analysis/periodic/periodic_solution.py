@@ -28,8 +28,8 @@ from beamdae.errors import (
     require_count,
     require_finite,
     require_positive,
+    warn_of_incomplete_result,
     warn_of_result,
-    warn_user,
 )
 from beamdae.integrators import Integrator, Radau
 from beamdae.integrators.integrator import require_integrator
@@ -198,7 +198,7 @@ def periodic(
             beam_error,
         )
     if not motion.status.success:
-        warn_user(f"periodic: {motion.status.sentence}.")
+        warn_of_incomplete_result(f"periodic: {motion.status.sentence}.")
     warn_of_result(motion.warnings, equations.build_warnings)
     return motion
 

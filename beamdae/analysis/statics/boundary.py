@@ -30,6 +30,7 @@ from beamdae.errors import (
     require_positive,
     short_repr,
     suggest,
+    warn_of_incomplete_result,
     warn_user,
 )
 from beamdae.interrupts import interruptible
@@ -287,7 +288,7 @@ def boundary(
         points, special, status, counts = follow(family, first, limits, step, max_points)
         coordinates = [family.at(one.p).reference + one.u for one in points]
     if not status.success:
-        warn_user(f"{_NAME}: {status.sentence}.")
+        warn_of_incomplete_result(f"{_NAME}: {status.sentence}.")
     unstable = np.array(counts)
     if np.any(unstable > 0):
         k = int(np.argmax(unstable > 0))

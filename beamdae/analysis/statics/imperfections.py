@@ -24,7 +24,8 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
     suggest,
-    warn_user,
+    warn_of_incomplete_result,
+    warn_of_result,
 )
 from beamdae.interrupts import interruptible
 from beamdae.parts.mechanism import AS_DRAWN, Mechanism
@@ -276,10 +277,9 @@ def knock_down(model: Any, shape: Any, amplitudes: Any, **settings: Any) -> Knoc
             what = f"knock_down: the path of the amplitude {size:g} m has no critical point"
             is_short = path.status.success
             end = "; choose a farther target to=" if is_short else f": {path.status.sentence}"
-            warn_user(f"{what}{end}.")
+            warn_of_incomplete_result(f"{what}{end}.")
     perfect = trace(model).critical
-    for message in messages.values():
-        warn_user(message)
+    warn_of_result(messages.values())
     factor = float(perfect[0].factor) if perfect else np.nan
     return KnockDown(np.array(sizes), np.array(factors), tuple(kinds), factor)
 

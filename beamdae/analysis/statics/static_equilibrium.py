@@ -23,8 +23,8 @@ from beamdae.errors import (
     hold_messages,
     require_choice,
     require_finite,
+    warn_of_incomplete_result,
     warn_of_result,
-    warn_user,
 )
 from beamdae.interrupts import PARTIAL_RESULTS, Interrupted, PartialResult, interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -184,7 +184,7 @@ def equilibrium(
     if result.status.kind == "interrupted" and partial == "raise":
         raise Interrupted(result.status.sentence, result, _NAME)
     if not result.status.success:
-        warn_user(_describe_early_end(result))
+        warn_of_incomplete_result(_describe_early_end(result))
     warn_of_result(result.warnings, equations.build_warnings)
     return result
 

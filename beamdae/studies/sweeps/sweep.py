@@ -19,6 +19,7 @@ from beamdae.errors import (
     require_positive,
     require_progress,
     short_repr,
+    warn_of_incomplete_result,
     warn_user,
 )
 from beamdae.integrators import Auto, Integrator
@@ -41,6 +42,7 @@ from beamdae.studies.execution.executors import SerialPool, create_executor
 from beamdae.studies.execution.study_progress import StudyProgress
 from beamdae.studies.execution.study_run import StudyResults, run_study
 from beamdae.studies.sweeps.parameter_study import (
+    STATUS,
     TRAJECTORY,
     Measure,
     Output,
@@ -125,8 +127,12 @@ class Sweep(ParameterStudy):
         swept = _create_results(results, path)
         if swept.interrupted and partial == "raise":
             raise Interrupted("interrupted", swept, "run")
+        is_complete = bool((swept.table[STATUS] == "ok").all())
         for sentence in list_warnings(swept):
-            warn_user(sentence)
+            if is_complete:
+                warn_user(sentence)
+            else:
+                warn_of_incomplete_result(sentence)
         return swept
 
     __call__ = run
