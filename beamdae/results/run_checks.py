@@ -222,6 +222,14 @@ def _unstable_start(run: RunData) -> Iterable[str]:
     return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
 
 
+def _unstable_symmetry(run: RunData) -> Iterable[str]:
+    if run.start.request == EQUILIBRIUM and any(_unstable_start(run)):
+        return ()
+    statics = deferred.module("analysis.statics.unstable_symmetry")
+    largest_force = run._energy_ledger.force.scale
+    return statics.unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
+
+
 def _untouched_contacts(run: RunData) -> Iterable[str]:
     start, end = run.trajectory.start, run.trajectory.end
     # A run that was stopped early, or resumed, may touch later, or have touched before.
@@ -298,6 +306,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _resumed_run,
     _start_changes,
     _unstable_start,
+    _unstable_symmetry,
     _idle_parts,
     _parts_inside_surfaces,
     _supplied_energy,

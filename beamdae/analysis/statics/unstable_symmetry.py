@@ -1,0 +1,159 @@
+"""Motions of a run that stay on an unstable path because nothing disturbs its symmetry.
+
+A straight column under more than its buckling load, or a symmetric arch beyond its branch point,
+has an unstable direction that its exact symmetry never excites: the run stays on the symmetric
+path, which a real structure leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+
+from beamdae.beams.beam import beams_of
+from beamdae.beams.dispersion import section_values
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.results.diagnostics.meshes.sampled_vibrations import turning_coordinates, turns
+from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
+
+# Intervals over which the smallest eigenvalue is averaged, as fractions of the run. Loads that
+# vibrate about less than the buckling load do not buckle a column, although they exceed it at
+# times. The last, short interval is that of loads that increase until the end.
+_INTERVALS = ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.0), (0.9375, 1.0))
+# Times in an interval, as fractions of it: multiples of the golden ratio, because equal distances
+# could be periods of the load.
+_FRACTIONS = np.sort(1.0 - (np.arange(8) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0)
+# A disturbance grows by a factor of 1000 within the time of the run, from an imperfection to a
+# deflection, and by a factor of e within the interval.
+_GROWTH = math.log(1e3)
+# Share of the motion along the unstable direction up to which it is rounding.
+_EXCITED_SHARE = 1e-6
+_MOTION_SAMPLES = 200
+# Compressive force by which beams buckle, over EI / L^2: pi^2 / 4 for a cantilever of the length L,
+# more for all other supports. Below this force, nothing is computed.
+_MIN_LOAD = 1.0
+_MAX_COORDINATES = 300  # of dense matrices
+_ASYMMETRY_TOLERANCE = 1e-13  # of stiffness by follower forces, relative to the largest entry
+_ROUNDING = 1e-15  # of eigenvalues, relative to the largest entry
+
+
+def unstable_symmetry_warnings(
+    equations: EquationsOfMotion, trajectory: Trajectory, largest_force: float
+) -> Iterator[str]:
+    """Yield a warning if a run stays on a path that the smallest disturbance would leave.
+
+    Disturbances grow faster than e^(s t) if x^T (K + s C + s^2 M) x < 0 for a motion x that the
+    joints allow, with the stiffness K at rest in the positions of the run. A warning is due if this
+    holds on average over a quarter of the run or at its end, and if the displacements since the
+    start have no share in x. Mechanisms with controllers or first-order states, forces
+    without a potential, and mechanisms with a beam that turns are not examined.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    trajectory
+        The steps of the run.
+    largest_force
+        Largest entry of the forces and the reactions in the run [N or N m].
+    """
+    beams = beams_of(equations.mechanism)
+    duration = trajectory.end - trajectory.start
+    if not beams or not duration > 0.0 or equations.n > _MAX_COORDINATES:
+        return
+    if equations.controllers or len(equations.states):
+        return
+    length = sum(beam.length for beam in beams)
+    stiffness = min(float(np.min(section_values(beam, "EI"))) for beam in beams)
+    if largest_force * length**2 < _MIN_LOAD * stiffness:
+        return
+    sampled = np.linspace(trajectory.start, trajectory.end, _MOTION_SAMPLES)
+    q = trajectory.positions_at(sampled)
+    if any(turns(q[:, turning_coordinates(equations, beam)]) for beam in beams):
+        return
+    for interval in _INTERVALS:
+        begin, end = (trajectory.start + duration * x for x in interval)
+        times = begin + (end - begin) * _FRACTIONS
+        rate = max(_GROWTH / duration, 1.0 / (end - begin))
+        motions = (_find_least_stable(equations, trajectory, t, rate) for t in times[::-1])
+        last = next(motions)
+        if last is None or last.eigenvalue >= 0.0 or _is_excited(q[sampled <= end], last):
+            continue
+        if last.eigenvalue + sum(x.eigenvalue for x in motions if x is not None) < 0.0:
+            yield _describe(equations, last.shape, end)
+            return
+
+
+class _Motion(NamedTuple):
+    """Motion that the joints allow with the smallest eigenvalue of K + s C + s^2 M.
+
+    Attributes
+    ----------
+    eigenvalue
+        The eigenvalue [J] in natural sizes of the coordinates; 0 if it is a rounding error.
+    shape
+        The motion (n,).
+    mass
+        The mass matrix M (n, n).
+    """
+
+    eigenvalue: float
+    shape: Array
+    mass: Array
+
+
+def _find_least_stable(
+    equations: EquationsOfMotion, trajectory: Trajectory, t: float, rate: float
+) -> _Motion | None:
+    """Return the least stable motion about the positions at time `t` [s] for s = `rate` [1/s].
+
+    None if the joints allow no motion, or the forces have no potential.
+    """
+    times = np.array([t])
+    (time,), states = trajectory.at(times)
+    interval = trajectory.intervals[int(trajectory.interval_index(times)[0])]
+    active, reactions = interval.active_equations(equations), states.lam
+    if interval.configuration is not None:
+        reactions = interval.configuration.select_multipliers(reactions)
+    zero = np.zeros(active.n)
+    tangent = compute_tangent(active, time, State(states.q[0], zero, zero, reactions[0]))
+    scales = active.position_scales
+    mass = tangent.mass.toarray()
+    total = tangent.stiffness.toarray() + rate * tangent.damping.toarray() + rate**2 * mass
+    total *= scales * scales[:, None]
+    size = float(np.max(np.abs(total), initial=0.0))
+    if np.max(np.abs(total - total.T), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
+        return None
+    gradients = tangent.acceleration_jacobian(active).toarray() * scales
+    basis = la.null_space(gradients) if active.m else np.eye(active.n)
+    if not basis.shape[1]:
+        return None
+    (eigenvalue,), vectors = la.eigh(basis.T @ total @ basis, subset_by_index=[0, 0])
+    is_rounding = abs(eigenvalue) <= _ROUNDING * size
+    return _Motion(0.0 if is_rounding else eigenvalue, scales * (basis @ vectors[:, 0]), mass)
+
+
+def _is_excited(q: Array, motion: _Motion) -> bool:
+    """Return True if the displacements of coordinates (k, n) have a share in a motion."""
+    displacements, shape = q - q[0], motion.shape
+    momentum = displacements @ motion.mass
+    share = np.max(np.abs(momentum @ shape)) / math.sqrt(shape @ motion.mass @ shape)
+    size = math.sqrt(np.max(np.sum(momentum * displacements, axis=1)))
+    return bool(share > _EXCITED_SHARE * size)
+
+
+def _describe(equations: EquationsOfMotion, shape: Array, t: float) -> str:
+    largest = int(np.argmax(np.abs(shape) / equations.position_scales))
+    part = next(x.name for x in equations.parts if x.rows.start <= largest < x.rows.stop)
+    return (
+        f"{part}: up to t = {t:.4g} s, the run stays on an unstable path, as a straight column "
+        "above its buckling load does, because nothing disturbs its symmetry; an actual structure "
+        "leaves it; add an imperfection (bd.imperfect) or a small load."
+    )
