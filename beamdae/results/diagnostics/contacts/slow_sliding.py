@@ -52,8 +52,8 @@ def slow_sliding_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
     The friction force is then well below friction N. Parts that stick, and creep over less than
     0.3 % of the length of the mechanism (in bearings 0.003 rad), are exempt; if drivers and joints
     prescribe the sliding, 0.01 %. Parts that slide to and fro, faster than this velocity, have a
-    warning if they creep over more than 1 % of the distance between reversals while friction should
-    hold them.
+    warning if they creep over more than 1 % of the distance between reversals, and slide over more
+    than 1 % of the largest motion and of the length of the mechanism (in bearings 0.01 rad) in all.
 
     Parameters
     ----------
@@ -121,7 +121,10 @@ class _Sliding:
             return displacement < _MAX_YIELD * distance
 
         slow = self._warning_of_slow_sliding(slip[is_loaded], duration[is_loaded], is_prescribed)
-        return slow or self._warning_of_reversals(slip, duration, is_prescribed)
+        if slow is not None:
+            return slow
+        size = self.law.radius or min(self.equations.length, _largest_motion(trajectory))
+        return self._warning_of_reversals(slip, duration, size, is_prescribed)
 
     def _warning_of_slow_sliding(
         self, slip: Array, duration: Array, is_prescribed: Callable[[float], bool]
@@ -173,9 +176,12 @@ class _Sliding:
         )
 
     def _warning_of_reversals(
-        self, slip: Array, duration: Array, is_prescribed: Callable[[float], bool]
+        self, slip: Array, duration: Array, size: float, is_prescribed: Callable[[float], bool]
     ) -> str | None:
-        """Return the warning of creep between sliding to and fro, None if there is none."""
+        """Return the warning of creep between sliding to and fro, None if there is none.
+
+        Parts that slide over less than 1 % of the `size` [m] in all are exempt.
+        """
         # Phases of sliding (1, -1), of creep (0) and without a normal force (2)
         phase = np.where(np.abs(slip) < self.law.speed, 0.0, np.sign(slip))
         phase[np.isnan(slip)] = 2.0
@@ -188,17 +194,17 @@ class _Sliding:
             return None
         is_reversal = (phase[1:-1] == 0.0) & (phase[:-2] * phase[2:] == -1.0)
         creep = float(np.sum(distance[1:-1][is_reversal])) / n_reversals
-        stroke = float(np.sum(distance[is_sliding])) / (n_reversals + 1)
-        is_vibration = stroke < _MIN_DISTANCE * (self.law.radius or self.equations.length)
+        slid = float(np.sum(distance[is_sliding]))
+        stroke = slid / (n_reversals + 1)
         share = creep / stroke
-        if is_vibration or share <= _MAX_REVERSAL_CREEP or is_prescribed(stroke):
+        if slid < _MIN_DISTANCE * size or share <= _MAX_REVERSAL_CREEP or is_prescribed(stroke):
             return None
         name = self.law.speed_name
         speed = self.law.speed * _RECOMMENDED_REVERSAL_CREEP / share
         return (
-            f"{self.name}: at each reversal, where friction should hold it, it creeps over "
-            f"{format_percent(share)} of the distance between reversals, because {name} is "
-            f"{self.law.speed:g} m/s, which relaxes forces that friction holds; use "
+            f"{self.name}: at each reversal, it creeps over {format_percent(share)} of the "
+            f"distance between reversals, because {name} is {self.law.speed:g} m/s, which reduces "
+            "the friction there and relaxes forces that it should hold; use "
             f"{name}={speed:.2g} or less."
         )
 
@@ -228,6 +234,13 @@ class _Sliding:
             states.v[np.arange(len(columns)), columns] += changes[columns]
             rates.append((self.term.evaluate(times, states) - before) / changes[columns])
         return np.concatenate(rates)
+
+
+def _largest_motion(trajectory: Trajectory) -> float:
+    """Return the largest change of a coordinate in a run [m or rad]."""
+    rows = [x.rows.q for x in trajectory.intervals]
+    low, high = (np.array([f(x, axis=0) for x in rows]) for f in (np.min, np.max))
+    return float(np.max(np.max(high, axis=0) - np.min(low, axis=0), initial=0.0))
 
 
 def _constant_ratio(ratio: Array, duration: Array) -> float | None:
