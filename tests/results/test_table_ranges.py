@@ -128,6 +128,28 @@ def test_regression_arguments_in_other_units_than_a_table_carry_a_warning():
         bd.simulate(falling(pad), t_end=0.452)
 
 
+@pytest.mark.parametrize(
+    ("rows", "unit", "is_reported"),
+    [
+        # An end zone of 8 mm: position in mm, in cm, in m, and both in mm. A thin pad.
+        ([0.0, 0.004, 0.008], 1e3, True),
+        ([0.0, 0.004, 0.008], 1e2, True),
+        ([0.0, 0.004, 0.008], 1.0, False),
+        ([0.0, 5e-5, 1e-4], 1.0, False),
+        ([0.0, 4.0, 8.0], 1e3, False),
+    ],
+)
+def test_regression_positions_in_mm_that_pass_a_table_over_m_have_a_warning(
+    rows, unit, is_reported
+):
+    """A press did .0037 J of 385 J, because its positions pass the table at any speed."""
+    table = bd.table(rows, [0.0, 3.0, 0.0], kind="linear")
+    last = 1.0 - 0.5 * 9.81 * 0.4**2
+    mech = falling(table, lambda point, t: unit * (point.position[1] - last))
+    warned = bd.simulate(mech, t_end=0.4).warnings
+    assert any("check the units of the table" in x for x in warned) == is_reported
+
+
 def depth(point, t):
     """Return the fallen distance [m]."""
     return 1.0 - point.position[1]

@@ -18,8 +18,13 @@ from beamdae.results.trajectory import Trajectory
 Array = np.ndarray
 
 # Distances outside a table that is zero or constant there, relative to its range, that are errors
-# of units: after a start inside the table, and during the whole run.
-_MAX_EXCESS, _MAX_DISTANCE = 300.0, 100.0
+# of units: after a start inside the table, during the whole run, and at any time if the argument
+# is not in m. Strokes of 1 m are 125 times the length of an end zone of 8 mm, and 1000 times that
+# of a pad of 1 mm; with the argument in mm by mistake, these are 1.25e5 and 1e6.
+_MAX_EXCESS, _MAX_DISTANCE, _MAX_EXCESS_OF_OTHER_UNIT = 300.0, 100.0, 2000.0
+# Derivative of an argument by a coordinate in m, above which it is in mm or cm. Distances to
+# a point at 45 deg have 0.7 per m, and levers multiply it by less.
+_MIN_SLOPE_OF_OTHER_UNIT = 30.0
 _MIN_EXCESS = 1e-3  # distance outside a table relative to its range; less hardly changes its value
 # Arguments in wrong units, such as m in a table over mm, stay near zero: within this share of the
 # range inside the table and of its largest row, and within this one outside. Smaller motions than
@@ -89,6 +94,9 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
             # One-sided forces begin far outside, such as the pad under a falling body.
             is_far = excess[0] <= 0.0 and excess[k] > _MAX_EXCESS * (high - low)
             is_far |= float(np.min(excess)) > _MAX_DISTANCE * (high - low)
+            if excess[k] > _MAX_EXCESS_OF_OTHER_UNIT * (high - low):
+                slope = _largest_slope(term, equations, trajectory, "m")
+                is_far |= slope > _MIN_SLOPE_OF_OTHER_UNIT
             if is_constant and is_far:
                 yield (
                     f"{term.describe(float(x[k]))} at t = {t[k]:.6g} s by "
@@ -120,13 +128,8 @@ def _describe_unit_of_angle(
         turns = (high - low) / quarter
         if not 1 <= round(turns) <= _MAX_QUARTERS or abs(turns - round(turns)) > _MAX_TURN_ERROR:
             continue
-        angles = [k for k, x in enumerate(equations.coordinates) if x.unit == "rad"]
-        first = trajectory.intervals[0]
-        state = State(*(np.repeat(x[:1], len(angles) + 1, axis=0) for x in first.state))
-        state.q[np.arange(len(angles)), angles] += _DIFFERENCE
-        values = term.evaluate(np.full(len(state.q), first.t[0]), first.branch, state)
-        slopes = np.abs(values[:-1] - values[-1]) / _DIFFERENCE
-        if abs(np.max(slopes, initial=0.0) / slope - 1.0) < _MAX_ERROR_OF_DERIVATIVE:
+        largest_slope = _largest_slope(term, equations, trajectory, "rad")
+        if abs(largest_slope / slope - 1.0) < _MAX_ERROR_OF_DERIVATIVE:
             other, factor = ("rad", "180 / pi") if unit == "degrees" else ("degrees", "pi / 180")
             return (
                 f"{term.part}: {term.table.arguments[term.axis]} of {term.table.name} is an angle "
@@ -134,6 +137,18 @@ def _describe_unit_of_angle(
                 f"multiply the argument by {factor}."
             )
     return ""
+
+
+def _largest_slope(
+    term: TableArgumentTerm, equations: EquationsOfMotion, trajectory: Trajectory, unit: str
+) -> float:
+    """Return the largest derivative of an argument by the coordinates in a unit, at the start."""
+    columns = [k for k, x in enumerate(equations.coordinates) if x.unit == unit]
+    first = trajectory.intervals[0]
+    state = State(*(np.repeat(x[:1], len(columns) + 1, axis=0) for x in first.state))
+    state.q[np.arange(len(columns)), columns] += _DIFFERENCE
+    values = term.evaluate(np.full(len(state.q), first.t[0]), first.branch, state)
+    return float(np.max(np.abs(values[:-1] - values[-1]), initial=0.0) / _DIFFERENCE)
 
 
 def _unused_range_warnings(term: TableArgumentTerm, values: Array) -> Iterator[str]:
