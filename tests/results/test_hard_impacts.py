@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics.contacts.hard_impacts import (
+    HardImpact,
+    find_hard_impacts,
+    hard_impact_warnings,
+)
 
 STEEL = bd.Material.of("steel")
 
@@ -110,3 +115,37 @@ def test_regression_peaks_of_single_elements_are_not_recommended():
     (missed,) = (x for x in solution.warnings if "the output rows miss" in x)
     assert "step_extremes" not in missed
     assert "resolve the impact first" in missed
+
+
+def test_regression_estimates_of_diverging_forces_have_no_absurd_numbers():
+    """A contact "may be wrong by roughly 10000000 %" and needed "about 2261947845084 elements"."""
+    for ratio, words in (
+        (1e8, "may be wrong by 100 % or more; use a lower stiffness that represents"),
+        (5.0, "may be wrong by roughly 50 %; use about 40 elements, or a lower stiffness that"),
+    ):
+        impact = HardImpact("stop", "beam", 1e-15, ratio, elements=8.0)
+        (text,) = hard_impact_warnings((impact,))
+        assert words in text
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_forces_of_a_failing_run_are_no_impacts():
+    """Where an electrostatic switch fails, its contact force rose within 1e-16 s."""
+    silicon = bd.Material(E=160e9, nu=0.22, rho=2330.0)
+    section = bd.Section.rectangle(silicon, width=1e-5, height=1e-6, damping=2e-8)
+    mech = bd.Mechanism()
+    beam = bd.Beam("beam", bd.Line((0.0, 0.0), (1e-4, 0.0)), section, 16, "exact")
+    mech.add(beam)
+    mech.add(bd.Weld("anchor", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(
+        bd.DistributedForce(
+            "electrode", beam, lambda s, x, y, t: (0.0, -1.594e-13 / (2e-6 + y) ** 2)
+        )
+    )
+    floor = bd.LineSurface(mech.ground.at(0.0, -1.7e-6))
+    mech.add(bd.Contact("stop", beam.end, floor, 1e6, restitution=0.5, impact_speed=0.3))
+    mech.observe("tip", beam.end)
+    failed = bd.simulate(mech, bd.Radau(1e-6), t_end=6e-5)
+    assert failed.status.kind == "failed"
+    assert find_hard_impacts(failed.equations, failed.trajectory)
+    assert not any("this force rises" in x for x in failed.warnings)

@@ -14,7 +14,7 @@ from beamdae.beams.sections import Section
 from beamdae.equations.assembly.building import NumberStore, build_observable
 from beamdae.equations.assembly.coordinate_map import map_coordinates
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import format_percent, name_with_others
+from beamdae.errors import format_error, name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Quantity
@@ -37,7 +37,10 @@ _ERROR_PER_RATIO = 0.1
 # Above this ratio, the force is that of the mass of the node, whose frequency changes with the root
 # of the element length: rise times of shorter elements are shorter.
 _RATIO_OF_NODAL_MASS = 6.0
-_DIGITS = 1  # of stated errors
+_DIGITS, _LARGE_ERROR = 1, 1.0  # of stated errors
+_MAX_ELEMENTS = 1000  # larger recommended numbers have no use
+# Share of a failed run at its end, in which forces diverge: they rise in 1e-16 s there.
+_SHARE_OF_FAILURE = 1e-3
 _MIN_STEP = 1e-12  # relative to the end time; differences over shorter steps are rounding
 
 
@@ -70,7 +73,7 @@ class HardImpact(NamedTuple):
 
 
 def find_hard_impacts(
-    equations: EquationsOfMotion, trajectory: Trajectory
+    equations: EquationsOfMotion, trajectory: Trajectory, has_failed: bool = False
 ) -> tuple[HardImpact, ...]:
     """Return the contacts whose force rises faster than a touched beam resolves.
 
@@ -85,13 +88,20 @@ def find_hard_impacts(
         The equations of motion of all parts.
     trajectory
         The steps of the run.
+    has_failed
+        True for a run that has failed, whose last thousandth is ignored.
     """
     impacts = []
+    end = trajectory.end
+    if has_failed:
+        end -= _SHARE_OF_FAILURE * (end - trajectory.start)
     for part in contacts_of(equations).values():
         # Reversals of friction are fast, too, but their forces are known.
         smooth = replace(part, friction=0.0, static=None, stribeck=None)
         of_part = [
-            _measure(equations, trajectory, part.name, x.at, smooth.load_on(place, axes="body"))
+            _measure(
+                equations, trajectory, part.name, x.at, smooth.load_on(place, axes="body"), end
+            )
             for place, x in smooth.loaded_points.items()
             if isinstance(x.at, BeamAttachment) and x.at.s is not None
         ]
@@ -107,13 +117,16 @@ def hard_impact_warnings(impacts: tuple[HardImpact, ...]) -> Iterator[str]:
         return
     worst = max(impacts, key=lambda x: x.ratio)
     others = [x.part for x in impacts if x is not worst]
-    error = format_percent(_ERROR_PER_RATIO * worst.ratio, _DIGITS)
+    error = format_error(_ERROR_PER_RATIO * worst.ratio, _LARGE_ERROR, _DIGITS)
+    error = error.replace("about", "roughly")
+    remedy = "use a lower stiffness that represents the local compliance of the bodies (Hertz)"
+    if worst.required_elements <= _MAX_ELEMENTS:
+        remedy = f"use about {worst.required_elements} elements, or {remedy.removeprefix('use ')}"
     yield (
         f"{name_with_others(worst.part, others)}: this force rises within "
         f"{worst.rise_time:.2g} s, faster than waves pass the elements of {worst.beam}, so its "
-        "peak and the stresses contain vibrations of single elements and may be wrong by roughly "
-        f"{error}; use about {worst.required_elements} elements, or a "
-        "lower stiffness that represents the local compliance of the bodies (Hertz)."
+        "peak and the stresses contain vibrations of single elements and may be wrong by "
+        f"{error}; {remedy}."
     )
 
 
@@ -123,9 +136,10 @@ def _measure(
     part: str,
     at: BeamAttachment,
     load: Quantity,
+    end: float,
 ) -> HardImpact:
-    """Compare the fastest rise of a contact force with the element at its point."""
-    size, rate = _measure_rates(equations, trajectory, part, load, at.inclination)
+    """Compare the fastest rise of a contact force before `end` [s] with the element there."""
+    size, rate = _measure_rates(equations, trajectory, part, load, at.inclination, end)
     beam = at.body
     element, _ = beam.mesh.locate(at.s)
     length = float(beam.mesh.element_lengths[element])
@@ -152,8 +166,12 @@ def _measure_rates(
     part: str,
     load: Quantity,
     inclination: float,
+    end: float,
 ) -> tuple[float, Array]:
-    """Return the largest force [N], and the largest axial and transverse rates [N/s], (2,)."""
+    """Return the largest force [N], and the largest axial and transverse rates [N/s], (2,).
+
+    Steps that end after the time `end` [s] are ignored.
+    """
     assert equations.mechanism is not None
     numbers = NumberStore()
     o = build_observable(part, load, map_coordinates(equations.mechanism), numbers, {})
@@ -167,8 +185,9 @@ def _measure_rates(
         times, state = interval.times[:: interval.nodes_per_step], interval.state
         values = o.evaluate(p, times, state.q, state.v, np.zeros((len(times), 0)))
         forces, steps = values[:, :2] @ to_section, np.diff(interval.t)
-        size = max(size, float(np.max(np.hypot(*forces.T))))
-        is_step = steps > _MIN_STEP * trajectory.end
+        is_before = interval.t <= end
+        size = max(size, float(np.max(np.hypot(*forces[is_before].T), initial=0.0)))
+        is_step = (steps > _MIN_STEP * trajectory.end) & is_before[1:]
         rates = np.abs(np.diff(forces, axis=0)[is_step]) / steps[is_step, None]
         rate = np.maximum(rate, np.max(rates, axis=0, initial=0.0))
     return size, rate
