@@ -44,15 +44,15 @@ from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnin
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
-    jump_peak_warnings,
+    damping_peak_warnings,
     missed_peak_warnings,
-    select_peaks_at_jumps,
+    select_peaks_of_damping,
     unknown_peak_warnings,
 )
 from beamdae.results.diagnostics.resolution.small_motions import small_motion_warnings
 from beamdae.results.diagnostics.resolution.sudden_vibrations import sudden_vibration_warnings
 from beamdae.results.diagnostics.resolution.unresolved_forces import unresolved_force_warnings
-from beamdae.results.diagnostics.rest import is_motionless
+from beamdae.results.diagnostics.rest import has_rounding_forces, is_motionless
 from beamdae.results.diagnostics.rounding_limits import rounding_limits
 from beamdae.results.diagnostics.saturated_commands import saturated_command_warnings
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
@@ -80,7 +80,10 @@ def _growing_loops(run: RunData) -> Iterable[str]:
 
 
 def _balance(run: RunData) -> Iterable[str]:
-    return () if run._is_at_rest else balance_warnings(run.equations, run._energy_ledger)
+    ledger = run._energy_ledger
+    if has_rounding_forces(run.equations, run.trajectory, ledger.force.scale):
+        return ()
+    return balance_warnings(run.equations, ledger)
 
 
 def _columns(run: RunData) -> Iterable[str]:
@@ -134,9 +137,15 @@ def _hard_impacts(run: RunData) -> Iterable[str]:
 def _missed_peaks(run: RunData) -> Iterable[str]:
     peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
     damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
-    at_jumps = select_peaks_at_jumps(peaks, jumps, damping)
-    yield from jump_peak_warnings(at_jumps)
-    others = {name: peak for name, peak in peaks.items() if peak not in at_jumps}
+
+    def observe_at(times: np.ndarray) -> dict[str, np.ndarray]:
+        rows = run._observe_at(times)
+        return dict(zip(run.equations.observed_headers, rows.T, strict=True))
+
+    of_damping = select_peaks_of_damping(peaks, jumps, damping, run.trajectory.end, observe_at)
+    yield from damping_peak_warnings(of_damping)
+    known = {x.peak for x in of_damping}
+    others = {name: peak for name, peak in peaks.items() if peak not in known}
     yield from missed_peak_warnings(others, len(run.t), is_resolved=not run._hard_impacts)
 
 

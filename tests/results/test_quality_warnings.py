@@ -243,6 +243,23 @@ def test_regression_an_attracting_magnet_has_no_false_alarm(integrator):
     assert_allclose(list(quality.values()), quality[0.0], rtol=0.0, atol=1e-11)
 
 
+def test_regression_controllers_without_an_actuator_leave_a_stage_at_rest():
+    """The integral of the controller moved, so that rounding errors had a warning."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 4e-4, damping=1e-5)
+    stage = mech.add(bd.RigidBody.plate("stage", (0.0, 0.09), 0.06, 0.02, mass=0.25))
+    for name, x in (("left", -0.025), ("right", 0.025)):
+        ends = bd.Line((x, 0.0), (x, 0.08))
+        leaf = mech.add(bd.Beam(name, ends, section, elements=3, formulation="exact"))
+        mech.add(bd.Weld(f"{name} clamp", mech.ground.at(x, 0.0), leaf.start))
+        mech.add(bd.Weld(f"{name} screw", leaf.end, stage.at(x, 0.08)))
+    point = stage.at(0.0, 0.09)
+    mech.observe("stage", point)
+    error = 1e-3 - mech.sensor("position", point, "x")
+    bd.pid(mech, "pid", error, 1e3, 1e5, 0.0, scale=1e-5)
+    assert bd.simulate(mech, t_end=0.15).warnings == ()
+
+
 def test_prestressed_rings_at_rest_have_no_warnings():
     """The strain energy is large and constant; only rounding noise is exchanged."""
     mech = bd.Mechanism()

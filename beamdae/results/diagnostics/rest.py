@@ -29,7 +29,23 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
     largest_force
         Largest entry of the forces and the reactions in the run.
     """
-    if not is_motionless(equations, trajectory):
+    return is_motionless(equations, trajectory) and has_rounding_forces(
+        equations, trajectory, largest_force
+    )
+
+
+def has_rounding_forces(
+    equations: EquationsOfMotion, trajectory: Trajectory, largest_force: float
+) -> bool:
+    """Return True if bodies move by rounding errors only, and all forces are rounding errors.
+
+    States of signals, such as the integral of a controller without an actuator, may change. See
+    `is_at_rest` for the parameters.
+    """
+    is_body = np.ones(equations.n, bool)
+    for part in equations.parts:
+        is_body[part.rows] &= not part.is_state
+    if not _moves_by_rounding(equations, trajectory, is_body):
         return False
     first = trajectory.intervals[0]
     start = first.rows.q[:1]
@@ -45,8 +61,14 @@ def is_at_rest(equations: EquationsOfMotion, trajectory: Trajectory, largest_for
 
 def is_motionless(equations: EquationsOfMotion, trajectory: Trajectory) -> bool:
     """Return True if coordinates change by rounding errors only, whatever the forces are."""
+    return _moves_by_rounding(equations, trajectory, np.ones(equations.n, bool))
+
+
+def _moves_by_rounding(
+    equations: EquationsOfMotion, trajectory: Trajectory, is_selected: np.ndarray
+) -> bool:
     start = trajectory.intervals[0].rows.q[:1]
-    rounding = _measure_rounding(equations, start[0])
+    rounding = np.where(is_selected, _measure_rounding(equations, start[0]), np.inf)
     # The last row first, which shows most motions.
     rows = (x.rows.q for x in trajectory.intervals)
     changes = (np.abs(q - start) for x in rows for q in (x[-1:], x))
