@@ -8,7 +8,7 @@ from typing import Any
 
 import lazy_loader
 
-from beamdae.argument_names import explain_unknown_arguments
+from beamdae.argument_names import explain_arguments
 from beamdae.catalog import attributes_by_module
 from beamdae.garbage_collection import paused_collection
 from beamdae.interrupts import interruptible
@@ -24,7 +24,7 @@ shorten_thread_timeout()
 def __getattr__(name: str) -> Any:
     if name in __all__:
         with paused_collection(), fast_scipy_import():
-            value = explain_unknown_arguments(_import(name))
+            value = explain_arguments(_import(name))
         # Later accesses do not call this function.
         globals()[name] = value
         return value

@@ -1,22 +1,22 @@
-"""Errors about unknown keyword arguments of public classes and functions."""
+"""Errors about arguments that public classes and functions do not have, or lack."""
 
 from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any
 
-from beamdae.errors import UnknownArgumentError, join_names, short_repr, suggest
+from beamdae.errors import ArgumentError, join_names, short_repr, suggest
 
 
-def explain_unknown_arguments(value: Any) -> Any:
+def explain_arguments(value: Any) -> Any:
     """Return a class or function whose calls list their arguments.
 
     The constructor and the public class methods of a class, or the function, raise
-    `UnknownArgumentError` if a keyword is none of these. A function is also replaced in its module,
-    so that it can be pickled.
+    `ArgumentError` if a keyword is none of these, an argument is missing or there are too many. A
+    function is also replaced in its module, so that it can be pickled.
     """
     if inspect.isfunction(value):
         explained = _explain(value.__name__, value, 0)
@@ -42,18 +42,38 @@ def _explain(part: str, function: Callable[..., Any], bound: int) -> Callable[..
             return function(*arguments, **settings)
         except TypeError:
             parameters = list(inspect.signature(function).parameters.values())[bound:]
-            names = [x.name for x in parameters]
-            unknown = next((x for x in settings if x not in names), None)
-            if unknown is None or any(x.kind is x.VAR_KEYWORD for x in parameters):
+            problem = _describe_misuse(parameters, arguments[bound:], settings)
+            if not problem:
                 raise
-            hint = _suggest_model_call(arguments, settings, unknown)
-            if not hint:
-                public = [x for x in names if not x.startswith("_")]
-                allowed = f"the arguments are {join_names(public)}" if public else "it has none"
-                hint = f"{suggest(unknown, public)}; {allowed}"
-            raise UnknownArgumentError(f"{part}: there is no argument {unknown!r}{hint}.") from None
+            raise ArgumentError(f"{part}: {problem}.") from None
 
     return call
+
+
+def _describe_misuse(
+    parameters: Sequence[inspect.Parameter], arguments: tuple[Any, ...], settings: dict[str, Any]
+) -> str:
+    """Return why arguments do not fit the parameters of a function; "" if they do."""
+    kinds, names = [x.kind for x in parameters], [x.name for x in parameters]
+    positional = [x.name for x in parameters if x.kind <= x.POSITIONAL_OR_KEYWORD]
+    public = [x for x in names if not x.startswith("_")]
+    allowed = f"the arguments are {join_names(public)}" if public else "it has none"
+    unknown = next((x for x in settings if x not in names), None)
+    if unknown is not None and inspect.Parameter.VAR_KEYWORD not in kinds:
+        hint = _suggest_model_call(arguments, settings, unknown)
+        return f"there is no argument {unknown!r}{hint or f'{suggest(unknown, public)}; {allowed}'}"
+    if len(arguments) > len(positional) and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        surplus = short_repr(arguments[len(positional)])
+        problem = "needs a name" if inspect.Parameter.KEYWORD_ONLY in kinds else "is one too many"
+        return f"the argument {surplus} {problem}; {allowed}"
+    given = {*positional[: len(arguments)], *settings}
+    required = (x for x in parameters if x.default is x.empty)
+    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    missing = [x.name for x in required if x.kind not in variadic and x.name not in given]
+    if missing:
+        noun, verb = ("argument", "is") if len(missing) == 1 else ("arguments", "are")
+        return f"the {noun} {join_names(missing)} {verb} missing; {allowed}"
+    return ""
 
 
 def _suggest_model_call(arguments: tuple[Any, ...], settings: dict[str, Any], unknown: str) -> str:

@@ -59,8 +59,8 @@ class MissingModelError(BeamdaeError, AttributeError):
     """
 
 
-class UnknownArgumentError(BeamdaeError, TypeError):
-    """Error of a keyword that is not an argument of a class; also a TypeError, as in Python."""
+class ArgumentError(BeamdaeError, TypeError):
+    """Error of arguments that a class or function lacks or does not have; also a TypeError."""
 
 
 class FileContentError(BeamdaeError):

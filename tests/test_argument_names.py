@@ -1,11 +1,13 @@
-"""Errors about unknown keyword arguments of public classes and functions."""
+"""Errors about unknown, missing and surplus arguments of public classes and functions."""
 
 import inspect
 import pickle
+import re
 
 import pytest
 
 import beamdae as bd
+from beamdae.argument_names import explain_arguments
 from beamdae.catalog import GROUPS
 
 CLASSES = [
@@ -77,6 +79,39 @@ def test_regression_arguments_of_similar_parts_are_listed():
         bd.Section.rectangle(bd.Material.of("steel"), width=0.1, heigth=0.1)
 
 
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: bd.Line(0.5),
+            "Line: the argument end is missing; the arguments are start and end.",
+        ),
+        (lambda: bd.Arc(), "Arc: the arguments radius and length are missing; the arguments are"),
+        (
+            lambda: bd.RigidBody("stage", mass=1.0),
+            "RigidBody: the argument inertia is missing; the arguments are name, mass, inertia,",
+        ),
+        (lambda: bd.Beam("leaf"), "Beam: the arguments curve and section are missing; the argum"),
+        (lambda: bd.Line((0, 0), (1, 0), 7.0), "Line: the argument 7.0 is one too many; the arg"),
+        (lambda: bd.simulate(), "simulate: the argument model is missing; the arguments are mod"),
+        (lambda: bd.Section.rectangle(), "Section.rectangle: the arguments material, width and h"),
+    ],
+)
+def test_regression_missing_and_surplus_arguments_are_named(call, message):
+    """The errors were those of Python, such as "Line.__init__() missing 1 required ..."."""
+    with pytest.raises(TypeError, match=re.escape(message)) as caught:
+        call()
+    assert isinstance(caught.value, bd.BeamdaeError)
+
+
+class _Failing:
+    def __init__(self, law):
+        law()
+
+
 def test_other_type_errors_are_unchanged():
-    with pytest.raises(TypeError, match=r"missing 1 required positional argument: 'inertia'"):
-        bd.RigidBody("stage", mass=1.0)
+    def law():
+        raise TypeError("of a law")
+
+    with pytest.raises(TypeError, match=r"^of a law$"):
+        explain_arguments(_Failing)(law)

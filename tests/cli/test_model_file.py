@@ -202,7 +202,7 @@ def test_ctrl_c_during_the_import_is_raised(file):
         ("bd.model(t_edn=1)", "unexpected keyword argument 't_edn' (did you mean 't_end'?)."),
         ("bd.Mechanism().observe(nam='x')", "argument 'nam' (did you mean 'name'?)."),
         ("def f(width): pass\nf(widht=1)", "argument 'widht' (did you mean 'width'?)."),
-        ("bd.Beam('b')", "TypeError at line 2: Beam() missing 2 required positional arguments"),
+        ("bd.Beam('b')", "Beam: the arguments curve and section are missing; the arguments are"),
     ],
 )
 def test_mistyped_names_are_reported_with_a_suggestion(file, line, message):
