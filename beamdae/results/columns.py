@@ -38,6 +38,11 @@ _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 ra
 # Accelerations of symmetric frames in impacts reach 5.3e-7.
 _VANISHING_TO_OTHERS_RATIO = 8e-7
 
+# Half range of a rate or an acceleration relative to the largest one of translations of the same
+# point, below which it does not matter: 7e-4 for the rate of the angle of a flexure stage, 8e-5 for
+# the angular acceleration of a frame that falls flat.
+_MIN_SHARE_OF_POINT = 0.01
+
 # Columns whose half range is at or below these are constant but for errors of the integration.
 # Stresses of a rotating blade vary by up to 10 times rtol, its deflections by up to 3e-3 times.
 _ERROR_TO_VALUE_RATIO = 10.0  # relative to rtol and the largest value
@@ -61,6 +66,7 @@ UNITS_OF_TRANSLATIONS = {
     "N m": ("N", -1),
 }
 
+_UNITS_OF_RATES = ("m/s", "m/s^2")
 _UNITS_OF_FORCES = ("N", "N m")  # of columns whose values do not depend on an origin
 
 _BY = ")/d("  # between column and parameter in the header of a derivative
@@ -380,6 +386,23 @@ def mark_vanishing_columns(
         sizes = np.where(is_force, np.max(np.abs(values), axis=0), half_range)
     largest = largest_of_kind(headers, sizes, length)
     return np.asarray(half_range < _VANISHING_TO_OTHERS_RATIO * largest)
+
+
+def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: float) -> np.ndarray:
+    """Return the mask of rates and accelerations that are small beside those of the same point.
+
+    Velocities and accelerations below 1 % of the largest translation of the point are small.
+    Rotations are multiplied by the `length` [m] of the mechanism. Positions and angles are exempt.
+    """
+    pairs = [Header.of(header) for header in headers]
+    kinds = [UNITS_OF_TRANSLATIONS.get(x.unit, (x.unit, 0)) for x in pairs]
+    keys = [f"{x.name} [{unit}]" for x, (unit, _) in zip(pairs, kinds, strict=True)]
+    sizes = half_range * np.power(length, [power for _, power in kinds])
+    is_translation = np.array([power == 0 for _, power in kinds], bool)
+    of_point = largest_by(keys, np.where(is_translation, np.nan_to_num(sizes), 0.0).tolist())
+    largest = np.array([of_point[key] for key in keys])
+    is_rate = np.array([unit in _UNITS_OF_RATES for unit, _ in kinds], bool)
+    return np.asarray(is_rate & (sizes < _MIN_SHARE_OF_POINT * largest))
 
 
 def mark_resting_columns(

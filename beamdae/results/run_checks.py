@@ -46,6 +46,7 @@ from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     damping_peak_warnings,
     missed_peak_warnings,
+    remove_minor_peaks,
     select_peaks_of_damping,
     unknown_peak_warnings,
 )
@@ -146,6 +147,7 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
     yield from damping_peak_warnings(of_damping)
     known = {x.peak for x in of_damping}
     others = {name: peak for name, peak in peaks.items() if peak not in known}
+    others = remove_minor_peaks(others, run.step_extremes, run.equations.length)
     yield from missed_peak_warnings(others, len(run.t), is_resolved=not run._hard_impacts)
 
 

@@ -33,6 +33,19 @@ def test_vibrations_need_six_rows_per_period(rows_per_period, is_coarse, offset)
         assert period == pytest.approx(1.0 / frequency, rel=0.4)  # one digit
 
 
+@pytest.mark.parametrize(("amplitude", "count"), [(1e-4, 0), (0.2, 1)])
+def test_regression_small_rates_beside_those_of_the_point_have_no_warning(amplitude, count):
+    """A frame that falls flat warned of its angular acceleration."""
+    headers = "frame.ay [m/s^2]", "frame.angle_ddot [rad/s^2]"
+
+    def evaluate(t):
+        return np.column_stack([np.sin(3.0 * t), amplitude * np.sin(2e3 * t)])
+
+    t = np.linspace(0.0, 1.0, 401)
+    columns = dict(zip(headers, evaluate(t).T, strict=True))
+    assert len(list(coarse_row_warnings(t, columns, evaluate, 1.0))) == count
+
+
 def held(t):
     """Return values that a controller holds for 2.5 ms."""
     return np.sin(1e4 * np.floor(t / 0.0025 + 1e-6) ** 2)

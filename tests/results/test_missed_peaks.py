@@ -464,6 +464,36 @@ def test_regression_the_most_important_column_is_named_first():
     assert "also in tip.x (1.1 m, rows 1 m), pin.Fy;" in message
 
 
+@pytest.mark.parametrize(
+    ("rotation", "rate", "is_reported"),
+    [
+        # A flexure stage: 3e-5 m/s at a length of 0.1 m.
+        ("stage.angle_dot [rad/s]", 4e-4, False),
+        ("stage.angle_dot [rad/s]", 0.03, True),
+        # Translations of the center of a shaft are small beside its rotation.
+        ("stage.angle_dot [rad/s]", 1e6, True),
+        ("mirror.angle_dot [rad/s]", 4e-4, True),
+        ("stage.angle_ddot [rad/s^2]", 4e-4, True),
+        ("stage.angle [rad]", 4e-4, True),
+    ],
+)
+def test_regression_rates_that_are_small_beside_those_of_the_point_have_no_warning(
+    rotation, rate, is_reported
+):
+    """Nearly each run of a flexure stage warned of its angular rate."""
+    largest = {"stage.x_dot [m/s]": 0.1, rotation: rate}
+    t = np.linspace(0.0, 1.0, 5)
+    observed = {header: 0.5 * x * t for header, x in largest.items()}
+    extremes = {
+        header: missed_peaks.StepExtremes(0.0, 0.0, x, 0.9, x) for header, x in largest.items()
+    }
+    missed = missed_peaks.find_missed_peaks(observed, extremes, 0.1)
+    assert list(missed) == list(largest)
+    remaining = missed_peaks.remove_minor_peaks(missed, extremes, 0.1)
+    assert "stage.x_dot [m/s]" in remaining
+    assert (rotation in remaining) == is_reported
+
+
 def test_regression_peaks_that_hardly_differ_from_the_rows_have_no_warning():
     """A force of -131.272 N, of which the rows reached -131.265 N, had a warning."""
     t = np.linspace(0.0, 1.0, 5)

@@ -13,6 +13,7 @@ from beamdae.results.columns import (
     drift_limits,
     largest_by,
     mark_constant_columns,
+    mark_minor_rates,
     remove_unit,
 )
 
@@ -85,6 +86,7 @@ def coarse_row_warnings(
     duration = float(t[-1] - t[0])
     moves = _find_moving(headers, half_range, magnitude, length, duration, min_half_range)
     moves &= ~mark_constant_columns(headers, rows, half_range, length, rtol)
+    moves &= ~mark_minor_rates(headers, half_range, length)
     moves &= half_range > rounding
     left, right = rows[gaps], rows[gaps + 1]
     excess = np.maximum(inside - np.maximum(left, right), np.minimum(left, right) - inside)

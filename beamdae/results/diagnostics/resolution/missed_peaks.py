@@ -20,6 +20,7 @@ from beamdae.results.columns import (
     drift_limits,
     largest_of_kind,
     mark_constant_columns,
+    mark_minor_rates,
     mark_resting_columns,
     mark_vanishing_columns,
     remove_unit,
@@ -541,6 +542,16 @@ def damping_peak_warnings(peaks: Sequence[DampingPeak]) -> Iterator[str]:
         f"time and may depend on the number of elements; use {usable}, or a bd.Contact in place of "
         "bd.impact."
     )
+
+
+def remove_minor_peaks(
+    peaks: Mapping[str, MissedPeak], extremes: Mapping[str, StepExtremes], length: float
+) -> dict[str, MissedPeak]:
+    """Return the peaks without those of `mark_minor_rates`."""
+    half_ranges = np.array([0.5 * (x.max - x.min) for x in extremes.values()])
+    is_minor = mark_minor_rates(list(extremes), half_ranges, length)
+    minor = {header for header, x in zip(extremes, is_minor.tolist(), strict=True) if x}
+    return {header: peak for header, peak in peaks.items() if header not in minor}
 
 
 def missed_peak_warnings(
