@@ -344,7 +344,7 @@ class Beam(Part):
             return self.mesh
         return intern_mesh(self.mesh.with_ends_at(sorted(set(arc_lengths))))
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
+    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments, and make the mesh final.
 
         The mesh does not change if it is final already (after an earlier assembly, with given
@@ -355,6 +355,7 @@ class Beam(Part):
         1 ms with two digits would give a metal cantilever of its length a damping ratio above 0.1.
         """
         sections = [x for x in attached if x.attachment.s is not None]
+        last = self.mesh
         if not has_fixed_coordinates:
             mesh = self.divide_mesh(float(x.attachment.s or 0.0) for x in sections)
             if mesh is not self.mesh:
@@ -364,6 +365,7 @@ class Beam(Part):
         _warn_about_units(self)
         _warn_about_sections_inside_elements(self.name, self.mesh, self.section)
         _warn_about_attachments_inside_elements(self.name, self.mesh, self.section, sections)
+        return self.mesh is not last
 
     @property
     def formulation(self) -> str:

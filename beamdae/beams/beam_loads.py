@@ -164,19 +164,19 @@ class DistributedForce(ObservableBeamLoad):
         """Distribution "line": the load is a force per length."""
         return "line"
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
+    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Warn if the load changes within elements of the beam, which is prepared before.
 
         The resultant of the quadrature is compared with that of more places along the reference
         curve; a warning is issued if it differs by more than 1 % of the magnitude of the load.
         """
         if not callable(self.law):
-            return
+            return False
         arguments = [SX.sym(x) for x in ("s", "x", "y", "t")]
         components = _evaluate_law(self.name, self.law, *arguments)
         law = ca.Function("law", arguments, [components], {"allow_free": True})
         if law.has_free():
-            return  # signals, whose values are not known
+            return False  # signals, whose values are not known
         mesh = self.beam.mesh
         xi, weights = gauss_points(mesh.nodes)
         fine = (2.0 * np.arange(_PLACES_PER_ELEMENT) + 1.0) / _PLACES_PER_ELEMENT - 1.0
@@ -199,6 +199,7 @@ class DistributedForce(ObservableBeamLoad):
                 "(elements=[...]), and use shorter elements where it changes fast."
             )
             warn_user(message)
+        return False
 
     def forces(self, gravity: np.ndarray) -> list[ForceStatement]:
         """Return one load statement per Gauss point of the inertia terms."""

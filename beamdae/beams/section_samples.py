@@ -12,7 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,10 +47,29 @@ _GOLDEN_RATIO = 0.5 * (np.sqrt(5.0) - 1.0)
 _LOCATION_TOLERANCE = 1e-3 * ARC_LENGTH_TOLERANCE  # relative to the length of the beam
 # Locations are rounded to 12 digits if the excess decreases by less than the second value.
 _LOCATION_DIGITS, _LOCATION_ROUNDING = 12, 1e-9
+# Distance from a located section, relative to the length of the beam, at which stresses in a
+# neighboring model are smaller if the kink is still there. It exceeds the rounding of locations.
+_CHECKED_DISTANCE = 1e-9
 _MAX_HALVINGS = 10
 _MAX_SECTIONS_PER_INTERVAL = 32
 
 _Modulus = Callable[[float], Array]  # returns A [m^2] and W [m^3] at an arc length
+
+
+class _LocatedMaximum(NamedTuple):
+    """Section at a maximum that was searched, between two others; `kind` is 0 for A, 1 for W."""
+
+    s: float
+    start: float
+    end: float
+    kind: int
+
+
+class StressSections(NamedTuple):
+    """Arc lengths [m] of the sections of a beam, and those that a search located."""
+
+    arc_lengths: tuple[float, ...]
+    located: tuple[_LocatedMaximum, ...]
 
 
 # Sections by the name of the beam, whose numbers of stress sections beams of these names have.
@@ -58,7 +80,8 @@ _REFERENCES: ContextVar[Mapping[str, VaryingSection]] = ContextVar("_REFERENCES"
 def keep_numbers_of_sections(sections: Mapping[str, Section | VaryingSection]) -> Iterator[None]:
     """Let beams have as many stress sections as those with given sections, by name of the beam.
 
-    Models that differ in the value of a parameter then have columns of the same form.
+    Models that differ in the value of a parameter then have columns of the same form. Sections are
+    only searched again if a parameter moved a kink.
     """
     varying = {name: x for name, x in sections.items() if isinstance(x, VaryingSection)}
     token = _REFERENCES.set(varying)
@@ -89,39 +112,90 @@ def stress_sections(
     if isinstance(section, Section):
         return tuple(arc_lengths)
     key = tuple(arc_lengths)
-    if key not in section.stress_sections:
-        section.stress_sections[key] = _refine(section, key)
-    result = section.stress_sections[key]
     reference = _REFERENCES.get({}).get(beam)
     known = {} if reference is None else reference.stress_sections
-    for other_key, other in known.items():
+    if key not in section.stress_sections:
+        if key in known and _are_maxima(section, known[key].located, key[-1] - key[0]):
+            section.stress_sections[key] = known[key]
+        else:
+            section.stress_sections[key] = _refine(section, key)
+    result = section.stress_sections[key].arc_lengths
+    for other_key, (other, _) in known.items():
         if len(other_key) == len(key) and len(other) != len(result):
             places = other if other_key == key else np.interp(other, other_key, key).tolist()
             return tuple(places)
     return result
 
 
-def _refine(section: VaryingSection, arc_lengths: tuple[float, ...]) -> tuple[float, ...]:
-    def modulus(s: float) -> Array:
-        x = section.at(s)
-        return np.array([x.area, x.second_moment / (x.height or 1.0)])
+def _evaluate_moduli(section: VaryingSection, s: float) -> Array:
+    """Return A [m^2] and W [m^3] at an arc length, the latter times a constant."""
+    x = section.at(s)
+    return np.array([x.area, x.second_moment / (x.height or 1.0)])
 
+
+def _are_maxima(section: VaryingSection, located: Sequence[_LocatedMaximum], length: float) -> bool:
+    """Return True if stresses decrease on both sides of located sections."""
+    step = _CHECKED_DISTANCE * length
+    modulus = partial(_evaluate_moduli, section)
+    for maximum in located:
+        excess = _Excess.between(modulus, *maximum[1:])
+        s = maximum.s
+        sides = [x for x in (s - step, s + step) if maximum.start <= x <= maximum.end]
+        if not excess(s) > max(map(excess, sides)):
+            return False
+    return True
+
+
+def _refine(section: VaryingSection, arc_lengths: tuple[float, ...]) -> StressSections:
+    modulus = partial(_evaluate_moduli, section)
     length = arc_lengths[-1] - arc_lengths[0]
-    result = [arc_lengths[0]]
+    result, located = [arc_lengths[0]], list[_LocatedMaximum]()
     for start, end in pairwise(arc_lengths):
         if end - start > 10.0 * ARC_LENGTH_TOLERANCE * length:
             between: list[float] = []
             tolerance = _LOCATION_TOLERANCE * length
-            _add_between(modulus, start, end, tolerance, _MAX_HALVINGS, between)
+            _add_between(modulus, start, end, tolerance, _MAX_HALVINGS, between, located)
             result += sorted(between)
         result.append(end)
-    return tuple(result)
+    return StressSections(tuple(result), tuple(located))
+
+
+@dataclass(frozen=True)
+class _Excess:
+    """Ratio of the linear interpolation of a modulus between two arc lengths to the modulus."""
+
+    modulus: _Modulus
+    start: float
+    end: float
+    kind: int
+    values: tuple[float, float]
+
+    @classmethod
+    def between(cls, modulus: _Modulus, start: float, end: float, kind: int) -> _Excess:
+        """Return the excess between two arc lengths [m]."""
+        values = float(modulus(start)[kind]), float(modulus(end)[kind])
+        return cls(modulus, start, end, kind, values)
+
+    def __call__(self, s: float) -> float:
+        """Return the ratio at an arc length [m]."""
+        fraction = (s - self.start) / (self.end - self.start)
+        chord = self.values[0] + fraction * (self.values[1] - self.values[0])
+        return float(chord / self.modulus(s)[self.kind])
 
 
 def _add_between(
-    modulus: _Modulus, start: float, end: float, tolerance: float, depth: int, added: list[float]
+    modulus: _Modulus,
+    start: float,
+    end: float,
+    tolerance: float,
+    depth: int,
+    added: list[float],
+    located: list[_LocatedMaximum],
 ) -> None:
-    """Add arc lengths between two others to a list, until stresses between them are no larger."""
+    """Add arc lengths between two others to a list, until stresses between them are no larger.
+
+    Those that a search located are also added to `located`.
+    """
     s, values, linear = _evaluate_between(modulus, start, end, _PROBES)
     place, kind = _find_largest_excess(values, linear)
     is_short = False
@@ -134,15 +208,12 @@ def _add_between(
             return
         is_short = True
 
-    def excess(x: float) -> float:
-        fraction = (x - start) / (end - start)
-        chord = values[0, kind] + fraction * (values[-1, kind] - values[0, kind])
-        return float(chord / modulus(x)[kind])
+    excess = _Excess.between(modulus, start, end, kind)
 
     def find_maximum() -> float:
         return _find_maximum(excess, float(s[place - 1]), float(s[place + 1]), tolerance)
 
-    split = 0.5 * (start + end)
+    middle = split = 0.5 * (start + end)
     if is_short:
         split = find_maximum()
     else:
@@ -153,10 +224,12 @@ def _add_between(
             if _is_kink(excess, kink, start, end):
                 split = kink
     added.append(split)
+    if split != middle:
+        located.append(_LocatedMaximum(split, start, end, kind))
     if depth > 0 and len(added) < _MAX_SECTIONS_PER_INTERVAL:
         for a, b in ((start, split), (split, end)):
             if b - a > 1e3 * tolerance:
-                _add_between(modulus, a, b, tolerance, depth - 1, added)
+                _add_between(modulus, a, b, tolerance, depth - 1, added, located)
 
 
 def _evaluate_between(

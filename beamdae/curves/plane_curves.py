@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -108,7 +109,7 @@ class Line:
         if self.length == 0.0:
             raise BeamdaeError(f"Line: start and end must differ, but both are {self.start} m.")
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Total arc length [m]."""
         return float(np.hypot(*np.subtract(self.end, self.start)))

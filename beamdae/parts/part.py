@@ -258,8 +258,10 @@ class Part:
         """False if the part exerts forces but no moments at its attachments."""
         return True
 
-    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> None:
+    def prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool | None:
         """Adapt the coordinates to the parts attached to this part, before an assembly.
+
+        Return False if the coordinates did not change; otherwise, quantities are rebuilt.
 
         Parameters
         ----------
@@ -269,6 +271,7 @@ class Part:
             True if the coordinates must not change, because the start or a quantity that cannot be
             rebuilt refers to them.
         """
+        return False
 
     def draw(self, attached: Sequence[Attachment], points: int) -> Drawing | None:
         """Return the drawing of a body, or None if the part is drawn by its `symbol`.

@@ -13,6 +13,7 @@ import beamdae as bd
 from beamdae.analysis.gradients import gradients, number_derivatives
 from beamdae.analysis.gradients.number_derivatives import FlatModel, differentiate_numbers
 from beamdae.analysis.gradients.objectives import SampleGrid, read_column
+from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.equations.starts import initial_conditions
 from beamdae.native.object_code import is_native_enabled
@@ -329,6 +330,46 @@ def test_parameters_that_affect_different_numbers_are_changed_together(monkeypat
     size = np.abs(apart.p).max(axis=0)
     assert np.all(np.abs(together.p - apart.p) <= 1e-9 * size)
     assert np.count_nonzero(apart.p) > 50
+
+
+@bd.model(t_end=1.0)
+def leaf(height=(0.005,) * 9):
+    """Leaf spring under a force of 300 N, with a height that is linear between nine points."""
+    mech = bd.Mechanism()
+    section = bd.taper(bd.Section.rectangle, bd.Material.of("steel"), width=0.05, height=height)
+    line = bd.Line((0.0, 0.0), (0.4, 0.0))
+    beam = mech.add(bd.Beam("leaf", line, section, elements=8, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
+    mech.observe("stress", beam.largest_stress())
+    return mech
+
+
+def test_regression_heights_are_changed_together_although_stiffnesses_keep_their_ratios():
+    """Equal heights, changed by equal factors, hid the ratios of stiffnesses that they affect."""
+    uneven = (0.005, 0.004, 0.006, 0.003, 0.005, 0.002, 0.003, 0.002, 0.003)
+    for heights, most_builds in (((0.005,) * 9, 24), (uneven, 14)):
+        entries = {f"height[{k}]": ("height", k) for k in range(9)}
+        model = FlatModel(leaf, {"height": heights}, entries)
+        base = bd.equations_of_motion(model())
+        builds = []
+
+        def assemble(mechanism, builds=builds):
+            builds.append(1)
+            return bd.equations_of_motion(mechanism)
+
+        result = differentiate_numbers(model, base, assemble, np.zeros(2))
+        assert result.irregular == ()
+        assert len(builds) <= most_builds
+        step = 1e-6 * heights[3]
+        with keep_numbers_of_sections({"leaf": base.mechanism.parts["leaf"].section}):
+            ahead, behind = (
+                bd.equations_of_motion(model(**{"height[3]": heights[3] + x})).p
+                for x in (step, -step)
+            )
+        derivative = (ahead - behind) / (2.0 * step)
+        assert np.all(np.abs(result.p[3] - derivative) <= 1e-7 * np.max(np.abs(derivative)))
+        assert np.count_nonzero(result.p[3]) == np.count_nonzero(derivative)
 
 
 @pytest.mark.slow(reason="half a second and more")

@@ -10,8 +10,9 @@ from scipy.optimize import OptimizeResult, linprog
 
 import beamdae as bd
 from beamdae.analysis.fit.problem import FitProblem, Scaling
-from beamdae.analysis.optimization import search
-from beamdae.analysis.optimization.analyses import RunSettings
+from beamdae.analysis.gradients.number_derivatives import FlatModel
+from beamdae.analysis.optimization import analyses, search
+from beamdae.analysis.optimization.analyses import DesignModel, RunSettings, create_analysis
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.result import Constraint, list_warnings
 from beamdae.analysis.optimization.search import Search, Trial, count_idle_trials
@@ -39,6 +40,44 @@ def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length
     for k in range(count):
         mech.observe(f"stress {k}", beam.stress((k + 0.1) * length / count, "top"))
     return mech
+
+
+@pytest.mark.parametrize("height", [0.005, 0.0005, 0.05])
+def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams(
+    height, monkeypatch
+):
+    """The condition number of unscaled static equations looked like a motion without stiffness."""
+
+    @bd.model(t_end=1.0)
+    def leaf(height=height, tip=0.6 * height):
+        mech = bd.Mechanism()
+        section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=(height, tip))
+        line = bd.Line((0.0, 0.0), (0.4, 0.0))
+        beam = mech.add(bd.Beam("leaf", line, section, elements=16, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        load = 300.0 * (leaf.parameters["height"] / 0.005) ** 3
+        mech.add(bd.Force("load", beam.end, (0.0, -load)))
+        mech.observe("tip", beam.end)
+        return mech
+
+    def fail(*arguments, **settings):
+        raise AssertionError("differentiated with respect to each parameter")
+
+    monkeypatch.setattr(analyses, "equilibrium_sensitivities", fail)
+    entries = {name: (name, None) for name in ("height", "tip")}
+    tip, settings = bd.EquilibriumValue("tip.y"), RunSettings(None, None, None)
+
+    def analyze(**changes):
+        model = DesignModel(FlatModel(leaf, {**leaf.parameters, **changes}, entries))
+        return create_analysis(model, [tip], settings)
+
+    gradient = analyze().gradient({tip: 1.0})
+    for k, name in enumerate(entries):
+        step = 1e-5 * leaf.parameters[name]
+        ahead, behind = (
+            analyze(**{name: leaf.parameters[name] + x}).value(tip) for x in (step, -step)
+        )
+        assert gradient[k] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-6)
 
 
 @bd.model(t_end=1.0)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import beamdae as bd
 from beamdae.beams.exact.kinematics import GeometricallyExact
+from beamdae.beams.section_samples import keep_numbers_of_sections
 
 STEEL = bd.Material(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=270e6)
 STRIP = bd.Section.rectangle(STEEL, width=0.02, height=0.01, damping=1e-3)
@@ -454,6 +455,41 @@ def test_regression_mesh_errors_of_varying_sections_state_the_right_stress(eleme
     stated, balanced = re.findall(r"is about (\S+) %.*requires (\S+) Pa", sentence)[0]
     assert float(balanced) == pytest.approx(exact, rel=2e-3)
     assert 0.01 * float(stated) == pytest.approx(abs(error), rel=0.15)
+
+
+def test_neighboring_models_search_sections_again_only_if_a_kink_moved() -> None:
+    calls: list[float] = []
+
+    def section(knot: float, height: float) -> Heights:
+        def heights(s: float) -> float:
+            calls.append(s)
+            return float(np.interp(s, [0.0, knot, 0.16, 0.4], [0.01, height, 0.009, 0.006]))
+
+        return heights
+
+    def count_calls(knot: float, height: float) -> tuple[int, tuple[float, ...]]:
+        del calls[:]
+        leaf = clamped_leaf(section(knot, height), 12).parts["leaf"]
+        return len(calls), leaf._stress_sections(None)
+
+    reference = clamped_leaf(section(0.08, 0.004), 12).parts["leaf"]
+    first = reference._stress_sections(None)
+    with keep_numbers_of_sections({"leaf": reference.section}):
+        few, same = count_calls(0.08, 0.00401)
+        many, moved = count_calls(0.0801, 0.004)
+    assert same == first
+    assert few < 0.3 * many
+    assert len(moved) == len(first)
+    assert min(abs(x - 0.0801) for x in moved) < 1e-11
+
+
+def test_assembly_rebuilds_the_largest_stress_only_if_it_changes_the_mesh() -> None:
+    for load_at, is_rebuilt in ((LEAF_LENGTH, False), (0.33 * LEAF_LENGTH, True)):
+        mech = clamped_leaf(linear_heights(9, 5), 4)
+        mech.add(bd.Force("further", mech.parts["leaf"].at(load_at), (0.0, 1.0)))
+        stress = mech.observables["stress"]
+        bd.equations_of_motion(mech)
+        assert (stress.current is not stress) == is_rebuilt
 
 
 @bd.model(t_end=0.1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,8 @@ from beamdae.analysis.sensitivities.model_differences import (
     warn_of_idle_parameters,
 )
 from beamdae.analysis.sensitivities.run_derivatives import start_adds_velocities
+from beamdae.beams.beam import beams_of
+from beamdae.beams.section_samples import keep_numbers_of_sections
 from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable
 from beamdae.errors import BeamdaeError, format_exception
 from beamdae.model_functions import Model
@@ -137,11 +139,16 @@ class NumberDerivatives:
     irregular: tuple[int, ...]
 
 
-# Names of numbers, and the entries that they affect, by model function: searches of an optimum
-# differentiate the same numbers repeatedly.
-_latest_masks: WeakKeyDictionary[Callable[..., Any], tuple[tuple[str, ...], Array]] = (
-    WeakKeyDictionary()
-)
+class _Effects(NamedTuple):
+    """Names of numbers, the entries that they affect, and numbers that are changed together."""
+
+    names: tuple[str, ...]
+    masks: Array
+    groups: list[list[int]]
+
+
+# By model function: searches of an optimum differentiate the same numbers repeatedly.
+_latest_effects: WeakKeyDictionary[Callable[..., Any], _Effects] = WeakKeyDictionary()
 
 
 class _IrregularError(Exception):
@@ -189,11 +196,16 @@ def _differentiate_together(
     names, function = tuple(model.entries), model.model.build
     if len(names) < _MIN_SEARCHED:
         return None, []
-    known_names, known_masks = _latest_masks.get(function, ((), np.zeros(0)))
-    is_known = known_names == names and known_masks.shape == differencing.shape
-    for first in (known_masks, None) if is_known else (None,):
+    known = _latest_effects.get(function)
+    is_known = known is not None and known.names == names
+    for first in (known, None) if is_known else (None,):
         try:
-            masks = _find_affected(differencing) if first is None else first
+            if first is None:
+                masks = _find_affected(differencing)
+            elif first.masks.shape == differencing.shape:
+                masks = first.masks
+            else:
+                masks = _separate(differencing, first.groups)
         except _IrregularError:
             return None, []
         if masks is None:
@@ -201,7 +213,7 @@ def _differentiate_together(
         groups = _group_disjoint([[k] for k in range(len(names))], masks)
         derivatives, irregular = differencing.differentiate(groups, masks)
         if not irregular and differencing.is_verified(derivatives):
-            _latest_masks[function] = names, masks
+            _latest_effects[function] = _Effects(names, masks, groups)
             return derivatives, []
     return None, []
 
@@ -217,6 +229,7 @@ class _Differencing:
         time: Array,
     ) -> None:
         self._model, self._base, self._assemble, self._time = model, base, assemble, time
+        self._sections = {x.name: x.section for x in beams_of(base.mechanism)}
         self.values = np.array(list(model.values.values()))
         self.sizes = np.where(self.values != 0.0, np.abs(self.values), _SIZE_AT_ZERO)
         self.here = _numbers_of(base)
@@ -240,7 +253,8 @@ class _Differencing:
             if change != 0.0
         }
         try:
-            equations = self._assemble(self._model(**changed))
+            with keep_numbers_of_sections(self._sections):
+                equations = self._assemble(self._model(**changed))
         except (BeamdaeError, ArithmeticError, ValueError) as problem:
             raise _IrregularError(format_exception(problem)) from problem
         base = self._base
@@ -353,6 +367,8 @@ def _find_affected(differencing: _Differencing) -> Array | None:
     """
     count, size = len(differencing.values), len(differencing.here)
     sets, masks = [list(range(count))], [np.ones(size, bool)]
+    # Equal relative changes would not change ratios, such as those of the stiffnesses of a beam.
+    relative = differencing.sizes * np.random.default_rng(0).uniform(0.5, 1.0, count)
     while any(len(x) > 1 for x in sets):
         parts: list[list[int]] = []
         parents: list[int] = []
@@ -368,13 +384,34 @@ def _find_affected(differencing: _Differencing) -> Array | None:
         for group in groups:
             steps = np.zeros(count)
             for k in group:
-                steps[parts[k]] = _FOURTH_ORDER_DIFFERENCE * differencing.sizes[parts[k]]
+                steps[parts[k]] = _FOURTH_ORDER_DIFFERENCE * relative[parts[k]]
             is_changed = differencing.evaluate(steps) != differencing.here
             for k in group:
                 part_masks[k] = is_changed & masks[parents[k]]
         sets, masks = parts, list(part_masks)
     order = np.argsort([x[0] for x in sets])
     return np.array(masks)[order]
+
+
+def _separate(differencing: _Differencing, groups: Sequence[Sequence[int]]) -> Array:
+    """Return the entries that each number affects, (k, size), if those of a group are disjoint.
+
+    The members of a group are changed twice, the second time by different multiples of the first
+    change. The ratio of both changes of an entry shows which member affects it.
+    """
+    masks = np.zeros(differencing.shape, bool)
+    for group in groups:
+        changes = []
+        ratios = 1.0 + np.arange(len(group)) / len(group)
+        for factors in (1.0, ratios):
+            steps = np.zeros(len(masks))
+            steps[group] = _COMMON_DIFFERENCE * factors * differencing.sizes[group]
+            changes.append(differencing.evaluate(steps) - differencing.here)
+        entries = np.flatnonzero(changes[0])
+        observed = changes[1][entries] / changes[0][entries]
+        nearest = np.argmin(np.abs(observed[:, None] - ratios), axis=1)
+        masks[np.array(group)[nearest], entries] = True
+    return masks
 
 
 def _group_disjoint(members: Sequence[Any], masks: Array) -> list[list[int]]:

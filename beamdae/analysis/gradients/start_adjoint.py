@@ -38,6 +38,24 @@ _MASS = (0.0, 0.0, 1.0)
 _CLOSING = (1.0, 0.0, 1.0)
 # Larger errors of a solution of the static equations show that the equilibrium is not unique.
 _MAX_EQUILIBRIUM_ERROR = 1e-6
+_EQUILIBRATION_STEPS = 8  # each takes the square root of the ratios of the largest entries
+
+
+def _compute_scales(matrix: sp.csc_array) -> Array:
+    """Return scales of rows and columns with which the largest entry of each is near 1.
+
+    See D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices,
+    RAL-TR-2001-034. Rows and columns have the same scales, as in symmetric matrices.
+    """
+    magnitudes, scales = abs(matrix).tocoo(), np.ones(matrix.shape[0])
+    rows, columns = magnitudes.coords
+    for _ in range(_EQUILIBRATION_STEPS):
+        values = magnitudes.data * scales[rows] * scales[columns]
+        largest = np.zeros(len(scales))
+        np.maximum.at(largest, rows, values)
+        np.maximum.at(largest, columns, values)
+        scales /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
+    return scales
 
 
 @cache_on_owner
@@ -399,6 +417,10 @@ class StartAdjoint:
         nonzeros[positions] = static.tangent(at.q, at.lam)
         matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
         expected = np.ones(e.n + e.m)
+        # Condition numbers of static equations reach 1e12, those of scaled ones 1e8: without
+        # scales, a steel leaf spring of 8 elements had errors of 5e-6, and 1e-9 with scales.
+        scales = _compute_scales(matrix)
+        matrix = sp.csc_array(sp.diags_array(scales) @ matrix @ sp.diags_array(scales))
         try:
             factors = splu(matrix)
         except RuntimeError:
@@ -406,11 +428,10 @@ class StartAdjoint:
         # A motion without stiffness makes this solution inaccurate.
         if np.max(np.abs(factors.solve(matrix @ expected) - expected)) > _MAX_EQUILIBRIUM_ERROR:
             return None
-        seeds = np.concatenate([by_q, np.zeros(e.m) if by_lam is None else by_lam])
+        seeds = scales * np.concatenate([by_q, np.zeros(e.m) if by_lam is None else by_lam])
         weights = -factors.solve(seeds)
-        # Condition numbers of static equations reach 1e12; the correction reduces the error of a
-        # four-bar linkage from 4e-10 to 6e-11.
         weights -= factors.solve(seeds + matrix @ weights)
+        weights *= scales
         zeros, before = np.zeros(e.n), self.numbers
         self.numbers = np.zeros_like(before)
         levels = np.zeros((3, e.m))

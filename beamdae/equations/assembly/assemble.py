@@ -220,16 +220,19 @@ def _prepare_parts(mechanism: Mechanism, start: Any) -> None:
     quantities = [x for x in sources if isinstance(x, Quantity)]
     fixed = {id(piece.owner) for x in quantities if not x.can_be_rebuilt for piece in x.pieces}
     requested = set(start) if isinstance(start, Mapping) else set()
+    has_changed = False
     for part in mechanism.parts.values():
         # The first coordinates of a beam are those of its frame or of its first node.
         coordinates = require_coordinates_fit(part)[_PLACEMENT_COORDINATES:]
         names = [f"{part.name}.{x.name}" for x in coordinates]
         is_requested = any(name in requested or f"{name}_dot" in requested for name in names)
-        part.prepare(attached.get(id(part), []), id(part) in fixed or is_requested)
+        is_fixed = id(part) in fixed or is_requested
+        # Functions of users may return None.
+        has_changed |= part.prepare(attached.get(id(part), []), is_fixed) is not False
     moving: list[Any] = [x for x in mechanism.parts.values() if x.moves_along_beam]
     for part in moving:
         warn_about_moving_load(part.name, part.beam, attached.get(id(part.beam), []))
-    if any(type(part).prepare is not Part.prepare for part in mechanism.parts.values()):
+    if has_changed:
         forget_meshes()
 
 
