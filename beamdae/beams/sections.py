@@ -17,8 +17,8 @@ from beamdae.errors import (
     require_choice,
     require_finite,
     require_non_negative,
-    require_pair,
     require_positive,
+    require_sequence,
     set_fields,
     short_repr,
 )
@@ -129,10 +129,11 @@ class Section:
         required = ("area", "second_moment", "shear_coefficient", "shear_peak")
         optional = ("mass_per_length", "rotary_inertia_per_length", "height")
         positive = (*required, *(name for name in optional if getattr(self, name) is not None))
-        set_fields(
-            self,
-            **{name: require_positive("Section", name, getattr(self, name)) for name in positive},
-        )
+        # Functions of arc length return hundreds of sections for each beam.
+        for name in positive:
+            value = getattr(self, name)
+            if (number := require_positive("Section", name, value)) is not value:
+                set_fields(self, **{name: number})
         set_fields(self, damping=require_non_negative("Section", "damping", self.damping))
         if not (
             isinstance(self.shapes, tuple)
@@ -467,6 +468,7 @@ SectionLaw = Callable[[float], Section]
 _MAX_CACHED_SECTIONS = 10_000  # of a beam
 
 _SECTION_ATTRIBUTES = {field.name for field in fields(Section)} | {"EA", "GA", "EI", "rhoA", "rhoI"}
+_DIMENSION_REQUIREMENT = "a number, a pair (at the start, at the end) or a list of numbers"
 _SECTION_REQUIREMENT = (
     "section must be a Section, a taper or a function of s that returns a Section"
 )
@@ -494,8 +496,8 @@ class VaryingSection:
         return {}
 
     @cached_property
-    def stress_sections(self) -> dict[tuple[float, ...], tuple[float, ...]]:
-        """Refined arc lengths [m] by given ones, see `section_samples.stress_sections`."""
+    def stress_sections(self) -> dict[tuple[float, ...], Any]:
+        """`StressSections` by given arc lengths [m], see `section_samples.stress_sections`."""
         return {}
 
     def at(self, s: float) -> Section:
@@ -541,33 +543,44 @@ class VaryingSection:
 
 @dataclass(frozen=True)
 class Taper:
-    """Section whose dimensions vary linearly along a beam; created by `taper`.
+    """Section whose dimensions are piecewise linear along a beam; created by `taper`.
 
     Attributes
     ----------
     shape, material
         See `taper`.
     dimensions
-        (name, (value at the start, value at the end)) of each dimension.
+        (name, values at equidistant points from the start to the end) of each dimension.
     """
 
     shape: Callable[..., Section]
     material: Material
-    dimensions: tuple[tuple[str, tuple[float, float]], ...]
+    dimensions: tuple[tuple[str, tuple[float, ...]], ...]
 
     def section_law(self, length: float) -> SectionLaw:
         """Return the section as a function of arc length, for a beam of `length` [m]."""
 
         def section(s: float) -> Section:
             fraction = s / length
-            sizes = {name: (1.0 - fraction) * a + fraction * b for name, (a, b) in self.dimensions}
+            sizes = {name: _interpolate(values, fraction) for name, values in self.dimensions}
             return self.shape(self.material, **sizes)
 
         return section
 
 
+def _interpolate(values: tuple[float, ...], fraction: float) -> float:
+    """Return the piecewise linear function of `values` at a fraction of the length."""
+    place = fraction * (len(values) - 1)
+    k = min(max(int(place), 0), len(values) - 2)
+    share = place - k
+    return (1.0 - share) * values[k] + share * values[k + 1]
+
+
 def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) -> Taper:
-    """Return a section whose dimensions vary linearly from the start of a beam to its end.
+    """Return a section whose dimensions are linear or piecewise linear along a beam.
+
+    Lists of dimensions can be parameters of `optimize`. End elements at the points where the
+    dimensions are given, as with ``elements=8`` and 9 or 5 values.
 
     Parameters
     ----------
@@ -577,7 +590,8 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     material
         The material.
     **dimensions
-        Arguments of `shape`: each a number, or a pair of numbers (at the start, at the end).
+        Arguments of `shape`: each a number, a pair of numbers (at the start, at the end), or a list
+        of numbers at equidistant points from the start to the end, with linear sections between.
 
     Returns
     -------
@@ -587,7 +601,7 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, or `shape` rejects the dimensions at the start or at the end.
+        If an argument is invalid, or `shape` rejects the dimensions at one of the points.
 
     Examples
     --------
@@ -597,6 +611,10 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     >>> beam = bd.Beam("blade", bd.Line((0.0, 0.0), (1.0, 0.0)), blade)
     >>> round(beam.section.at(0.5).height, 6)
     0.003
+    >>> leaf = bd.taper(bd.Section.rectangle, steel, width=0.03, height=(0.004, 0.006, 0.002))
+    >>> beam = bd.Beam("leaf", bd.Line((0.0, 0.0), (1.0, 0.0)), leaf)
+    >>> [round(beam.section.at(s).height, 6) for s in (0.25, 0.5, 0.75)]
+    [0.005, 0.006, 0.004]
     """
     if not callable(shape):
         raise BeamdaeError(
@@ -606,16 +624,23 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     pairs = tuple((name, _parse_dimension(name, value)) for name, value in dimensions.items())
     section = Taper(shape, material, pairs)
     unit_length = VaryingSection("taper", section.section_law(1.0))
-    for end in (0.0, 1.0):
-        unit_length.at(end)
+    for fraction in sorted({x for _, values in pairs for x in np.linspace(0.0, 1.0, len(values))}):
+        unit_length.at(fraction)
     return section
 
 
-def _parse_dimension(name: str, value: Any) -> tuple[float, float]:
+def _parse_dimension(name: str, value: Any) -> tuple[float, ...]:
     if as_real(value) is None and not isinstance(value, str):
-        a, b = require_pair("taper", name, value, "a number or a pair (at the start, at the end)")
-        start = require_finite("taper", f"{name} at the start", a)
-        return start, require_finite("taper", f"{name} at the end", b)
+        values = require_sequence("taper", name, value, _DIMENSION_REQUIREMENT)
+        if len(values) < 2:
+            raise BeamdaeError(
+                f"taper: {name} must be {_DIMENSION_REQUIREMENT}, got {short_repr(value)}."
+            )
+        places = ["at the start", *(f"[{k}]" for k in range(1, len(values) - 1)), "at the end"]
+        return tuple(
+            require_finite("taper", f"{name} {place}", x)
+            for place, x in zip(places, values, strict=True)
+        )
     size = require_finite("taper", name, value)
     return size, size
 

@@ -80,6 +80,18 @@ def test_tip_of_a_tapered_cantilever(section):
         assert_allclose(tip[1], exact, rtol=error)
 
 
+def test_dimensions_of_a_taper_are_linear_between_equidistant_points():
+    height, width = (0.004, 0.007, 0.002, 0.003), (0.03, 0.01)
+    section = bd.taper(bd.Section.rectangle, ALLOY, width=width, height=height)
+    beam = bd.Beam("beam", LINE, section, elements=3)
+    s = np.linspace(0.0, beam.length, 23)
+    sections = [beam.section.at(x) for x in s]
+    knots = np.linspace(0.0, beam.length, 4)
+    assert_allclose([x.height for x in sections], np.interp(s, knots, height), rtol=1e-14)
+    widths = np.interp(s, knots[[0, -1]], width)
+    assert_allclose([x.area / x.height for x in sections], widths, rtol=1e-14)
+
+
 def test_mass_and_rotary_inertia_of_a_taper():
     mech = bd.Mechanism(gravity=(0.0, -9.81))
     mech.add(bd.Beam("beam", LINE, wedge, elements=3, angular_velocity=2.0))
@@ -275,8 +287,16 @@ def test_models_with_different_tapers_share_their_structure():
         (lambda: bd.taper("round", ALLOY), "taper: shape must be a function such as"),
         (lambda: bd.taper(bd.Section.circle, 3, diameter=1.0), "taper: material must be"),
         (
-            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(1.0, 2.0, 3.0)),
-            "taper: diameter must be a number or a pair",
+            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(1.0,)),
+            "taper: diameter must be a number, a pair .* or a list of numbers, got \\(1.0,\\)",
+        ),
+        (
+            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(1.0, "a", 3.0)),
+            r"taper: diameter \[1\] must be a number",
+        ),
+        (
+            lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(0.01, 0.0, 0.01)),
+            "taper, section at s = 0.5 m: Section.circle: diameter must be positive, got 0",
         ),
         (
             lambda: bd.taper(bd.Section.circle, ALLOY, diameter=(0.01, 0.0)),
