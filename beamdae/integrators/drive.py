@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
 from beamdae.equations.formula_forces import name_formula_forces
@@ -26,7 +27,13 @@ from beamdae.integrators.error_control import count_periods
 from beamdae.integrators.events.force_peaks import ForcePeakDetector, detect_force_peaks
 from beamdae.integrators.events.switching import MethodCache, apply_event, initial_configuration
 from beamdae.integrators.integrator import Integrator, require_limits
-from beamdae.integrators.limits import Progress, RunLimits, StallDetector
+from beamdae.integrators.limits import (
+    MotionCheck,
+    Progress,
+    RunLimits,
+    StallDetector,
+    omit_guesses,
+)
 from beamdae.integrators.method import (
     PROBE_SHARE,
     STEP_TOO_SMALL,
@@ -53,6 +60,7 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import describe_meaningless_strain
 from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
@@ -73,6 +81,7 @@ PARTS_SWITCHED = Status("ok", "an event switched parts")
 # take a small part of the time.
 _STEPS_PER_ONSET_CHECK = 256
 _MAX_LISTED_PEAKS = 3
+_STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
 # Size of the rows from which on freed memory is returned to the system after a run.
 _MAX_RETAINED_BYTES = 1e8
 
@@ -203,7 +212,9 @@ def _drive(
             trajectory = None  # Frees the rows of the pilot run.
             if rtol is not None and limits.max_steps is None:
                 periods = count_periods(plan)
-                limits.stall_detector = StallDetector(plan.intervals[-1][1], periods)
+                end = plan.intervals[-1][1]
+                limits.stall_detector = StallDetector(end, periods)
+                limits.motion_check = MotionCheck(plan.intervals[0][0], end)
             run = prepare_run(plan, limits, method_on)
             trajectory, status = run.execute()
     except KeyboardInterrupt:
@@ -261,7 +272,7 @@ def _name_cause(
     if not cause:
         return status
     stop, _, reason = status.sentence.partition(": ")
-    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {reason}")
+    return replace(status, sentence=f"{stop}: {cause.rstrip('.')}; {omit_guesses(reason)}")
 
 
 @dataclass(frozen=True)
@@ -614,6 +625,8 @@ class _RunInProgress:
                     )
                 ):
                     return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
+                if is_before_end and (stop := self._describe_meaningless_motion()):
+                    return Status("limited", f"stopped at t = {t:.6g} s: {stop}")
         except StepError as problem:
             time = np.array([history.end, branch])
             ahead = history.end + PROBE_SHARE * (end - history.end)
@@ -628,6 +641,30 @@ class _RunInProgress:
         except MemoryError as problem:
             return self._out_of_memory(problem)
         return REACHED_END
+
+    def _describe_meaningless_motion(self) -> str:
+        """Return the reason to stop a long run with meaningless strains or an unstable loop, or "".
+
+        The loop is not part of the reason: `_name_cause` adds it.
+        """
+        check, t = self._limits.motion_check, self._history.end
+        if check is None or not check.is_due(t, self.steps):
+            return ""
+        if not (beams_of(self._equations.mechanism) or check.has_slowed):
+            return ""
+        # No rows can be added after thinned ones have been joined.
+        if self.thinning.report or not self._history.is_finite:
+            return ""
+        m = self._equations.m
+        trajectory = Trajectory(tuple(segment.interval(m) for segment in self._segments))
+        times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
+        strain = describe_meaningless_strain(self._equations, trajectory.positions_at(times))
+        if strain:
+            # The remedies depend on the cause, and are part of the warning.
+            return check.describe(strain.partition("; ")[0])
+        if check.has_slowed and next(growing_loop_warnings(self._equations, trajectory), ""):
+            return check.describe("")
+        return ""
 
     def _out_of_memory(self, problem: MemoryError) -> Status:
         reason = problem if isinstance(problem, OutOfMemoryError) else _NO_MEMORY

@@ -19,9 +19,73 @@ MAX_PLANNED_STEPS = 1e8
 # or 1e7 at the pace of the last 1e5 steps. These windows are longer than impacts and other short
 # stiff phases. Methods with expensive steps are checked more often.
 _STALL_WINDOWS = ((160, 1.6e6), (1600, 1.6e5))
+# The motion is checked after this number of steps, and whenever the number has doubled: after half
+# a second in most models with beams.
+_STEPS_OF_FIRST_MOTION_CHECK = 5000
+# The pace has fallen if the last half of the steps covers less than this fraction of the time of
+# the first half; it falls to 0.2 while an unstable loop of a stage with leaf springs grows.
+_MAX_PACE_RATIO = 0.4
 # From this number of periods on, the tolerance is so tight (it falls with the square of the number)
 # that Radau takes over 100 steps per period of a free pendulum at rtol = 1e-4.
 _MANY_PERIODS = 100.0
+
+
+_GUESSES = ", possibly because of "
+_CONTINUE = "set max_steps to continue anyway"
+
+
+def omit_guesses(reason: str) -> str:
+    """Return a reason to stop without possible causes, because the cause is known."""
+    pace, guesses, rest = reason.partition(_GUESSES)
+    return f"{pace}; {_CONTINUE}{rest.partition(_CONTINUE)[2]}" if guesses else reason
+
+
+@dataclass
+class MotionCheck:
+    """Schedule of the checks of a long run whose motion may have become meaningless.
+
+    Attributes
+    ----------
+    start, end
+        Start and end of the run [s].
+    steps
+        Number of steps from which on the next check is due.
+    begin
+        Time of the last check [s].
+    more_steps
+        Estimated number of steps to the end of the run at the last check.
+    has_slowed
+        True if the pace has fallen since the check before.
+    """
+
+    start: float
+    end: float
+    steps: int = _STEPS_OF_FIRST_MOTION_CHECK
+    begin: float = field(init=False)
+    more_steps: float = field(default=0.0, init=False)
+    has_slowed: bool = field(default=False, init=False)
+    _last: tuple[float, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.begin = self.start
+        self._last = self.start, 0
+
+    def is_due(self, t: float, steps: int) -> bool:
+        """Return True at `t` [s] if more than half of the steps of a long run seem to remain."""
+        if steps < self.steps:
+            return False
+        self.steps = 2 * steps
+        (self.begin, first), self._last = self._last, (t, steps)
+        pace = (t - self.begin) / (steps - first)
+        self.more_steps = (self.end - t) / pace if pace > 0.0 else float("inf")
+        mean_before = (self.begin - self.start) / first if first else float("inf")
+        self.has_slowed = first > 0 and pace < _MAX_PACE_RATIO * mean_before
+        return self.more_steps > steps
+
+    def describe(self, reason: str) -> str:
+        """Return the reason to stop, with the number of steps that the rest would take."""
+        rest = f"the rest of the run would take about {self.more_steps:.2g} steps; {_CONTINUE}"
+        return "; ".join(filter(None, (reason, rest)))
 
 
 @dataclass
@@ -71,9 +135,7 @@ class StallDetector:
                 f"steps have shrunk to {step:.2g} s, so the run would need "
                 f"{(self.end - t) / step:.2g} more steps"
             )
-        return (
-            f"{pace}, possibly because of {causes}; {remedies}, or set max_steps to continue anyway"
-        )
+        return f"{pace}{_GUESSES}{causes}; {remedies}, or {_CONTINUE}"
 
 
 class StepDetector(Protocol):
@@ -100,6 +162,8 @@ class RunLimits:
         Value of `time.perf_counter()` [s] at the start of the run.
     stall_detector
         Detector of steps that are too short to reach the end.
+    motion_check
+        Schedule of the checks of the motion; without it, the motion is not checked.
     """
 
     progress: Progress | None
@@ -107,6 +171,7 @@ class RunLimits:
     max_steps: int | None
     begin: float
     stall_detector: StepDetector | None = None
+    motion_check: MotionCheck | None = None
 
     def steps_until_check(self, steps: int, steps_per_check: int) -> int:
         """Return the number of steps, at least one, from step number `steps` to the next check."""
@@ -132,7 +197,8 @@ class RunLimits:
         if self.stall_detector is not None:
             stall = self.stall_detector.stall_reason(t, steps, steps_per_check)
             if stall:
-                return "; ".join(filter(None, (stall, find_cause())))
+                cause = find_cause()
+                return f"{omit_guesses(stall)}; {cause}" if cause else stall
         if self.progress is None or steps % steps_per_check:
             return None
         answer = call_progress(self.progress, t)

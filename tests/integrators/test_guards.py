@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -117,6 +117,79 @@ def test_regression_runs_of_many_periods_name_them():
     with pytest.warns(bd.BeamdaeWarning, match=r"5\.\de\+03 periods of motion.*increase rtol"):
         run = bd.simulate(mech, bd.Auto(), t_end=1e4, output_step=100.0)
     assert run.status.kind == "limited"
+
+
+@pytest.mark.parametrize(
+    ("reason", "expected"),
+    [
+        (
+            "the steps shrink, possibly because of loads; check values, or set max_steps to "
+            "continue anyway",
+            "the steps shrink; set max_steps to continue anyway",
+        ),
+        ("reached max_steps = 3", "reached max_steps = 3"),
+    ],
+)
+def test_regression_known_causes_replace_guesses(reason, expected):
+    """A vibration that the steps follow was followed by "or extreme loads, speeds, ..."."""
+    assert limits.omit_guesses(reason) == expected
+
+
+def test_regression_a_cause_of_stalled_steps_replaces_guesses():
+    detector = StallDetector(1.0)
+    run_limits = limits.RunLimits(None, None, None, 0.0, detector)
+    window = limits._STALL_WINDOWS[0][0]
+    reasons = [run_limits.stop_reason(0.5, k, 1, lambda: "the cause") for k in range(window + 1)]
+    pace = "steps have shrunk to 0 s, so the run makes no progress"
+    assert reasons[-1] == f"{pace}; set max_steps to continue anyway; the cause"
+
+
+def test_checks_of_the_motion_are_due_while_most_steps_remain():
+    check = limits.MotionCheck(0.0, 1.0)
+    first = limits._STEPS_OF_FIRST_MOTION_CHECK
+    assert not check.is_due(0.01, first - 1)
+    assert check.is_due(0.1, first)
+    assert not check.is_due(0.12, first + 1)
+    assert not check.has_slowed
+    assert check.is_due(0.12, 2 * first)
+    assert check.has_slowed  # 0.02 s after 0.1 s
+    assert check.describe("reason").startswith("reason; the rest of the run would take about 2.2e")
+    assert not check.is_due(0.9, 4 * first)  # 600 steps remain
+
+
+def _cantilever_with_loop(gain):
+    """Return a steel leaf of 80 mm with a PID loop at its tip, whose target is 1 mm away."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.01, 4e-4, damping=1e-5)
+    line = bd.Line((0.0, 0.0), (0.08, 0.0))
+    leaf = mech.add(bd.Beam("leaf", line, section, elements=2, formulation="exact"))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), leaf.start))
+    mech.add(bd.PointMass("stage", 0.1, on=leaf.end))
+    y, v = (mech.sensor(name, leaf.end, name) for name in ("y", "y_dot"))
+    force = bd.pid(
+        mech, "servo", 1e-3 - y, gain * 1e3, gain * 2e4, gain * 20.0, rate=-v, scale=1e-5
+    )
+    mech.add(bd.Force("motor", leaf.end, (0.0, force)))
+    return mech
+
+
+@pytest.mark.slow(reason="five thousand steps of two unstable runs")
+@pytest.mark.parametrize("integrator", [bd.Auto(), bd.Radau(rtol=1e-3)])
+def test_regression_runs_with_meaningless_strains_are_stopped(integrator):
+    """A wrong sign of the gains took hundreds of thousands of steps at strains of 2."""
+    run = bd.simulate(_cantilever_with_loop(-1.0), integrator, t_end=0.5)
+    assert run.status.kind == "limited"
+    assert run.statistics.steps < 25_000
+    for words in (
+        "servo: the command",
+        "its loop seems to be unstable",
+        "leaf: the largest strain is",
+        "set max_steps to continue anyway",
+    ):
+        assert words in run.status.sentence
+    longer = replace(integrator, max_steps=run.statistics.steps + 100)
+    assert "max_steps" in bd.simulate(_cantilever_with_loop(-1.0), longer, 0.5).status.sentence
+    assert bd.simulate(_cantilever_with_loop(1.0), integrator, t_end=0.5).status.success
 
 
 def test_endlessly_shrinking_steps_are_detected():

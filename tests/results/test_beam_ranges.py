@@ -317,6 +317,19 @@ def test_strains_beyond_linear_elasticity_are_reported(settings, strain, is_repo
         assert float(sentence.split("strain is ")[1].split(",")[0]) == pytest.approx(abs(strain))
 
 
+@pytest.mark.parametrize(("modulus", "strain"), [(2.1e11, 0.07), (1e10, 0.07), (1e9, 0.6)])
+def test_regression_stiff_materials_are_not_strained_by_several_percent(modulus, strain):
+    """Steel leaves at 44 GPa had no warning of their strains."""
+    section = bd.Section.rectangle(bd.Material(modulus, 0.3, 7850.0), 0.01, 0.001)
+    for factor, is_reported in ((1.0, True), (0.5, False)):
+        mech = bd.Mechanism()
+        beam = mech.add(bd.Beam("leaf", LINE, section, elements=2, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(*LINE.start), beam.start))
+        mech.add(bd.Force("pull", beam.end, (factor * strain * section.EA, 0.0)))
+        sentences = [x for x in bd.equilibrium(mech).warnings if "linear elasticity" in x]
+        assert bool(sentences) == is_reported
+
+
 def test_regression_errors_of_the_integration_are_not_oscillations_of_a_stretched_ring():
     # In steady rotation of a ring, displacements of 3e-5 of the length varied by 2e-6 of
     # themselves, and the error of deflections was stated as 4 % instead of 0.02 %.

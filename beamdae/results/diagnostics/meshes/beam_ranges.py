@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, log
 from typing import NamedTuple
 
 import numpy as np
 
-from beamdae.beams.beam import beams_of
+from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
 from beamdae.errors import format_percent, kind_of_message, name_with_others
 from beamdae.memory import release_freed_memory
@@ -29,6 +29,11 @@ _ERROR_AFTER_HALVING = 0.2
 # half and one and a half times the length, Hooke's law with the section of the undeformed beam is
 # off by tens of percent for any material; beyond, the axis may even be inverted.
 MAX_UNREPORTED_STRAIN = 0.5
+# The same for stiff materials: metals, ceramics and composites yield or fail at strains of at most
+# a few percent, and their moduli are at least 10 GPa; those of rubber and most plastics are lower.
+_MAX_UNREPORTED_STIFF_STRAIN, _MIN_STIFF_MODULUS = 0.05, 1e10
+# Runs of many steps end at strains above this multiple of these limits.
+_MEANINGLESS_STRAIN_RATIO = 2.0
 # Limits of the number of times at which beams are checked, one time per step. With fewer times than
 # four per period, long vibrations would be undersampled and their phase error missed.
 _MIN_SAMPLE_COUNT = 400
@@ -268,11 +273,35 @@ def strain_warnings(
         exact beams, are evaluated.
     """
     strains = {beam.name: beam.strain for beam in ranges}
+    if any(x.name not in strains for x in beams_of(equations.mechanism)):
+        strains |= _largest_strains_of_others(equations, strains, positions())
+    yield from _describe_strains(equations, strains)
+
+
+def describe_meaningless_strain(equations: EquationsOfMotion, q: Array) -> str:
+    """Return the warning of `strain_warnings` if strains at q (k, n) are twice as large, or ""."""
+    strains = {x.statement.part: float(x.largest_deformation(q)[2]) for x in equations.ranges}
+    strains |= _largest_strains_of_others(equations, strains, q)
+    return next(_describe_strains(equations, strains, _MEANINGLESS_STRAIN_RATIO), "")
+
+
+def _largest_strains_of_others(
+    equations: EquationsOfMotion, known: Mapping[str, float], q: Array
+) -> dict[str, float]:
+    """Return the largest strains at q (k, n) of the beams that are not in `known`, by name."""
     rows = {part.name: part.rows for part in equations.parts}
-    others = [x for x in beams_of(equations.mechanism) if x.name not in strains]
-    q = positions() if others else np.zeros((0, 0))
-    for beam in others:
-        strains[beam.name] = beam.kinematics.largest_strain(q[:, rows[beam.name]])
+    return {
+        beam.name: beam.kinematics.largest_strain(q[:, rows[beam.name]])
+        for beam in beams_of(equations.mechanism)
+        if beam.name not in known
+    }
+
+
+def _describe_strains(
+    equations: EquationsOfMotion, strains: Mapping[str, float], ratio: float = 1.0
+) -> Iterator[str]:
+    """Yield a warning of the strains by name of the beam that exceed `ratio` times the limit."""
+    limits = {beam.name: _strain_limit(beam) for beam in beams_of(equations.mechanism)}
     yield from _merge_beams(
         (
             name,
@@ -281,8 +310,14 @@ def strain_warnings(
             "deformation is meaningless; reduce the loads, or check section and units.",
         )
         for name, strain in strains.items()
-        if strain > MAX_UNREPORTED_STRAIN
+        if strain > ratio * limits.get(name, MAX_UNREPORTED_STRAIN)
     )
+
+
+def _strain_limit(beam: Beam) -> float:
+    """Return the strain above which a beam is reported; it depends on the material."""
+    is_stiff = beam.section.at(0.0).material.E >= _MIN_STIFF_MODULUS
+    return _MAX_UNREPORTED_STIFF_STRAIN if is_stiff else MAX_UNREPORTED_STRAIN
 
 
 def _find_deformations(
