@@ -410,3 +410,28 @@ def test_regression_buckling_loads_of_thick_columns_warn_of_strains():
     assert "error of buckling loads is at most about 9 %" in sentence
     assert exact.warnings == thin.warnings == ()
     assert thick.factors[0] == pytest.approx(0.948 * exact.factors[0], rel=1e-2)
+
+
+def shaken_cantilever(damping, frequency=1.1):
+    """Return a cantilever with a tip mass, whose lowest frequency is 3.5 Hz, under a force."""
+    section = bd.Section.rectangle(bd.Material.of("steel"), 0.02, 0.003, damping=damping)
+    mech = bd.Mechanism()
+    beam = mech.add(bd.Beam("beam", bd.Line((0.0, 0.0), (0.6, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+    mech.add(bd.PointMass("tip", 0.2, on=beam.end))
+    force = bd.sine(8.0, frequency)
+    mech.add(bd.Force("shake", beam.end, (0.0, force)))
+    return mech
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_regression_errors_of_damped_vibrations_do_not_accumulate():
+    """The estimate of a press rod grew with each turn, to 60 times its error."""
+
+    def error(damping, t_end):
+        step = bd.GeneralizedAlpha(step=1e-2)
+        (beam,) = bd.simulate(shaken_cantilever(damping), step, t_end=t_end).validity
+        return beam.error
+
+    assert error(0.0, 16.0) > 2.0 * error(0.0, 4.0)
+    assert error(3e-3, 16.0) == pytest.approx(error(3e-3, 8.0), rel=0.05)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, log
+from math import ceil, inf, log, pi
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg as la
 
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
+from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import format_percent, kind_of_message, name_with_others
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
@@ -52,6 +54,13 @@ _AXIAL_SAMPLE_COUNT = 2  # further times, of the largest axial displacements
 # 1e-4; the median estimate is 2.5 times the error.
 _ERROR_OF_MOTION = 4.0
 _ERROR_PER_OSCILLATION = 5.0
+# A vibration with the damping ratio z forgets errors of the phase after 1 / (2 pi z) oscillations,
+# and so does a driven motion. A press with a rod of 1 kHz and z = 0.03: errors of 0.05 %, estimates
+# of 1.1 % after 5 turns and 3.2 % after 12 turns without this limit, of 0.7 % with it. Counts of up
+# to 3 oscillations are not limited. Of large models, the ratio is not computed.
+_MIN_COHERENT_OSCILLATIONS = 3.0
+_MAX_COORDINATES = 400
+_COHERENCE_SAMPLES = 3  # positions at which the ratio is computed
 # Smaller vibrations, relative to the largest deformation, are errors of the integration.
 _MIN_VIBRATION_RATIO = 1e-4
 # Error of deflections in equilibrium over that change, relative to the largest deflection. Measured
@@ -162,6 +171,16 @@ class _Deformations(NamedTuple):
     axial_factor: float = 0.0
     axial_samples: Array | None = None
 
+    def exceeds(self, limit: float) -> bool:
+        """Return True if a factor is above a limit."""
+        return max(self.error_factor, self.axial_factor) > limit
+
+    def with_limited_factors(self, limit: float) -> _Deformations:
+        """Return a copy with factors of at most a limit."""
+        return self._replace(
+            error_factor=min(self.error_factor, limit), axial_factor=min(self.axial_factor, limit)
+        )
+
 
 def measure_beam_ranges_of_run(
     equations: EquationsOfMotion, trajectory: Trajectory
@@ -177,9 +196,51 @@ def measure_beam_ranges_of_run(
     if is_large:
         release_freed_memory()
     ranges = tuple(map(_beam_range, equations.ranges, deformations))
+    if any(x.error is not None and x.error > MAX_UNREPORTED_ERROR for x in ranges):
+        coherent = max(_MIN_COHERENT_OSCILLATIONS, _coherent_oscillations(equations, trajectory))
+        limit = _ERROR_OF_MOTION + _ERROR_PER_OSCILLATION * coherent
+        ranges = tuple(
+            _beam_range(term, x.with_limited_factors(limit)) if x.exceeds(limit) else beam
+            for term, x, beam in zip(equations.ranges, deformations, ranges, strict=True)
+        )
     if is_large:
         release_freed_memory()
     return ranges
+
+
+def _coherent_oscillations(equations: EquationsOfMotion, trajectory: Trajectory) -> float:
+    """Return the number of oscillations after which the least damped vibration has decayed by 1/e.
+
+    Infinity if it is not damped, or unknown. Modes with less than one oscillation in the run are
+    not considered.
+    """
+    has_switched_parts = any(x.configuration is not None for x in trajectory.intervals)
+    if has_switched_parts or equations.n > _MAX_COORDINATES:
+        return inf
+    solver, first = ConsistencySolver(equations), trajectory.intervals[0]
+    smallest = 2.0 * pi / (trajectory.end - trajectory.start)
+    ratios = [inf]
+    times = np.linspace(trajectory.start, trajectory.end, _COHERENCE_SAMPLES)
+    for t, q in zip(times, trajectory.positions_at(times), strict=True):
+        time = np.array([t, first.branch])
+        stiffness, damping, mass = solver.linearize_forces(time, solver.rest_state(q))
+        scales = equations.position_scales[:, None]
+        basis = scales * la.null_space(solver.constraint_matrix(time, q).toarray() * scales.T)
+        if not basis.shape[1]:
+            continue
+        reduced, inertia = (basis.T @ (x @ basis) for x in (stiffness, mass))
+        try:
+            squares, modes = la.eigh(0.5 * (reduced + reduced.T), 0.5 * (inertia + inertia.T))
+        except (la.LinAlgError, ValueError):  # states without inertia, infinite forces
+            return inf
+        motions = basis @ modes
+        rates = np.sum(motions * (damping @ motions), axis=0)
+        if squares[0] < -(smallest**2):
+            return inf
+        vibrates = squares > smallest**2
+        ratios.extend(0.5 * rates[vibrates] / np.sqrt(squares[vibrates]))
+    smallest_ratio = min(ratios)
+    return float(1.0 / (2.0 * pi * smallest_ratio)) if smallest_ratio > 0.0 else inf
 
 
 def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRange, ...]:
