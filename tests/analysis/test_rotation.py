@@ -179,6 +179,43 @@ def test_nonlinear_run_of_a_rotating_arm_matches_its_modes(bent):
     assert_allclose(moment, expected, rtol=0.0, atol=2e-4 * np.max(np.abs(expected)))
 
 
+def blade_on_hub(material, **options):
+    mech = bd.Mechanism()
+    hub = mech.add(bd.RigidBody("hub", mass=5.0, inertia=0.05))
+    section = bd.Section.rectangle(material, width=0.05, height=0.01)
+    line = bd.Line((0.1, 0.0), (0.7, 0.0))
+    blade = mech.add(bd.Beam("blade", line, section, elements=2, **options))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0), law=0.0))
+    mech.add(bd.Revolute("bearing", mech.ground.at(0.0, 0.0), hub.at(0.0, 0.0)))
+    mech.add(bd.Weld("clamp", hub.at(0.1, 0.0), blade.start))
+    return mech
+
+
+@pytest.mark.parametrize("options", [{}, {"strain": "exact"}, {"formulation": "exact"}])
+def test_regression_speeds_that_no_metal_bears_are_stated_in_rpm(options):
+    """6000 rpm, passed as 6000 rad/s, caused no warning, or one about the strain measure."""
+    with pytest.warns(bd.BeamdaeWarning) as caught:
+        bd.campbell(blade_on_hub(bd.Material.of("steel"), **options), [0.0, 6000.0], n=1)
+    first = str(caught[0].message)
+    assert first.startswith("at 6000 rad/s, blade: the rotation at 6000 rad/s (57296 rpm) causes")
+    assert first.endswith("speeds are in rad/s (6000 rpm are 628.3 rad/s).")
+
+
+@pytest.mark.parametrize(
+    ("material", "speed"),
+    [
+        # Strains of 0.35 %, as in fast blades of titanium.
+        (bd.Material.of("steel"), 628.0),
+        # Rubber may be stretched by 9 %.
+        (bd.Material(E=5e6, nu=0.45, rho=1100.0), 40.0),
+    ],
+    ids=["steel", "rubber"],
+)
+@pytest.mark.filterwarnings("error")
+def test_rotations_within_the_strength_have_no_warning(material, speed):
+    bd.campbell(blade_on_hub(material, formulation="exact"), [0.0, speed], n=1)
+
+
 def rotor_on_a_bearing():
     """In the rotating frame, the whirl frequency splits into 10 - speed and 10 + speed [rad/s]."""
     mech = bd.Mechanism()

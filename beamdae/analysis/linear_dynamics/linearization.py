@@ -41,7 +41,7 @@ from beamdae.errors import (
 )
 from beamdae.linear.saddle_point import factorize_saddle_point
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM, require_start
-from beamdae.results.diagnostics.meshes.beam_ranges import frequency_warnings
+from beamdae.results.diagnostics.meshes.beam_ranges import frequency_warnings, rotation_warnings
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.trajectory import Instant
 from beamdae.simulation import as_equations
@@ -135,7 +135,9 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     lin = _linearize(name, model, about, t)
     strains = frequency_warnings(lin.equations, lin.state.q)
     turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
-    lin = replace(lin, warnings=(*lin.warnings, *turning, *strains))
+    is_rotation = isinstance(about, Rotation)
+    speeds = rotation_warnings(lin.equations, lin.state.q, about.speed) if is_rotation else ()
+    lin = replace(lin, warnings=(*lin.warnings, *turning, *speeds, *strains))
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)

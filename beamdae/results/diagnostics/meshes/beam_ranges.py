@@ -36,6 +36,9 @@ MAX_UNREPORTED_STRAIN = 0.5
 _MAX_UNREPORTED_STIFF_STRAIN, _MIN_STIFF_MODULUS = 0.05, 1e10
 # Runs of many steps end at strains above this multiple of these limits.
 _MEANINGLESS_STRAIN_RATIO = 2.0
+# Elastic limit of the strongest metals: 1.3 % for maraging steel and 1.9 % for drawn wires.
+_MAX_STRAIN_OF_METALS = 0.02
+_RPM = np.pi / 30.0  # rad/s
 # Limits of the number of times at which beams are checked, one time per step. With fewer times than
 # four per period, long vibrations would be undersampled and their phase error missed.
 _MIN_SAMPLE_COUNT = 400
@@ -341,9 +344,36 @@ def strain_warnings(
 
 def describe_meaningless_strain(equations: EquationsOfMotion, q: Array) -> str:
     """Return the warning of `strain_warnings` if strains at q (k, n) are twice as large, or ""."""
-    strains = {x.statement.part: float(x.largest_deformation(q)[2]) for x in equations.ranges}
-    strains |= _largest_strains_of_others(equations, strains, q)
+    strains = _largest_strains(equations, q)
     return next(_describe_strains(equations, strains, _MEANINGLESS_STRAIN_RATIO), "")
+
+
+def rotation_warnings(equations: EquationsOfMotion, q: Array, speed: float) -> Iterator[str]:
+    """Yield a warning of metal beams that a rotation strains beyond the strength of metals.
+
+    `q` (n,) are the coordinates in the steady rotation at `speed` [rad/s]; such speeds are usually
+    meant in rpm.
+    """
+    strains = _largest_strains(equations, q[None])
+    yield from _merge_beams(
+        (
+            beam.name,
+            strains[beam.name],
+            f"{beam.name}: the rotation at {speed:g} rad/s ({speed / _RPM:.0f} rpm) causes strains "
+            f"of {format_percent(strains[beam.name])}, but metals bear at most "
+            f"{format_percent(_MAX_STRAIN_OF_METALS)}; speeds are in rad/s "
+            f"({speed:g} rpm are {speed * _RPM:.4g} rad/s).",
+        )
+        for beam in beams_of(equations.mechanism)
+        if strains[beam.name] > _MAX_STRAIN_OF_METALS
+        and beam.section.at(0.0).material.E >= _MIN_STIFF_MODULUS
+    )
+
+
+def _largest_strains(equations: EquationsOfMotion, q: Array) -> dict[str, float]:
+    """Return the largest strains of all beams at q (k, n), by name."""
+    strains = {x.statement.part: float(x.largest_deformation(q)[2]) for x in equations.ranges}
+    return strains | _largest_strains_of_others(equations, strains, q)
 
 
 def _largest_strains_of_others(
