@@ -20,6 +20,7 @@ from beamdae.equations.part_warnings import (
     start_inside_warnings,
     supplied_energy_warnings,
 )
+from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
 from beamdae.results.diagnostics.contacts.deep_contacts import deep_contact_warnings
 from beamdae.results.diagnostics.contacts.elastic_bounces import elastic_bounce_warnings
@@ -144,7 +145,10 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
         return dict(zip(run.equations.observed_headers, rows.T, strict=True))
 
     of_damping = select_peaks_of_damping(peaks, jumps, damping, run.trajectory.end, observe_at)
-    yield from damping_peak_warnings(of_damping)
+    mechanism = run.equations.mechanism
+    events = () if mechanism is None else mechanism.events
+    has_impacts = any(select_impacts(x.do) for x in events)
+    yield from damping_peak_warnings(of_damping, has_impacts)
     known = {x.peak for x in of_damping}
     others = {name: peak for name, peak in peaks.items() if peak not in known}
     others = remove_minor_peaks(others, run.step_extremes, run.equations.length)

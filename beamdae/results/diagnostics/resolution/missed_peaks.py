@@ -518,8 +518,11 @@ def select_peaks_of_damping(
     return of_damping
 
 
-def damping_peak_warnings(peaks: Sequence[DampingPeak]) -> Iterator[str]:
-    """Yield a warning about the peaks of `select_peaks_of_damping`, which depend on the mesh."""
+def damping_peak_warnings(peaks: Sequence[DampingPeak], has_impacts: bool) -> Iterator[str]:
+    """Yield a warning about the peaks of `select_peaks_of_damping`, which depend on the mesh.
+
+    `has_impacts` is True if events with bd.impact cause jumps, False if only activated joints do.
+    """
     if not peaks:
         return
     worst, *others = sorted(peaks, key=lambda x: -x.peak.importance)
@@ -536,11 +539,11 @@ def damping_peak_warnings(peaks: Sequence[DampingPeak]) -> Iterator[str]:
         usable = (
             f"the value after it ({worst.later_value:.4g} {unit} at t = {worst.later_time:.6g} s)"
         )
+    contact = ", or a bd.Contact in place of bd.impact" if has_impacts else ""
     yield (
         f"{columns}: the {peak.side} value, {value} at t = {peak.time:.6g} s, is that of the "
         "damping of the section at a jump of the velocities, which decays within the retardation "
-        f"time and may depend on the number of elements; use {usable}, or a bd.Contact in place of "
-        "bd.impact."
+        f"time and may depend on the number of elements; use {usable}{contact}."
     )
 
 
