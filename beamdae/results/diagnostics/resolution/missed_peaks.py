@@ -533,7 +533,9 @@ def damping_peak_warnings(peaks: Sequence[DampingPeak], has_impacts: bool) -> It
     )
     usable = f"the rows ({row_value})"
     sign = -1.0 if peak.side == "smallest" else 1.0
-    if sign * (worst.later_value - peak.row_value) > 2.0 * _MAX_MISSED_SHARE * peak.half_range:
+    if sign * (worst.later_value - peak.row_value) > 2.0 * _MAX_MISSED_SHARE * abs(
+        worst.later_value
+    ):
         # The rows miss the peak without the damping, too.
         unit = Header.of(peak.column).unit
         usable = (
