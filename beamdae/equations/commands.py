@@ -14,7 +14,13 @@ import numpy as np
 
 from beamdae.equations.assembly.building import NumberStore, build_observable, select_input_laws
 from beamdae.equations.assembly.coordinate_map import map_coordinates
-from beamdae.equations.equations_of_motion import EquationsOfMotion, Observable, State
+from beamdae.equations.equations_of_motion import (
+    EquationsOfMotion,
+    Observable,
+    PartStatements,
+    State,
+)
+from beamdae.parts.control.controller import Controller
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import State as SignalState
 from beamdae.symbolic.local_symbols import SX
@@ -108,6 +114,44 @@ def find_commanded_loads(mechanism: Mechanism) -> frozenset[str]:
             if depends_on_state or any(_contains(x, outputs) for x in formulas):
                 names.add(part.name)
     return frozenset(names)
+
+
+def unused_command_warnings(
+    mechanism: Mechanism, statements: Sequence[PartStatements]
+) -> Iterator[str]:
+    """Yield a warning for each `pid` and sampled controller of whose commands no part depends."""
+    time = SX.sym("t", 2)
+    formulas = [(part.name, law(time)) for part in mechanism.parts.values() for law in part.laws]
+    # Functions of the user, such as those of `ForceLaw`, are part of the statements, in which local
+    # symbols replace the signals.
+    groups = [
+        (force.part, {x.signal.name for x in force.signals})
+        for part in statements
+        for force in part.forces
+    ]
+    for name, output in mechanism.outputs.items():
+        signals = {x.name for x in find_signals(output)}
+        # With limits, the integral of the controller depends on the output.
+        integral = f"{name} integral"
+        others = (formula for part, formula in formulas if part != integral)
+        is_used = any(signals <= group for part, group in groups if part != integral)
+        if not is_used and not any(_contains(x, {output.element_hash()}) for x in others):
+            yield (
+                f"{name}: its output is used by no part; pass it to a part, such as a Force or a "
+                "Moment."
+            )
+    controllers = [x for x in mechanism.parts.values() if isinstance(x, Controller)]
+    used = {x.name for _, formula in formulas for x in find_signals(formula)}
+    used = used.union(*(group for _, group in groups))
+    used |= {x.name for one in controllers for x in one.reads if isinstance(x, Signal)}
+    for controller in controllers:
+        driven = [x.name for x in controller.drives]
+        # A controller may drive further inputs as columns of the result.
+        if used.isdisjoint(driven):
+            yield (
+                f"{controller.name}: {', '.join(driven)} is used by no part; pass it to a part, "
+                "such as a Force or a Moment."
+            )
 
 
 def _contains(formula: SX, hashes: set[int]) -> bool:

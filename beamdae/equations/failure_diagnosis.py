@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formula_forces import compile_formula_forces, name_formula_forces
+from beamdae.equations.formula_forces import (
+    FormulaForceTerm,
+    compile_formula_forces,
+    name_formula_forces,
+)
 from beamdae.equations.friction_sliding import compile_sliding
 from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.equations.starts.state_evaluator import StateEvaluator
@@ -26,6 +30,10 @@ _STEP_SAMPLES = 9
 # Newton's iteration converges when a part sticks (479 of 480 runs; with 8, 350 of 480).
 _MAX_SPEED_CHANGE = 5.0
 _RECOMMENDED_SPEED_CHANGE = 4.0
+# Motions relative to the sizes of the parts at which poles of forces are sought, their number, and
+# the factor by which the force increases there, and again whenever the search is refined.
+_POLE_DISTANCES, _POLE_SAMPLES = (1e-16, 0.1), 301
+_POLE_GROWTH, _POLE_REFINEMENTS = 8.0, 3
 _SIGNIFICANT_RESIDUAL = 1e-6  # relative to the size of the terms of the equation
 _MAX_NAMES = 3
 _MIN_FORCE = 1e-300  # avoids division by zero
@@ -69,6 +77,7 @@ def diagnose_failure(
         causes = [
             describe_singular_position(equations, time, state),
             _describe_start(equations, time, state, step),
+            _describe_pole(equations, time, state),
             _describe_sticking(equations, time, state, step),
             _describe_abrupt_forces(equations, time, state, step),
             _describe_largest_residual(equations, state, residual),
@@ -127,6 +136,52 @@ def describe_singular_position(e: EquationsOfMotion, time: Array, state: State) 
         f"the mechanism is near a singular position of {names}; check that it can pass "
         "this position"
     )
+
+
+def _describe_pole(e: EquationsOfMotion, time: Array, state: State) -> str:
+    """Return a phrase naming a part whose force has a pole near this state, or ""."""
+    speed = float(np.max(np.abs(state.v) / e.position_scales, initial=0.0))
+    if not (np.isfinite(speed) and speed > 0.0):
+        return ""
+    for name, term in zip(
+        name_formula_forces(e, True), compile_formula_forces(e, True), strict=True
+    ):
+        for direction in (1.0, -1.0):
+            distance = _find_pole(term, time, state, direction / speed)
+            if distance is not None:
+                return (
+                    f"the force of {name} is infinite within {distance:.1g} s of this time, at "
+                    "these velocities; bound its formula, or stop the run before by an event"
+                )
+    return ""
+
+
+def _find_pole(term: FormulaForceTerm, time: Array, state: State, scale: float) -> float | None:
+    """Return the time [s] to a pole of a force at constant velocities, or None.
+
+    Poles are sought at _POLE_DISTANCES times `scale`, which is negative before the state.
+    """
+
+    def size(shares: Array) -> Array:
+        q = state.q + (scale * shares)[:, None] * state.v
+        v = np.broadcast_to(state.v, q.shape)
+        force = np.abs(term.evaluate(np.full(len(shares), time[0]), time[1], q, v))
+        return np.max(np.where(np.isnan(force), np.inf, force), axis=1)
+
+    largest = _POLE_GROWTH * float(size(np.zeros(1))[0])
+    shares = np.geomspace(*_POLE_DISTANCES, _POLE_SAMPLES)
+    for _ in range(_POLE_REFINEMENTS):
+        sizes = size(shares)
+        k = int(np.argmax(sizes))
+        # Forces that only increase, such as those of stiff springs, have no pole.
+        if not (sizes[k] > largest > 0.0 and 0 < k < len(shares) - 1):
+            return None
+        if np.isinf(sizes[k]):
+            break
+        largest = _POLE_GROWTH * float(sizes[k])
+        shares = np.linspace(shares[k - 1], shares[k + 1], _POLE_SAMPLES)
+        k = len(shares) // 2
+    return abs(scale) * float(shares[k])
 
 
 def _describe_sticking(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:

@@ -50,25 +50,27 @@ class FormulaForceTerm:
         return self.kernel.load_function(times, *local, self.numbers)
 
 
-def name_formula_forces(equations: EquationsOfMotion) -> list[str]:
+def name_formula_forces(equations: EquationsOfMotion, all_forces: bool = False) -> list[str]:
     """Return the name of the part of each force that `compile_formula_forces` returns."""
     inputs = {} if equations.mechanism is None else equations.mechanism.inputs
     laws = select_input_laws(inputs)
     forces = [x.with_laws(laws) for part in equations.statements for x in part.forces]
     names = []
     for group, term in zip(group_by_kernel(forces), equations.forces, strict=False):
-        if term.kernel.may_have_peaks:
+        if all_forces or term.kernel.may_have_peaks:
             members = (forces[k] for k in group.members)
             names += [x.part for x in members for _ in range(x.data.shape[1])]
     # Equations of a `ConstrainedSystem` have no statements.
-    return names or ["force"] * len(compile_formula_forces(equations))
+    return names or ["force"] * len(compile_formula_forces(equations, all_forces))
 
 
-def compile_formula_forces(equations: EquationsOfMotion) -> tuple[FormulaForceTerm, ...]:
-    """Return the forces that may have narrow peaks over time or over the motion."""
+def compile_formula_forces(
+    equations: EquationsOfMotion, all_forces: bool = False
+) -> tuple[FormulaForceTerm, ...]:
+    """Return the forces that may have narrow peaks over time or over the motion, or all forces."""
     terms = []
     for term in equations.forces:
-        if not term.kernel.may_have_peaks:
+        if not (all_forces or term.kernel.may_have_peaks):
             continue
         size = term.kernel.local.size
         numbers = equations.p[term.data].reshape(term.count, -1)

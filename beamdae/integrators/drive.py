@@ -60,7 +60,10 @@ from beamdae.interrupts import Interrupted, acknowledge, attach_partial
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import release_freed_memory, retain_freed_memory
 from beamdae.results.diagnostics.growing_loops import growing_loop_warnings
-from beamdae.results.diagnostics.meshes.beam_ranges import describe_meaningless_strain
+from beamdae.results.diagnostics.meshes.beam_ranges import (
+    MEANINGLESS_DEFORMATION,
+    describe_meaningless_strain,
+)
 from beamdae.results.diagnostics.resolution.followed_vibrations import describe_followed_vibration
 from beamdae.results.event_records import EventRecord
 from beamdae.results.outcome import REACHED_END, Status
@@ -267,7 +270,9 @@ def _name_cause(
     if status.kind not in ("failed", "limited"):
         return status
     cause = describe_growth(repeated) or next(growing_loop_warnings(equations, trajectory), "")
-    if not cause and status.kind == "limited":
+    # Vibrations with meaningless strains are an effect, not a cause.
+    is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
+    if not cause and status.kind == "limited" and not is_meaningless:
         cause = describe_followed_vibration(equations, trajectory, end)
     if not cause:
         return status

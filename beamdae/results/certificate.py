@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -163,6 +164,14 @@ class Certificate(CertificateStatus):
     elements: dict[str, int] = field(default_factory=dict)
     runs: tuple[CertificateRun, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
+        """Return columns of `solution` over time by name, see `Solution.__getitem__`."""
+        return self.solution[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Return True if `certificate[name]` selects columns."""
+        return name in self.solution
 
     @property
     def warnings(self) -> tuple[str, ...]:

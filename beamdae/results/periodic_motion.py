@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -178,6 +178,14 @@ class PeriodicMotion(HasTable, HasPage):
                 else "disturbances double the period"
             )
         return f"unstable: growth by a factor of {abs(multiplier):.6g} per period, {growth}"
+
+    def __getitem__(self, name: str | Sequence[str]) -> pd.Series | pd.DataFrame:
+        """Return columns of the period over time by name, see `Solution.__getitem__`."""
+        return self.solution[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Return True if `motion[name]` selects columns."""
+        return name in self.solution
 
     def table(self) -> pd.DataFrame:
         """Return time, observed columns and energies of the period, see `Solution.table`."""

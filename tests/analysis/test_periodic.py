@@ -145,6 +145,13 @@ def test_regression_small_loads_are_periodic():
     assert bd.periodic(mech, 1.0 / 3.3454, bd.Radau(1e-6)).status.success
 
 
+def test_regression_columns_of_a_periodic_motion_are_selected_as_those_of_a_run():
+    motion = bd.periodic(oscillator(bd.sine(1.0, 0.2)), 5.0, bd.Radau(1e-4))
+    assert motion["mass.x"].equals(motion.solution["mass.x"])
+    assert "mass.x" in motion
+    assert "mass.z" not in motion
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_failed_search_is_a_result_with_a_reason():
     # Undamped at resonance, the amplitude grows without bound.

@@ -10,7 +10,7 @@ from conformance import integrators
 
 import beamdae as bd
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.failure_diagnosis import describe_singular_position
+from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
 
 
 @integrators(1e-5, 1e-3)
@@ -60,6 +60,36 @@ def test_regression_friction_that_reverses_within_a_fixed_step_is_named(step):
     with pytest.warns(bd.BeamdaeWarning):
         status = bd.simulate(mech, bd.GeneralizedAlpha(step), t_end=2.0).status
     assert f"steps of {step} s are too long for changes of the force of rubber;" in status.sentence
+
+
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("gap", [1e-2, 0.5])
+def test_regression_forces_that_become_infinite_are_named(power, gap):
+    """An electrostatic force whose gap closed led to "check the model near this time"."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("plate", 1.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), mass.point, (1.0, 0.0)))
+
+    def attract(at, t):
+        return gap / (1.0 - at.position[0] / gap) ** power, 0.0
+
+    mech.add(bd.ForceLaw("electrode", mass.point, attract))
+    with pytest.warns(bd.BeamdaeWarning):
+        status = bd.simulate(mech, bd.Radau(), 5.0).status
+    assert status.kind == "failed"
+    assert "the force of electrode is infinite within" in status.sentence
+
+
+@pytest.mark.parametrize("law", [lambda x: 1.0 + 1e9 * x**3, lambda x: np.exp(-((x / 1e-4) ** 2))])
+def test_steep_forces_without_a_pole_are_not_infinite(law):
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("plate", 1.0, at=(-0.01, 0.0), velocity=(1.0, 0.0)))
+    mech.add(
+        bd.ForceLaw("spring", mass.point, lambda at, t: (-law(at.position[0] * (1.0 + 0.0 * t)), 0))
+    )
+    equations = bd.equations_of_motion(mech)
+    state = State(equations.q0, equations.v0, np.zeros(equations.n), np.zeros(equations.m))
+    assert "infinite" not in diagnose_failure(equations, np.array([0.0, 1.0]), state, 1e-9, 0.0)
 
 
 def test_regression_linkages_with_a_short_crank_are_not_near_a_singular_position():

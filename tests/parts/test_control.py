@@ -15,6 +15,39 @@ INERTIA = 0.5
 INTEGRATORS = (bd.Ida(1e-8), bd.Radau(1e-8), bd.GeneralizedAlpha(1e-3))
 
 
+def _loop_without_actuator(actuator=None, limits=None, is_sampled=False):
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 2.0, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    x, v = (mech.sensor(name, stage.point, name) for name in ("x", "x_dot"))
+    if is_sampled:
+        command = mech.input("F", unit="N")
+        mech.add(bd.Controller("servo", 0.01, [x], [command], lambda s: -s.reads[0]))
+    else:
+        command = bd.pid(mech, "servo", 0.1 - x, 300.0, 400.0, 40.0, rate=-v, limits=limits)
+    if actuator is not None:
+        mech.add(actuator(mech, stage.point, command))
+    return bd.equations_of_motion(mech).build_warnings
+
+
+_ACTUATORS = [
+    lambda mech, at, u: bd.Force("motor", at, (1.0 - u, 0.0)),
+    lambda mech, at, u: bd.ForceLaw("motor", at, lambda point, t: (u, 0.0)),
+    lambda mech, at, u: bd.Force("motor", at, (bd.low_pass(mech, "lag", u, 1e-3), 0.0)),
+    lambda mech, at, u: bd.Force("motor", at, (bd.pid(mech, "inner", u, 2.0), 0.0)),
+]
+
+
+@pytest.mark.parametrize("settings", [{}, {"limits": (-5.0, 5.0)}, {"is_sampled": True}])
+def test_regression_commands_that_no_part_uses_have_a_warning(settings):
+    """A loop whose actuator was forgotten ran without a warning."""
+    (sentence,) = _loop_without_actuator(**settings)
+    assert sentence.startswith("servo: ")
+    assert "is used by no part" in sentence
+    for actuator in _ACTUATORS:
+        assert not _loop_without_actuator(actuator, **settings)
+
+
 def servo_law(sample):
     angle, rate = sample.reads
     return 8.0 * (1.0 - angle) - 4.0 * rate

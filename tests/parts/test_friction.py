@@ -184,6 +184,28 @@ def test_painleve_paradox_is_reported():
         run(rod(1.8), bd.Radau(), 1e-3)
 
 
+def test_regression_the_radius_is_a_possible_cause_of_a_paradox():
+    """A radius in mm led to the advice to reduce the coefficient of friction."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    bar = mech.add(bd.RigidBody("bar", MASS, 0.2, (0.5, 0.0), angular_velocity=-1.0))
+    pin = mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    mech.add(bd.Friction("bush", pin, 0.3, friction_speed=0.01, radius=50.0))
+    with pytest.raises(bd.BeamdaeError, match=r"check the radius \(bush: 50 m\), reduce the"):
+        run(mech, bd.Radau(), 1e-3)
+
+
+def test_regression_equilibria_state_that_friction_does_not_hold():
+    """A block on a slope "moved farthest", although its friction seemed to hold it."""
+    mech = bd.Mechanism(gravity=(0.0, -GRAVITY))
+    stone = mech.add(bd.PointMass("stone", MASS, at=(0.0, 0.0)))
+    slope = mech.add(bd.PointOnLine("slope", mech.ground.at(0.0, 0.0), stone.point, (1.0, -0.1)))
+    words = "add a joint or a spring"
+    assert bd.equilibrium(mech).status.sentence.partition(" (last")[0].endswith(words)
+    mech.add(bd.Friction("rub", slope, 0.5, friction_speed=1e-3))
+    words += ", because the friction of rub is zero at rest"
+    assert bd.equilibrium(mech).status.sentence.partition(" (last")[0].endswith(words)
+
+
 def test_tangents_are_derivatives():
     numeric = NumericEquations(
         pendulum(friction_speed=0.5, static=0.4, stribeck=0.3, smoothing=0.7)

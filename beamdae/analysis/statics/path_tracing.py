@@ -90,6 +90,8 @@ _JUMP_RATE_RATIO = 2.0
 # A single load step is divided and checked if it moves the structure this many times as far as its
 # tangent at the end predicts: up to 1.5 without a jump (measured), from 1.8 with one.
 _SINGLE_STEP_RATE_RATIO = 1.4
+# Targets farther away than this multiple of the size of the mechanism are named if steps fail.
+_FAR_TARGET_RATIO = 3.0
 _MAX_CHECK_POINTS = 100
 # A single load step and ten that lead to the same point differ by less than this fraction of the
 # motion.
@@ -287,6 +289,9 @@ def trace_path(loading: Loading, q: Array, settings: PathSettings) -> Equilibriu
             notes += _range_notes(path) + jump_notes + _mesh_notes(path)
         iterations += corrector.iterations
         status = _end_status(path, system, control)
+        if not status.success and path.is_stuck and isinstance(last_control, DisplacementControl):
+            far = _describe_far_target(last_control, path.points[0], settings)
+            status = replace(status, sentence=status.sentence + far)
         if not status.success:
             break
     all_factors = np.array(factors).reshape(len(points), len(loading.stages))
@@ -653,6 +658,22 @@ def _end_status(path: StagePath, system: LoadedEquations, control: str) -> Statu
     if path.is_stuck:
         sentence += _remedy(path, system.equations, control)
     return Status(path.status.kind, sentence)
+
+
+def _describe_far_target(
+    control: DisplacementControl, begin: EquilibriumPoint, settings: PathSettings
+) -> str:
+    """Return a remark on a target much farther away than the size of the mechanism, or ""."""
+    unit, length = control.observable.columns[control.column].unit, begin.system.equations.length
+    value = control.value(begin.x, begin.mu)
+    farthest = max(settings.targets, key=lambda target: abs(target - value))
+    ratio = abs(farthest - value) / length
+    if unit != "m" or ratio < _FAR_TARGET_RATIO:
+        return ""
+    return (
+        f"; the target {settings.column} = {farthest:g} m is {ratio:.2g} times the size of the "
+        f"mechanism ({length:.3g} m) away, so check its unit"
+    )
 
 
 def _may_end_by_rounding(path: StagePath) -> bool:

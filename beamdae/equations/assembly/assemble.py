@@ -23,13 +23,14 @@ from beamdae.equations.assembly.statement_checks import (
     require_coordinates_fit,
     require_pieces_fit,
 )
+from beamdae.equations.commands import unused_command_warnings
 from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     PartCoordinates,
     PartStatements,
 )
 from beamdae.equations.singular_laws import collect_unbounded_laws
-from beamdae.errors import BeamdaeError, record_messages, short_repr
+from beamdae.errors import BeamdaeError, record_messages, short_repr, warn_user
 from beamdae.memory import require_memory
 from beamdae.parts.attachments import largest_distance
 from beamdae.parts.control.controller import select_controllers
@@ -176,6 +177,11 @@ def equations_of_motion(mechanism: Mechanism, start: Any = None) -> EquationsOfM
                 "redundant constraints."
             )
         equations = replace(equations, redundant=True)
+    if mechanism.outputs or equations.controllers:
+        with record_messages() as messages:
+            for sentence in unused_command_warnings(mechanism, statements):
+                warn_user(sentence)
+        mechanism.build_warnings = tuple(dict.fromkeys([*mechanism.build_warnings, *messages]))
     if mechanism.build_warnings:
         equations = replace(equations, build_warnings=mechanism.build_warnings)
     equations = equations.without_loads_of(mechanism.removed)

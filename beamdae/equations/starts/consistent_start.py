@@ -24,6 +24,7 @@ from beamdae.linear.factorizations import (
     SingularMatrixError,
     create_factorization,
 )
+from beamdae.parts.forces.friction import Friction
 from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
@@ -467,9 +468,13 @@ class ConsistencySolver(StateEvaluator):
                 return solution[: e.n], solution[e.n :]
         rows = [k for term in e.forces if term.rows is not None for k in term.rows.indices]
         joints = sorted({e.lam_names[k].rpartition(".")[0] for k in rows})
+        parts = () if e.mechanism is None else e.mechanism.parts.values()
+        frictions = (x for x in parts if isinstance(x, Friction) and x.joint.name in joints)
+        radii = [f"{x.name}: {x.radius:g} m" for x in frictions if x.radius is not None]
+        check = f"check the radius ({', '.join(radii)}), " if radii else ""
         raise BeamdaeError(
             f"{', '.join(joints)}: with friction, no accelerations and reactions "
-            f"satisfy the equations at t = {time[0]:g} s (Painleve's paradox); reduce "
+            f"satisfy the equations at t = {time[0]:g} s (Painleve's paradox); {check}reduce "
             "the coefficient of friction or increase the regularization velocity."
         )
 

@@ -11,13 +11,15 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.friction_sliding import compile_sliding
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.rigid_motions import DisplacementMeasure
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, list_first
 
 Array = np.ndarray
 
 # Step sizes, in units of `position_scales`.
+_MAX_NAMES = 3  # of parts with friction in a message
 _MAX_STEP = 0.2  # small enough to close the joints by Newton's method
 _MAX_TRAVEL_SIZES = 1e4  # limit of the travel to which steps are relative
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
@@ -234,10 +236,12 @@ def relax_to_equilibrium(static: StaticSystem, q: Array) -> tuple[Array, Array]:
             return q, np.zeros(e.m) if _is_unloaded(static, q) else lam
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
+    sliding = list_first([term.name for term in compile_sliding(e)], _MAX_NAMES)
+    reason = f", because the friction of {sliding} is zero at rest" if sliding else ""
     raise BeamdaeError(
         f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "
         f"{static.time[0]:g} s, and this coordinate moved farthest (by {displacement[worst]:.3g} "
-        f"{e.coordinates[worst].unit}); if it moves without limit, add a joint or a spring."
+        f"{e.coordinates[worst].unit}); if it moves without limit, add a joint or a spring{reason}."
     )
 
 

@@ -39,6 +39,7 @@ _MEANINGLESS_STRAIN_RATIO = 2.0
 # Elastic limit of the strongest metals: 1.3 % for maraging steel and 1.9 % for drawn wires.
 _MAX_STRAIN_OF_METALS = 0.02
 _RPM = np.pi / 30.0  # rad/s
+MEANINGLESS_DEFORMATION = "so the deformation is meaningless"
 # Limits of the number of times at which beams are checked, one time per step. With fewer times than
 # four per period, long vibrations would be undersampled and their phase error missed.
 _MIN_SAMPLE_COUNT = 400
@@ -397,8 +398,8 @@ def _describe_strains(
         (
             name,
             strain,
-            f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, so the "
-            "deformation is meaningless; reduce the loads, or check section and units.",
+            f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, "
+            f"{MEANINGLESS_DEFORMATION}; reduce the loads, or check section and units.",
         )
         for name, strain in strains.items()
         if strain > ratio * limits.get(name, MAX_UNREPORTED_STRAIN)
