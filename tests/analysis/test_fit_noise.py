@@ -432,3 +432,72 @@ def test_parameters_that_have_an_effect_later_are_fitted(exact):
     result = bd.fit(stiff_only, data, ["stiffness", "level"], METHOD)
     assert result.status.success
     assert result.parameters == pytest.approx({"stiffness": 40.0, "level": 1.6}, rel=1e-4)
+
+
+def test_regression_mirrored_data_far_from_the_first_values_are_named():
+    """A search of a scale reduced the amplitude: 100 evaluations, and no word of the sign."""
+    times = np.linspace(0.0, 8.0, 201)
+    run = bd.simulate(oscillator(stiffness=40.0, damping=0.2), METHOD, t_end=8.0).at_times(times)
+    data = {"t [s]": times, "mass.x": 2.0 - run["mass.x"].to_numpy()}
+    options = {"parameters": {"stiffness": 32.0, "damping": 0.1}, "log": list(TRUE)}
+    with pytest.warns(bd.BeamdaeWarning, match=r"mass.x look mirrored \(scale -1\)"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, sigma=1e-4, **options)
+    assert result.evaluations <= 25
+
+
+def test_regression_ends_that_explain_nothing_have_not_converged(exact):
+    """They had the status "ok" and intervals after 41 evaluations."""
+    with pytest.warns(bd.BeamdaeWarning, match="explains the data less well .* check signs, units"):
+        result = bd.fit(
+            oscillator,
+            {"t [s]": TIMES, "mass.x": exact + white()},
+            "stiffness",
+            METHOD,
+            parameters={"stiffness": 900.0},
+        )
+    assert result.status.kind == "limited"
+    assert result.evaluations <= 40
+
+
+@bd.model(t_end=3.0)
+def chain(k1=60.0, k2=90.0, damping=0.5):
+    mech = bd.Mechanism()
+    one = mech.add(bd.PointMass("one", 1.0, at=(1.0, 0.0), velocity=(0.3, 0.0)))
+    two = mech.add(bd.PointMass("two", 0.7, at=(2.0, 0.0)))
+    mech.add(bd.SpringDamper("left", mech.ground.at(0.0, 0.0), one.point, k1, damping))
+    mech.add(bd.SpringDamper("right", one.point, two.point, k2, damping))
+    mech.observe("one", one.point)
+    mech.observe("two", two.point)
+    return mech
+
+
+def test_regression_searches_that_start_out_of_phase_reach_the_solution():
+    """Steps that reduce the amplitude ended in another minimum with the status "ok"."""
+    times = np.linspace(0.03, 3.0, 101)
+    run = bd.simulate(chain(), METHOD, t_end=3.0).at_times(times)
+    rng = np.random.default_rng(2)
+    data, sigma = {"t [s]": times}, {}
+    for column in ("one.x", "two.x"):
+        values = run[column].to_numpy()
+        sigma[column] = 0.01 * np.ptp(values)
+        data[column] = values + rng.normal(scale=sigma[column], size=101)
+    first = {"k1": 175.5, "k2": 51.4, "damping": 0.62}
+    result = bd.fit(chain, data, list(first), METHOD, sigma=sigma, parameters=first)
+    assert result.status.kind == "ok"
+    assert result.parameters["k1"] == pytest.approx(60.0, rel=0.01)
+
+
+@pytest.mark.parametrize("log", [[], ["stiffness", "damping", "mass"]])
+def test_regression_undetermined_combinations_stay_close_to_the_first_values(exact, log):
+    """A stiffness whose ratio to the mass is determined moved from 30 to 368 N/m."""
+    data = {"t [s]": TIMES, "mass.x": exact + white(1e-4)}
+    first = {"stiffness": 30.0, "damping": 0.7, "mass": 1.0}
+    with pytest.warns(bd.BeamdaeWarning, match="do not change the fitted columns"):
+        result = bd.fit(oscillator, data, list(first), METHOD, parameters=first, log=log)
+    # The product of the three ratios to the first values is one.
+    changes = [result.parameters[name] / value for name, value in first.items()]
+    assert np.prod(changes) == pytest.approx(1.0, rel=1e-3)
+    assert result.parameters["stiffness"] / result.parameters["mass"] == pytest.approx(
+        40.0, rel=0.01
+    )
+    assert result.status.kind == "ok"

@@ -170,7 +170,8 @@ def fit(
         Before the search, if columns of the data are not observed, have no unit in a file or have
         times without a unit, if the data end after the end time of the model or before 1/300 of it,
         or if the ranges of a column in the first run and in the data differ by a factor above 100;
-        if the search did not converge, with the reason, for each sentence in `Fit.warnings`, which
+        if the search did not converge or explains less than half of the variation of the data, with
+        the reason, for each sentence in `Fit.warnings`, which
         include those of the runs, if a parameter has no effect on the model, and for each sentence
         in `Fit.undetermined` if a standard deviation is infinite.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -176,6 +177,16 @@ class FitProblem:
         other._t_end = other._latest_times()
         return other
 
+    def with_mirrored_data(self, headers: Sequence[str]) -> FitProblem:
+        """Return a problem with the opposite sign of the data of some columns."""
+        other = copy.copy(self)
+        signs = [
+            np.full(len(x.values), -1.0 if header in headers else 1.0)
+            for x, header in zip(self.data.series, self.headers, strict=True)
+        ]
+        other._values = self._values * np.concatenate(signs)
+        return other
+
     @property
     def headers(self) -> tuple[str, ...]:
         """Header of the observed column of each series of `data`."""
@@ -185,6 +196,12 @@ class FitProblem:
     def weighted_square(self) -> float:
         """Sum of the squares of the data in standard deviations."""
         return float(np.sum((self._values * self.weights) ** 2))
+
+    @cached_property
+    def variation(self) -> float:
+        """Sum of the squared deviations of the data from the mean of each series, in sigma."""
+        series = self.data.series
+        return sum(float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in series)
 
     @property
     def last_time(self) -> float:
@@ -437,6 +454,7 @@ class Scaling:
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
         names, values = problem.names, problem.first_values
+        self._model_count = len(names)
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
         limits = {} if bounds is None else bounds
         limits = require_mapping("fit", "bounds", limits, "a dict of (lower, upper) by name")
@@ -482,6 +500,19 @@ class Scaling:
             self._size[k] = shift.size
         self.limits = self.variables(lower), self.variables(upper)
         self.first = self.start(values)
+
+    def with_logarithms(self) -> Scaling:
+        """Return a map in which the variables of all positive parameters are logarithms."""
+        lower, upper = map(self.values, self.limits)
+        other = copy.copy(self)
+        is_model = np.arange(len(self.is_log)) < self._model_count
+        other.is_log = self.is_log | (is_model & (self.values(self.first) > 0.0))
+        other.limits = (
+            other.variables(np.where(other.is_log, np.maximum(lower, 0.0), lower)),
+            other.variables(upper),
+        )
+        other.first = other.start(self.values(self.first))
+        return other
 
     def start(self, values: Array) -> Array:
         """Return the variables at which a search from values (K,) begins, inside the bounds.

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
-from beamdae.analysis.fit.search import search
+from beamdae.analysis.fit.search import is_explained, is_noise, search
 from beamdae.analysis.fit.sensors import Sensor
 from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, list_first, warn_user
 from beamdae.interrupts import Interrupted
@@ -36,8 +36,6 @@ _MAX_LEFT_BY_SCALE = 0.3
 # Scales within this factor of 1 are no errors of signs or units.
 _MIN_FACTOR = 1.8
 _MAX_MIRRORED_FACTOR = 3.0
-# Share of the variation of the data that a search leaves which has not explained them yet.
-_MAX_UNEXPLAINED_SHARE = 0.2
 # An error explains the data if a search that estimates it leaves less than these shares of the
 # variation of the data and of the residuals without it.
 _MAX_LEFT_VARIATION = 0.05
@@ -163,21 +161,27 @@ class RecordingErrors:
         if not headers:
             return ""
         with np.errstate(all="ignore"):
-            return self._find(headers, first)
+            return self._find(headers, first, self._scaling.first)
 
     def check_progress(self, best: Evaluation) -> str:
         """Return a clause on an error, or "", if a search has not explained the data yet."""
-        is_explained = _square(best) <= _MAX_UNEXPLAINED_SHARE * _variation(self._problem)
-        if is_explained or self._is_searched or _is_noise(best.residuals):
+        if is_explained(self._problem, best) or self._is_searched:
             return ""
         headers = [header for _, header, _ in _unscaled_series(self._problem)]
         problem = _with_linear_sensors(self._problem, headers, has_scales=False)
         # Searches of errors may run away to extreme values.
         with np.errstate(all="ignore"):
+            # With an unknown scale, the search would reduce the amplitude of vibrations that are
+            # not in phase.
+            first = self._scaling.first
+            opposite = problem.with_mirrored_data(headers)
+            mirrored = self._search(opposite, self._scaling, first, has_short_steps=False)
+            if mirrored is not None and is_explained(opposite, mirrored):
+                first = self._scaling.start(mirrored.values)
             shifted = self._search(problem, self._scaling, self._scaling.first)
-            return self._find(headers, best if shifted is None else shifted)
+            return self._find(headers, best if shifted is None else shifted, first)
 
-    def _find(self, headers: Sequence[str], best: Evaluation) -> str:
+    def _find(self, headers: Sequence[str], best: Evaluation, first: Array) -> str:
         """Return a clause on the error that explains the data far better than an evaluation.
 
         Vibrations that are half a period late or early look mirrored, by a factor that is due to
@@ -187,13 +191,13 @@ class RecordingErrors:
         assert self.first is not None
         problem = _with_linear_sensors(self._problem, headers)
         limit = min(
-            _MAX_LEFT_RESIDUALS * _square(best), _MAX_LEFT_VARIATION * _variation(self._problem)
+            _MAX_LEFT_RESIDUALS * _square(best), _MAX_LEFT_VARIATION * self._problem.variation
         )
-        scaled, scales = self._search_scales(problem, self._scaling.first, limit)
+        scaled, scales = self._search_scales(problem, first, limit)
         if scaled is not None and scales:
             factors = [-x for x in scales.values() if _is_mirrored(x)]
             is_sign = all(abs(x - 1.0) < _MAX_SIGN_ERROR for x in factors)
-            if not factors or (is_sign and _is_noise(scaled.residuals)):
+            if not factors or (is_sign and is_noise(scaled.residuals)):
                 return _describe_scales(problem, scaled, scales)
             share = _MAX_LEFT_SHARE if is_sign else 1.0 / _MAX_LEFT_SHARE
             limit = min(limit, share * _square(scaled))
@@ -240,11 +244,23 @@ class RecordingErrors:
         is_needless = again is not None and _MAX_LEFT_SHARE * _square(again) < _square(end)
         return None if is_needless else end
 
-    def _search(self, problem: FitProblem, scaling: Scaling, first: Array) -> Evaluation | None:
+    def _search(
+        self,
+        problem: FitProblem,
+        scaling: Scaling,
+        first: Array,
+        *,
+        has_short_steps: bool = True,
+    ) -> Evaluation | None:
         """Return the end of a short search, or None if it fails."""
         try:
             return search(
-                problem, scaling, first, self._max_evaluations, has_short_steps=True
+                problem,
+                scaling,
+                first,
+                self._max_evaluations,
+                has_short_steps=has_short_steps,
+                can_stall=True,
             ).evaluation
         except Interrupted:
             # The partial result is not that of the fit.
@@ -315,19 +331,6 @@ def _bounds_permit(scaling: Scaling, first: Evaluation, ratio: float) -> bool:
 def _square(evaluation: Evaluation) -> float:
     """Return the sum of the squared residuals."""
     return float(evaluation.residuals @ evaluation.residuals)
-
-
-def _variation(problem: FitProblem) -> float:
-    """Return the sum of the squared deviations of the data from the mean of each series."""
-    return sum(
-        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
-    )
-
-
-def _is_noise(residuals: Array) -> bool:
-    """Return True if consecutive residuals are not alike."""
-    square = float(residuals @ residuals)
-    return float(residuals[1:] @ residuals[:-1]) <= _MIN_CORRELATION * square
 
 
 def _with_linear_sensors(

@@ -124,7 +124,8 @@ class Fit:
         the best start.
     status
         Status and reason of the end of the search: "ok" if it converged, "limited" if it ended
-        before a minimum, and "interrupted".
+        before a minimum or explains less than half of the variation of the data, and
+        "interrupted".
     undetermined
         Sentences that name combinations of parameters which the data do not determine: those with a
         relative standard deviation above 100 %, and those with correlations above 0.99.
@@ -970,10 +971,7 @@ def _check_chi_square(
     outliers = np.concatenate([part[_find_outliers(part)] for part in parts])
     if outliers @ outliers > _MIN_OUTLIERS_SHARE * (residuals @ residuals):
         return (f"{sentence}; most of their squares are outliers.", *_name_outliers(problem, parts))
-    variation = sum(
-        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
-    )
-    if residuals @ residuals > _MIN_LOCAL_SHARE * variation:
+    if residuals @ residuals > _MIN_LOCAL_SHARE * problem.variation:
         return (
             f"{sentence}; start from other values, or pass bounds= and starts= to search from "
             f"several, because the search may have ended at a local minimum, "
@@ -1110,11 +1108,8 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
     """Return warnings if the residuals of a good fit are not white noise of known relative size."""
     residuals = evaluation.residuals
     parts = _split_by_series(problem, residuals)
-    variation = sum(
-        float(np.sum(((x.values - x.values.mean()) / x.sigma) ** 2)) for x in problem.data.series
-    )
     left = float(residuals @ residuals)
-    if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * variation:
+    if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * problem.variation:
         return ()
     correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
     if correlation > _MIN_CORRELATION:
