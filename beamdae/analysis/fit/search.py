@@ -308,6 +308,7 @@ def robust_search(
         names: tuple[str, ...] = (),
         scaling: Scaling = scaling,
         has_short_steps: bool = True,
+        can_stall: bool = True,
     ) -> SearchResult | None:
         nonlocal evaluations
         if evaluations >= max_evaluations:
@@ -321,7 +322,7 @@ def robust_search(
                 remaining,
                 free,
                 has_short_steps=has_short_steps,
-                can_stall=True,
+                can_stall=can_stall,
             )
         except (ValueError, ArithmeticError):
             # BeamdaeError, or an error of the model function: first values of some parameters may
@@ -352,11 +353,13 @@ def robust_search(
         short = repeat(first)
         if short is not None and _is_better(problem, short, end):
             end = short
-            if short.is_stalled:
-                begin = scaling.start(short.evaluation.values)
-                again = repeat(begin, has_short_steps=False)
-                if again is not None and _is_better(problem, again, end):
-                    end = again
+        # Models that lack an effect may not explain the data better.
+        is_hopeless = _unexplained_share(problem, end.evaluation) > _MAX_ACCEPTED_SHARE
+        if end.is_stalled and (end is short or not is_hopeless):
+            begin = scaling.start(end.evaluation.values)
+            again = repeat(begin, has_short_steps=False, can_stall=is_hopeless)
+            if again is not None and _is_better(problem, again, end):
+                end = again
         is_runaway = _find_runaways(problem, scaling, end)
     if is_runaway.any():
         begin = np.where(is_runaway, scaling.first, scaling.variables(end.evaluation.values))
