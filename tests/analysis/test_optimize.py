@@ -276,7 +276,7 @@ def test_regression_searches_end_if_designs_hardly_differ():
     settings = {"bounds": {"stiffness": (20.0, 500.0)}, "parameters": {"stiffness": 150.0}}
     with pytest.warns(bd.BeamdaeWarning, match="the last 8 designs hardly differ; the search is"):
         design = bd.optimize(*arguments, **settings)
-    assert design.evaluations < 20
+    assert design.evaluations < 30
     assert design.parameters["stiffness"] == pytest.approx(100.0, rel=1e-4)
 
 
@@ -360,9 +360,10 @@ def test_quantities_of_one_analysis_share_it(monkeypatch):
 
 @pytest.mark.slow(reason="two seconds")
 def test_failed_analyses_shorten_the_step():
-    # The first step, to the lower bound, leads to a model that is rejected.
+    # The first step, to the lower bound, leads to a model that is rejected. With a positive lower
+    # bound, the search would have shorter steps.
     target = bd.EquilibriumErrors("mass.x", [1.0], [2.25])
-    result = bd.optimize(pair, target, "soft", (), {"soft": (0.01, 5.0)})
+    result = bd.optimize(pair, target, "soft", (), {"soft": (0.0, 5.0)})
     history = result.history()
     assert result.parameters["soft"] == pytest.approx(0.8, rel=1e-3)
     assert history["failure"].str.contains("at least 0.5").any()
@@ -558,7 +559,8 @@ def test_regression_optima_do_not_depend_on_the_unit_of_quantities_that_begin_at
         return weight * bd.ParameterFunction(lambda rise, **_: (rise - first) * (rise - second))
 
     result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", bounds={"rise": (0.1, 0.5)})
-    assert result.parameters["rise"] == pytest.approx(0.25, rel=1e-6)
+    # A change of 1e-4 changes the smallest value by 2.5e-7, and the search ends at 1e-6.
+    assert result.parameters["rise"] == pytest.approx(0.25, rel=1e-4)
     limit = bd.at_most(zero_at(0.2, 0.23), 0.0)
     result = bd.optimize(truss, zero_at(0.2, 0.3), "rise", limit, {"rise": (0.1, 0.5)})
     assert result.status.success
@@ -1154,3 +1156,34 @@ def whole(mass=2, load=1.0):
 def test_regression_whole_numbers_without_derivative_have_advice(call):
     with pytest.raises(bd.BeamdaeError, match=r"compare whole numbers by sweep, or write 2\.0 in"):
         call(whole, "mass")
+
+
+@pytest.mark.slow(reason="five seconds")
+def test_regression_searches_with_limits_of_stress_converge_from_thick_designs():
+    """From 8 mm, the search ended after 109 designs at twice the mass, without an optimum."""
+
+    @bd.model(t_end=1.0)
+    def leaf(height=bd.param((0.005,) * 6, "m")):
+        mech = bd.Mechanism()
+        section = bd.taper(bd.Section.rectangle, STEEL, width=0.05, height=list(height))
+        curve = bd.Line((0.0, 0.0), (0.4, 0.0))
+        beam = mech.add(bd.Beam("leaf", curve, section, elements=5, formulation="exact"))
+        mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), beam.start))
+        mech.add(bd.Force("load", beam.end, (0.0, -300.0)))
+        mech.observe("stress", beam.largest_stress())
+        return mech
+
+    limit = bd.at_most(bd.EquilibriumValue("stress.bound"), "600 MPa")
+    masses = [
+        bd.optimize(
+            leaf,
+            bd.Mass(),
+            by="height",
+            subject_to=limit,
+            bounds={"height": (0.001, 0.012)},
+            parameters={"height": (first,) * 6},
+            max_evaluations=100,
+        ).objective
+        for first in (0.005, 0.008)
+    ]
+    assert masses[1] == pytest.approx(masses[0], rel=1e-5)

@@ -45,6 +45,7 @@ _MAX_FAILURES = 15
 _MIN_DECREASE = 0.1
 # SciPy's message if no step along the search direction of SLSQP reduces the objective, and ours.
 _LINE_SEARCH_FAILURE = "Positive directional derivative for linesearch"
+_ITERATION_LIMIT = "Iteration limit reached"  # SciPy's message if many designs are repeated
 _NO_DECREASE = "no step along the search direction reduces the objective"
 _CONTRADICTION = (
     "the search is local, start it from other values (parameters={name: value}) or increase "
@@ -73,6 +74,7 @@ _RESTING = "designs hardly differ"
 _MAX_EXCESS = 1e-3
 _MAX_CORRECTIONS = 5
 _MAX_NAMES = 3  # of numbers at a bound in a sentence
+_MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
 
@@ -179,6 +181,7 @@ class Search:
         self._last_margins = np.zeros(len(problem.limits))
         # Factors of limited smooth maxima, see `_limit_maxima`.
         self._ratios = np.ones(len(problem.limits))
+        self._is_logarithmic = problem.lower > 0.0
         # Units of the objective and of the constraints.
         self._scales = np.ones(1 + len(problem.limits))
 
@@ -202,7 +205,7 @@ class Search:
                 # The result of an interrupted search is at least the first design.
                 self._record(problem.first, first)
             # Errors of the gradient concern the model rather than a design.
-            self._gradients(problem.first / problem.sizes)
+            self._gradients(self._variables(problem.first))
             status = self._minimize(problem.first)
             for _ in range(_MAX_CORRECTIONS):
                 if not status.success or not self._limit_maxima():
@@ -271,6 +274,21 @@ class Search:
         rows = zip(self._problem.limits, self._ratios.tolist(), values[1:].tolist(), strict=True)
         margins = [limit.margin(ratio * value) for limit, ratio, value in rows]
         return np.array(margins) / self._scales[1:]
+
+    def _transform(self, margins: Array) -> tuple[Array, Array]:
+        """Return the margins (C,) that the search sees, and their derivatives by the margins.
+
+        Of a quantity whose magnitude r, relative to its limit, must not exceed 1, this is -ln(r)
+        instead of 1 - r: stresses and deflections are nearly products of powers of thicknesses,
+        whose logarithms are linear in those of the thicknesses. Below r = 1/2, the function
+        continues as a straight line, because logarithms of small values diverge.
+        """
+        limits = self._problem.limits
+        is_magnitude = np.array([limit.sign * limit.bound > 0.0 for limit in limits], bool)
+        ratio = np.maximum(1.0 - margins, _MIN_LOGARITHMIC_RATIO)
+        line = (_MIN_LOGARITHMIC_RATIO - (1.0 - margins)).clip(0.0) / _MIN_LOGARITHMIC_RATIO
+        values = np.where(is_magnitude, line - np.log(ratio), margins)
+        return values, np.where(is_magnitude, 1.0 / ratio, 1.0)
 
     def _scale(self, first: Design, index: int) -> float:
         """Return the size of a value: that of the first design, or of its change if it is zero."""
@@ -370,8 +388,8 @@ class Search:
     def _minimize(self, first: Array) -> Status:
         """Search from values (k,) of the numbers, and return the status."""
         problem = self._problem
-        bounds = Bounds(problem.lower / problem.sizes, problem.upper / problem.sizes)
-        begin = first / problem.sizes
+        bounds = Bounds(self._variables(problem.lower), self._variables(problem.upper))
+        begin = self._variables(first)
         options: dict[str, Any] = {"maxiter": self._max_evaluations}
         constraints: Any = ()
         if self._method == "SLSQP":
@@ -413,19 +431,34 @@ class Search:
             )
         if not result.success or (self._method != "SLSQP" and result.status == 0):
             message = str(result.message).rstrip(".")
+            if message == _ITERATION_LIMIT:
+                return self._describe_limit()
             return Status("limited", _NO_DECREASE if message == _LINE_SEARCH_FAILURE else message)
         self._end = self._trials.get(self._numbers(result.x).tobytes())
         return Status("ok", "converged")
 
+    def _variables(self, numbers: Array) -> Array:
+        """Return the variables (k,) of the search for values (k,) of the numbers.
+
+        These are logarithms of numbers with a positive lower bound, in which products of powers
+        are linear, and otherwise the numbers relative to their sizes.
+        """
+        problem = self._problem
+        variables = numbers / problem.sizes
+        variables[self._is_logarithmic] = np.log(numbers[self._is_logarithmic])
+        return variables
+
     def _numbers(self, x: Array) -> Array:
         problem = self._problem
-        values = np.clip(problem.sizes * x, problem.lower, problem.upper)
         # The first design is stored under its exact values.
-        is_first = np.array_equal(x, problem.first / problem.sizes)
-        return problem.first if is_first else values
+        if np.array_equal(x, self._variables(problem.first)):
+            return problem.first
+        values = problem.sizes * x
+        values[self._is_logarithmic] = np.exp(x[self._is_logarithmic])
+        return np.clip(values, problem.lower, problem.upper)
 
     def _values(self, x: Array) -> tuple[float, Array]:
-        """Return the scaled objective and the scaled margins.
+        """Return the scaled objective and the transformed margins.
 
         If an analysis fails, the objective is infinite, so that the search shortens its step.
         """
@@ -435,13 +468,16 @@ class Search:
             trial = self._evaluate(numbers)
         if trial.failure:
             return np.inf, self._last_margins
-        margins = self._margins(trial.values)
-        self._last_margins = margins
-        return float(trial.values[0] / self._scales[0]), margins
+        self._last_margins = self._transform(self._margins(trial.values))[0]
+        return float(trial.values[0] / self._scales[0]), self._last_margins
+
+    def _describe_limit(self) -> Status:
+        """Return the status of a search that reaches the maximum number of evaluations."""
+        count = format_count(self._max_evaluations, "evaluation")
+        return Status("limited", f"stopped after {count}; {self._remedy}")
 
     @property
     def _remedy(self) -> str:
-        """Advice for a search that reaches the maximum number of evaluations."""
         violations = [x.violation for x in self._trials.values() if not x.failure]
         before = min(violations[: len(violations) // 2], default=np.inf)
         if min(violations, default=np.inf) <= max(
@@ -455,9 +491,7 @@ class Search:
 
     def _evaluate(self, numbers: Array) -> Trial:
         if len(self._trials) >= self._max_evaluations:
-            count = format_count(self._max_evaluations, "evaluation")
-            sentence = f"stopped after {count}; {self._remedy}"
-            raise _SearchEndError(Status("limited", sentence))
+            raise _SearchEndError(self._describe_limit())
         if resting := self._count_resting():
             raise _SearchEndError(
                 Status("limited", f"stopped because the last {resting} {_RESTING}")
@@ -504,19 +538,27 @@ class Search:
         return trial
 
     def _gradients(self, x: Array) -> tuple[Array, Array]:
-        """Return the gradient of the scaled objective and those of the scaled margins."""
+        """Return the gradient of the scaled objective and those of the transformed margins."""
         numbers = self._numbers(x)
         trial = self._trials.get(numbers.tobytes())
         if trial is not None and trial.failure and self._last_gradients is not None:
             # Some methods request derivatives of designs that they reject.
             return self._last_gradients
         try:
-            self._last_gradients = self._scaled_gradients(numbers)
+            self._last_gradients = self._searched_gradients(numbers)
         except (BeamdaeError, ArithmeticError) as failure:
             if self._last_gradients is None:
                 raise
             raise _SearchEndError(Status("failed", describe_failure(failure))) from failure
         return self._last_gradients
+
+    def _searched_gradients(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the gradients of the scaled objective and of the transformed margins."""
+        problem = self._problem
+        objective, margins = self._scaled_gradients(numbers)
+        slopes = self._transform(self._margins(problem.design(numbers).values))[1]
+        rates = np.where(self._is_logarithmic, numbers / problem.sizes, 1.0)
+        return objective * rates, slopes[:, None] * margins * rates
 
     def _scaled_gradients(self, numbers: Array) -> tuple[Array, Array]:
         problem = self._problem
