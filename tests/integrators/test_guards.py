@@ -478,7 +478,10 @@ def test_regression_interrupt_of_an_error_estimate_is_raised(ask, monkeypatch):
 
 
 # A signal between `open` and `with` leaves the file to the garbage collector, which closes it.
+# Python drops signals in callbacks of weak references and of the collector; hypothesis has one.
 @pytest.mark.filterwarnings("ignore:.*unclosed file:pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:.*callback:pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:.*WeakValueDict:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 @pytest.mark.slow(reason="signals at many moments of runs")
 @pytest.mark.parametrize(
