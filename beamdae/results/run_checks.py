@@ -61,6 +61,7 @@ from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.diagnostics.table_ranges import table_range_warnings
+from beamdae.results.diagnostics.unconnected_bodies import unconnected_body_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.run_data import RunData, find_drift
 from beamdae.results.section_forces.balance import group_rows
@@ -73,6 +74,20 @@ _POWER_SAMPLES = 201  # times at which the power of user-written damping is eval
 
 def _of_motion(check: Callable[[EquationsOfMotion, Trajectory], Iterable[str]]) -> Check:
     return lambda run: check(run.equations, run.trajectory)
+
+
+def _of_complete_run(check: Callable[[EquationsOfMotion, Trajectory], Iterable[str]]) -> Check:
+    """Return the check for runs that begin at t = 0 and reach their planned end.
+
+    In a run that was stopped early, or resumed, parts may act later, or have acted before.
+    """
+
+    def check_run(run: RunData) -> Iterable[str]:
+        start, end = run.trajectory.start, run.trajectory.end
+        is_complete = start == 0.0 and end >= run.model.get("t_end", end)
+        return check(run.equations, run.trajectory) if is_complete else ()
+
+    return check_run
 
 
 def _growing_loops(run: RunData) -> Iterable[str]:
@@ -245,13 +260,6 @@ def _unstable_symmetry(run: RunData) -> Iterable[str]:
     return statics.unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
 
 
-def _untouched_contacts(run: RunData) -> Iterable[str]:
-    start, end = run.trajectory.start, run.trajectory.end
-    # A run that was stopped early, or resumed, may touch later, or have touched before.
-    is_complete = start == 0.0 and end >= run.model.get("t_end", end)
-    return untouched_contact_warnings(run.equations, run.trajectory) if is_complete else ()
-
-
 def _idle_parts(run: RunData) -> Iterable[str]:
     start, end = run.trajectory.start, run.trajectory.end
     # A run that was stopped early does not show which parts act later.
@@ -310,7 +318,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _of_motion(impact_speed_warnings),
     _of_motion(elastic_bounce_warnings),
     _of_motion(deep_contact_warnings),
-    _untouched_contacts,
+    _of_complete_run(untouched_contact_warnings),
     _mesh_errors,
     _long_elements,
     FAST_LOADS,
@@ -323,6 +331,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _unstable_start,
     _unstable_symmetry,
     _idle_parts,
+    _of_complete_run(unconnected_body_warnings),
     _parts_inside_surfaces,
     _supplied_energy,
     _built_model,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics import growing_loops
 
 STEP = 1e-3
 
@@ -338,3 +339,10 @@ def test_sampled_relays_have_no_gains(every):
 
     mech.add(bd.Controller("relay", every, reads, [force], law))
     assert not loop_warnings(mech, 0.12, bd.GeneralizedAlpha(5e-4))
+
+
+def test_regression_growth_beyond_the_largest_number_does_not_overflow():
+    """Changes from 1e-160 to 1e160 overflowed an exponential: NumPy warned."""
+    values = 10.0 ** np.linspace(-160.0, 160.0, 1 + 40 * growing_loops._WINDOW_COUNTS[0])[:, None]
+    growth = growing_loops._exponential_growth(values, np.array([1e-160]))
+    assert growth[0] > 1e300

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import beamdae as bd
+from beamdae.results.diagnostics import start_transients
 
 MASS, G, RADIUS, ROD = 30.0, 9.81, 0.04, 0.2
 
@@ -118,3 +119,22 @@ def test_regression_loads_on_an_unloaded_contact_are_the_cause_beside_a_driver(l
     later = float(sentence.partition("value later: ")[2].split()[0])
     assert resting.step_extremes["glass.N"].max == pytest.approx(later, rel=0.01)
     assert drawn.step_extremes["glass.N"].max > 1.5 * later
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.01, 0), (0.05, 1)])
+def test_regression_extremes_near_zero_are_no_early_peaks(share, count):
+    """The extreme of the unloaded side of a stress, 0.1 % of its range, was named."""
+    mech = bd.Mechanism()
+    mass = mech.add(bd.PointMass("mass", 1.0, at=(0.0, 0.0)))
+    decay = bd.table(
+        [0.0, 0.01, 0.02, 1.0], [0.0, -100.0 * share, 0.0, 100.0 * (1.0 - share)], kind="linear"
+    )
+    load = mech.add(bd.Force("load", mass.point, (decay, 0.0)))
+    mech.observe("load", load.force)
+    run = bd.simulate(mech, bd.Radau(1e-5), t_end=1.0)
+    extremes = run.step_extremes
+    assert extremes["load.Fx"].min == pytest.approx(-100.0 * share)
+    peaks = start_transients._find_early_peaks(
+        run.equations, run.trajectory, extremes, run._observe, 0.05, 0.1
+    )
+    assert len(peaks) == count

@@ -149,3 +149,17 @@ def test_regression_weak_modes_are_not_followed_through_the_steps(monkeypatch):
     followed.clear()
     assert sudden_vibrations._find_large_errors(jump, amplify, 1.5 * expected) is None
     assert 0 < sum(followed) < 40
+
+
+def test_regression_modes_that_grow_about_rest_are_left_out():
+    """A force that is unstable about rest overflowed an exponential: NumPy warned."""
+    mech = _suddenly_loaded(damping=1e-5)
+    tip = mech.parts["strip"].end
+
+    def slip(point, t):
+        v = point.velocity[1]
+        return 0.0, 2e3 * v / (1.0 + (v / 1e-4) ** 2)
+
+    mech.add(bd.ForceLaw("slip", tip, slip))
+    solution, _ = _run(mech, bd.Radau(1e-3), t_end=0.5)
+    assert solution.warnings == ()

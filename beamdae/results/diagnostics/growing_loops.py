@@ -37,6 +37,7 @@ _GROWING_PARTS = {0.5: _WINDOW_COUNTS, 0.25: _WINDOW_COUNTS[:1]}
 # time, such as integrals of positions at constant acceleration, grow by a factor of 4, or of 14
 # from 0.4 of the run on.
 _MIN_GROWTH = 30.0
+_MAX_EXPONENT = 700.0  # of the growth; exp(710) overflows
 # Fractions of the run from which on values may grow: fast growth from a step near the end of a run,
 # or after a motion that ends the run soon.
 _LAST_PARTS = {0.5: "second half", 0.75: "last quarter", 0.875: "last eighth"}
@@ -640,7 +641,7 @@ def _exponential_growth(
             exponents = np.diff(np.log(envelope), axis=0)
             mean = exponents.mean(axis=0)
             relative = exponents / mean
-            growth = np.exp(count * mean)
+            growth = np.exp(np.minimum(count * mean, _MAX_EXPONENT))
         is_uniform = (relative > _LEAST_EXPONENT) & (relative < _LARGEST_EXPONENT)
         is_growing = (growth > _MIN_GROWTH) & is_uniform.all(axis=0)
         is_growing &= (envelope > rounding).all(axis=0)

@@ -33,6 +33,9 @@ _EARLY_SHARE, _LATE_SHARE = 0.05, 0.1
 # Extremes that exceed the later ones by less, relative to their value and to the range of the
 # column, have no warning.
 _MIN_EXCESS, _MIN_EXCESS_OF_RANGE = 0.05, 1e-3
+# Extremes of less than this fraction of the range of the column, as on the unloaded side of a
+# column that is loaded in one direction, do not matter.
+_MIN_SIZE_OF_RANGE = 0.02
 # Largest displacement from the drawing to the equilibrium, relative to the amplitude of the run. If
 # it is larger, the vibration is the motion of interest, as after a load that jumps at the start.
 _MAX_DISPLACEMENT = 0.01
@@ -407,7 +410,8 @@ def _find_early_peaks(
     for k, value, time, size in early:
         later = float(largest[k] if value > 0.0 else smallest[k])
         excess = (value - later) * np.sign(value)
-        if excess > max(_MIN_EXCESS * abs(value), _MIN_EXCESS_OF_RANGE * size):
+        is_large = abs(value) >= _MIN_SIZE_OF_RANGE * size
+        if is_large and excess > max(_MIN_EXCESS * abs(value), _MIN_EXCESS_OF_RANGE * size):
             peaks.append(_EarlyPeak(k, value, time, later))
     return peaks
 

@@ -62,6 +62,9 @@ _MAX_GROUPS = 1000  # of consecutive steps with one length
 _MAX_HALVINGS = 16  # of steps, in the search for a sufficient one
 _RANK_TOLERANCE = 1e-9
 _INERTIA_TOLERANCE = 1e-14
+# Growth of modes that are left out, as an exponent over the interval: the vibration about rest is
+# unstable, as friction laws of users and follower forces make it, and does not describe the run.
+_MAX_GROWTH = 1.0
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
 _BDF_ORDER = 2  # of `Ida` with fast modes that are lightly damped
 _TINY = 1e-300  # prevents a division by zero
@@ -265,6 +268,10 @@ def _excite(
     modes = _find_modes(active, time, interval.state.q[0], slowest)
     if modes is None:
         return None
+    is_lasting = modes.decays * float(counts @ steps) > -_MAX_GROWTH
+    if not is_lasting.any():
+        return None
+    modes = _Modes(*(x[..., is_lasting] for x in modes))
     if interval.configuration is not None:
         reactions = interval.configuration.expand_multipliers(modes.reactions.T, equations.m)
         modes = modes._replace(reactions=reactions.T)
