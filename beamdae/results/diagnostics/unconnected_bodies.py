@@ -15,9 +15,10 @@ from beamdae.results.trajectory import Trajectory
 
 _MAX_NAMES = 4
 _MAX_MOTION = 1e-9  # during the run, relative to the scale of the coordinate
-# Stiffness against rigid motions that is a rounding error, relative to the largest stiffness or to
-# the inertia of a motion that lasts as long as the run.
-_STIFFNESS_ROUNDING = 1e-9
+# Stiffness against rigid motions that is a rounding error (below 4e-16 for beams with 4 to 32 exact
+# elements), relative to the largest stiffness and to the inertia of a motion that lasts as long as
+# the run.
+_STIFFNESS_ROUNDING = 1e-13
 
 
 def unconnected_body_warnings(
