@@ -241,6 +241,37 @@ def test_passing_an_end_is_an_event(ends):
     assert_allclose(solution.t[-1], 0.5 if ends == "record" else 0.3, rtol=1e-6)
 
 
+def bead_on_short_rail(speed):
+    """Return a mechanism of a bead at s = 0.4 m on a rail of 1 m."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.02)
+    line = bd.Line((0.0, 0.0), (1.0, 0.0))
+    rail = mech.add(bd.Beam("rail", line, section, elements=1, nodes=3))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), rail.start))
+    bead = mech.add(bd.PointMass("bead", 1e-3, at=(0.4, 0.0), velocity=(speed, 0.0)))
+    mech.add(bd.SlidingOnBeam("slide", bead.point, rail))
+    return mech
+
+
+@pytest.mark.parametrize(
+    ("speed", "t_end", "place"),
+    [
+        (2.0, 0.5, "the end of rail from t = 0.3 s on, by up to 40 % of its length"),
+        (-20.0, 0.12, "the start of rail from t = 0.02 s on, by up to 200 % of its length"),
+        (2.0, 0.304, ""),
+        (2.0, 0.29, ""),
+    ],
+    ids=["end", "start", "0.8 % beyond", "inside"],
+)
+def test_regression_points_beyond_an_end_have_a_warning(speed, t_end, place):
+    """A trolley in mm/s left its bridge, and loaded it through the tangent without a word."""
+    solution = bd.simulate(bead_on_short_rail(speed), bd.Radau(1e-3), t_end)
+    assert solution.status.success
+    texts = [x for x in solution.warnings if "is beyond the" in x]
+    assert len(texts) == bool(place)
+    assert all(x.startswith(f"slide: bead is beyond {place}") for x in texts)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -255,13 +255,17 @@ def measure_beam_ranges(equations: EquationsOfMotion, q: Array) -> tuple[BeamRan
 
 def sample_positions(trajectory: Trajectory) -> Array:
     """Return the coordinates (k, n) at the times of a run at which strains are checked."""
+    return trajectory.positions_at(sample_times(trajectory))
+
+
+def sample_times(trajectory: Trajectory) -> Array:
+    """Return the times (k,) of a run at which strains are checked [s]."""
     intervals = trajectory.intervals
     row_bytes = 8 * max(intervals[0].rows.q.shape[1], 1)
     limit = min(_MAX_SAMPLE_COUNT, _MAX_RETAINED_BYTES / row_bytes)
     count = max(_MIN_SAMPLE_COUNT, int(min(sum(len(x.t) for x in intervals), limit)))
     # Sampled at equally spaced times because the steps of Radau may be too long.
-    times = np.linspace(intervals[0].t[0], trajectory.end, count)
-    return trajectory.positions_at(np.unique(times))
+    return np.unique(np.linspace(intervals[0].t[0], trajectory.end, count))
 
 
 def range_warnings(ranges: Iterable[BeamRange]) -> Iterator[str]:
