@@ -90,6 +90,47 @@ def test_eccentric_particle_moves_out_to_its_equilibrium_radius(shift):
     assert_allclose(modes, roots(speed), rtol=1e-8)
 
 
+def about_the_center(model, center=(0.0, 0.0), speed=3.0):
+    modes = bd.modes(model, about=bd.rotation(speed, center), n=1)
+    return [x for x in modes.warnings if x.startswith("rotation: the center")]
+
+
+@pytest.mark.parametrize(
+    ("shift", "center", "described"),
+    [
+        ((0.5, 0.2), (0.0, 0.0), "center (0, 0) is not at axle, which is at (0.5, 0.2)"),
+        ((0.0, 0.0), (0.15, 0.0), "center (0.15, 0) is not at axle, which is at (0, 0)"),
+    ],
+)
+def test_regression_rotors_with_their_bearing_off_the_center_have_a_warning(
+    shift, center, described
+):
+    """A blade on a hub had 66 Hz for 44 Hz without a word."""
+    mech = with_driver(*particle_in_rotor(offset=(0.1, 0.3), shift=shift))
+    (text,) = about_the_center(mech, center)
+    assert described in text
+    assert "pass center=({:g}, {:g}),".format(*shift) in text
+    with pytest.warns(bd.BeamdaeWarning, match=r"at 2 rad/s, rotation: the center"):
+        bd.campbell(mech, [0.0, 2.0], n=1, center=center)
+    assert not about_the_center(mech, shift)
+    assert not about_the_center(mech, center, speed=0.0)
+
+
+def test_mechanisms_on_a_turntable_have_no_warning_of_the_center():
+    hinged, _ = particle_in_rotor(offset=(0.1, 0.0), shift=(0.5, 0.0))
+    assert not about_the_center(hinged)
+    two = with_driver(*particle_in_rotor(offset=(0.1, 0.0), shift=(0.5, 0.0)))
+    wheel = two.add(bd.RigidBody("wheel", 1.0, 0.3, center=(-0.5, 0.0)))
+    axle = two.ground.at(-0.5, 0.0), wheel.at(-0.5, 0.0)
+    two.add(bd.Revolute("other axle", *axle))
+    assert not about_the_center(two)
+    crank, disk = particle_in_rotor(offset=(0.1, 0.0), shift=(0.5, 0.0))
+    block = crank.add(bd.PointMass("block", 0.1, at=(2.0, 0.0)))
+    crank.add(bd.Distance("rod", disk.at(0.6, 0.3), block.point))
+    crank.add(bd.PointOnLine("guide", crank.ground.at(0.0, 0.0), block.point, (1.0, 0.0)))
+    assert not about_the_center(with_driver(crank, disk))
+
+
 def test_forces_that_do_not_rotate_are_rejected():
     heavy, disk = particle_in_rotor()
     heavy.gravity = np.array([0.0, -9.81])

@@ -29,6 +29,7 @@ from beamdae.equations.starts.reduced_equations import remove_redundant_constrai
 from beamdae.equations.starts.steady_rotation import (
     STIFFNESS_ROUNDING,
     Rotation,
+    center_warning,
     find_steady_rotation,
 )
 from beamdae.equations.table_arguments import list_arguments_outside
@@ -83,7 +84,8 @@ class Linearization:
     warnings
         Warnings that name the coordinate with the largest acceleration if the state is at rest but
         not an equilibrium, that the state is the end of an equilibrium path or a run that ended
-        early, of errors of the strains of deformed beams, and of commands at their limits.
+        early, that a rotor has its bearing away from the center of rotation, of errors of the
+        strains of deformed beams, and of commands at their limits.
     zero_square
         Squared frequencies up to this magnitude [1/s^2] are treated as zero.
     rotation
@@ -135,9 +137,13 @@ def linearize_about(name: str, model: Any, about: Any = REFERENCE, t: float = 0.
     lin = _linearize(name, model, about, t)
     strains = frequency_warnings(lin.equations, lin.state.q)
     turning = () if isinstance(about, (Instant, Rotation)) else _turning_warnings(lin)
-    is_rotation = isinstance(about, Rotation)
-    speeds = rotation_warnings(lin.equations, lin.state.q, about.speed) if is_rotation else ()
-    lin = replace(lin, warnings=(*lin.warnings, *turning, *speeds, *strains))
+    rotations: list[str] = []
+    if isinstance(about, Rotation):
+        rotations = [
+            *filter(None, [center_warning(lin.full_equations, about)]),
+            *rotation_warnings(lin.equations, lin.state.q, about.speed),
+        ]
+    lin = replace(lin, warnings=(*lin.warnings, *turning, *rotations, *strains))
     q, v = (x[None] for x in lin.state[:2])
     # The slope of a table is zero where its value is held.
     outside = list_arguments_outside(lin.equations, lin.time, q, v, includes_held=True)

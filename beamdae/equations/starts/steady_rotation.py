@@ -27,6 +27,8 @@ from beamdae.equations.formulations.tangents import Tangent, compute_tangent
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
+from beamdae.parts.joints.drivers import Driver
+from beamdae.parts.joints.joint import Revolute
 from beamdae.parts.rotation import Rotation
 
 Array = np.ndarray
@@ -54,6 +56,10 @@ _MIN_SPEED_STEP = 2.0**-10
 # stiffness: the sum of these fractions of W^2 and of the largest ratio of stiffness to mass.
 _SPEED_REGULARIZATION = 1e-9
 _STIFFNESS_REGULARIZATION = 1e-16
+# Distance from the bearing to the center, relative to the characteristic length, up to which a
+# rotor has no warning. For a blade of 0.9 m on a hub at 314 rad/s, 0.005 changes the first
+# frequency by 0.6 %, and 0.5 by 50 %.
+_MAX_CENTER_DISTANCE = 5e-3
 
 
 @dataclass(frozen=True)
@@ -197,6 +203,43 @@ def find_steady_rotation(
         _require_rotating_forces(e, time, frame, rotation, state)
     tangent = compute_tangent(e, time, state)
     return state, _to_rotating_frame(tangent, frame, rotation.speed)
+
+
+def center_warning(e: EquationsOfMotion, rotation: Rotation) -> str:
+    """Return a warning if a driven rotor has its bearing away from the center, or "".
+
+    The only joints between the ground and the rotor are hinges at one point, and drivers. Other
+    mechanisms are mounted on a turntable: those with other joints or several bearings, and without
+    a driver, such as a blade on an offset lag hinge.
+    """
+    mechanism = e.mechanism
+    if mechanism is None or rotation.speed == 0.0:
+        return ""
+    bearings: dict[str, tuple[float, float]] = {}
+    is_driven = False
+    for part in mechanism.parts.values():
+        grounded = [x for x in part.attachments if x.body is mechanism.ground]
+        if not grounded or part.name in mechanism.inactive:
+            continue
+        if isinstance(part, Revolute):
+            bearings[part.name] = grounded[0].point
+        elif isinstance(part, Driver):
+            is_driven = True
+        elif part.constraints():
+            return ""
+    if not (bearings and is_driven):
+        return ""
+    points, limit = np.array(list(bearings.values())), _MAX_CENTER_DISTANCE * e.length
+    spread = np.hypot(*(points - points[0]).T)
+    distance = np.hypot(*(points[0] - rotation.center))
+    if np.any(spread > limit) or distance <= limit:
+        return ""
+    name = next(iter(bearings))
+    center, place = ("({:.6g}, {:.6g})".format(*x) for x in (rotation.center, points[0]))
+    return (
+        f"rotation: the center {center} is not at {name}, which is at {place}; pass "
+        f"center={place}, or draw the rotor about the center."
+    )
 
 
 def rotation_velocities(e: EquationsOfMotion, q: Array, rotation: Rotation) -> Array:
