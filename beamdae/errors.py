@@ -445,11 +445,8 @@ def is_instance(value: Any, protocol: type) -> bool:
         return False
 
 
-class UnconvertedNumber(float):
-    """Value of a model parameter whose unit is not an SI unit; formulas give plain floats.
-
-    Parts reject it: a function that passes such a parameter on has not converted it.
-    """
+class NumberWithUnit(float):
+    """Value of a model parameter with its unit; formulas give plain floats."""
 
     parameter: str
     unit: str
@@ -462,6 +459,13 @@ class UnconvertedNumber(float):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (float(self), self.parameter, self.unit)
+
+
+class UnconvertedNumber(NumberWithUnit):
+    """Value of a model parameter whose unit is not an SI unit.
+
+    Parts reject it: a function that passes such a parameter on has not converted it.
+    """
 
 
 def require_finite(part: str, name: str, value: Any) -> float:

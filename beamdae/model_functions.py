@@ -6,6 +6,7 @@ import ast
 import dis
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,6 +19,7 @@ from weakref import WeakKeyDictionary
 from beamdae.deferred import public
 from beamdae.errors import (
     BeamdaeError,
+    NumberWithUnit,
     UnconvertedNumber,
     as_real,
     plain_text,
@@ -37,7 +39,9 @@ from beamdae.model_parameters import (
     convert_text,
     describe_parameters,
     format_with_unit,
+    is_linear_stiffness,
     is_sequence,
+    parse_quantity,
     parse_unit,
     parse_value,
     plain_value,
@@ -51,6 +55,8 @@ MAX_NAME_BYTES = 120
 # Windows reserves these file names, with any suffix.
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{x}{k}" for x in ("COM", "LPT") for k in range(10))}
 _INVALID_CHARACTERS = frozenset('/\\:*?"<>|')
+
+_NUMBER_START = re.compile(r"[-+]?\.?\d")
 
 # Functions that read all local variables, or variables whose names are in a text.
 _READERS_OF_ALL = frozenset({"eval", "exec", "locals", "vars"})
@@ -255,7 +261,7 @@ class Model:
         parameters = self.complete(values)
         with extend_import_path(self.home), record_messages() as messages:
             # The function may change its arguments.
-            mechanism = self.build(**copy_containers(parameters | self._unconverted(parameters)))
+            mechanism = self.build(**copy_containers(parameters | self._with_units(parameters)))
         if mechanism is None or isinstance(mechanism, Model):
             what = "None" if mechanism is None else f"the model {mechanism.name}"
             raise BeamdaeError(f"{self.name}: the function must return a Mechanism, got {what}.")
@@ -276,18 +282,24 @@ class Model:
 
     @property
     def _units(self) -> dict[str, str]:
-        return self._units_and_other_units[0]
+        return self._units_and_checked_units[0]
 
     @cached_property
-    def _units_and_other_units(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Units by parameter, and units other than SI units of floats and tuples of floats."""
+    def _units_and_checked_units(
+        self,
+    ) -> tuple[dict[str, str], dict[str, tuple[type[NumberWithUnit], str]]]:
+        """Units by parameter, and those of floats and tuples of floats that parts check.
+
+        These are units other than SI units, and N/m, which is wrong for nonlinear contacts.
+        """
         parameters = [x for x in self.parameter_info.values() if x.unit not in ("", "-")]
-        other_units = {
-            x.name: x.unit
-            for x in parameters
-            if _has_floats(x.default) and (parse_unit(x.unit) or (1,))[0] != 1
-        }
-        return ReadOnlyDict({x.name: x.unit for x in parameters}), other_units
+        checked: dict[str, tuple[type[NumberWithUnit], str]] = {}
+        for x in filter(lambda x: _has_floats(x.default), parameters):
+            if (parse_unit(x.unit) or (1,))[0] != 1:
+                checked[x.name] = UnconvertedNumber, x.unit
+            elif is_linear_stiffness(x.unit):
+                checked[x.name] = NumberWithUnit, x.unit
+        return ReadOnlyDict({x.name: x.unit for x in parameters}), checked
 
     def check(self, **settings: Any) -> Any:
         """Check the model without a complete run; see `beamdae.check`."""
@@ -297,15 +309,15 @@ class Model:
         """Show the model with sliders for its parameters; see `beamdae.view`."""
         return public("view")(self, **settings)
 
-    def _unconverted(self, parameters: dict[str, Any]) -> dict[str, Any]:
+    def _with_units(self, parameters: dict[str, Any]) -> dict[str, Any]:
         values: dict[str, Any] = {}
-        for name, unit in self._units_and_other_units[1].items():
+        for name, (kind, unit) in self._units_and_checked_units[1].items():
             value = parameters[name]
             if isinstance(value, float):
-                values[name] = UnconvertedNumber(value, name, unit)
+                values[name] = kind(value, name, unit)
             else:
                 values[name] = type(value)(
-                    UnconvertedNumber(x, name, unit) if isinstance(x, float) else x for x in value
+                    kind(x, name, unit) if isinstance(x, float) else x for x in value
                 )
         return values
 
@@ -313,8 +325,8 @@ class Model:
         """Return all parameters: the defaults, updated with checked and converted `values`.
 
         Strings are converted to the types of the parameters, as on the command line; numbers may
-        have a unit, as in "850 mm". For a tuple or list of floats, all sequences and
-        one-dimensional arrays of numbers are accepted.
+        have a unit, as in "850 mm" and "(5 mm, 6 mm)". For a tuple or list of floats, all sequences
+        and one-dimensional arrays of numbers are accepted.
 
         Parameters
         ----------
@@ -372,7 +384,11 @@ class Model:
     def _type_error(self, name: str, value: Any) -> BeamdaeError:
         kind = type(self.parameters[name]).__name__
         hint = ""
-        if kind in ("int", "float") and is_sequence(value):
+        if _has_floats(self.parameters[name]) and kind != "float":
+            unit, numbers = self.parameter_info[name].unit, self.parameters[name]
+            examples = ", ".join(format_with_unit(float(x), unit) for x in numbers)
+            hint = f"; write its numbers as in {name}='[{examples}]'"
+        elif kind in ("int", "float") and is_sequence(value):
             hint = f"; to pass a list or a number, write {name}=None as default"
         return BeamdaeError(
             f"{self.name}: {name} must be of type {kind}, got {short_repr(value)}{hint}."
@@ -396,7 +412,28 @@ class Model:
             number = parse_value(self.name, name, text, self.parameter_info[name].unit)
             if number is not None:
                 return number
+        elif _has_floats(self.parameters[name]) and (entries := _split_entries(text)):
+            # `_convert_numbers` converts their units.
+            return entries
         raise self._type_error(name, text)
+
+
+def _split_entries(text: str) -> list[str]:
+    """Return the entries of a text such as "(5 mm, 6 mm)"; empty if the text is no such list.
+
+    Entries have units: in "5, 6 mm" and "5,5 mm, 6 mm", the value of the first entry is unclear.
+    """
+    inner = text.strip()
+    brackets = inner[:1] + inner[-1:]
+    if brackets in ("()", "[]"):
+        inner = inner[1:-1]
+    if "," not in inner and brackets != "[]":
+        return []
+    entries = [x.strip() for x in inner.strip().removesuffix(",").split(",")]
+    are_numbers = all(_NUMBER_START.match(x) for x in entries)
+    quantities = [parse_quantity(x) for x in entries]
+    are_clear = all(x is None or x[1] or x[0] == 0.0 for x in quantities)
+    return entries if are_numbers and are_clear else []
 
 
 def _has_floats(value: Any) -> bool:

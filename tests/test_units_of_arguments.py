@@ -1,5 +1,7 @@
 """Texts with units, such as "8 mm", are converted or rejected by one sentence about SI units."""
 
+import re
+
 import pytest
 
 import beamdae as bd
@@ -46,6 +48,39 @@ REJECTED = {
 def test_other_arguments_are_numbers_in_si_units(call):
     with pytest.raises(bd.BeamdaeError, match=r"must be a number in SI units, got .*omit the unit"):
         call()
+
+
+@pytest.mark.parametrize(
+    ("unit", "exponent", "message"),
+    [
+        ("N/m", {}, "in N/m^1.5 with exponent=1.5, got the parameter k in N/m; pass exponent=1 "),
+        ("kN/mm", {}, "or a stiffness in N/m^1.5"),
+        ("N/m", {"exponent": 2}, "must be in N/m^2 with exponent=2"),
+        ("N/mm", {"exponent": 1}, "must be in SI units, got the parameter k in N/mm"),
+        ("N/m", {"exponent": 1}, None),
+        ("N/m^1.5", {}, None),
+        ("-", {}, None),
+    ],
+)
+def test_regression_stiffnesses_of_nonlinear_contacts_are_not_in_newton_per_meter(
+    unit, exponent, message
+):
+    """A contact with 5e3 N/m had an 18th of its force, without a message."""
+
+    @bd.model(t_end=0.1)
+    def drop(k=bd.param(5e3, unit)):
+        mech = bd.Mechanism()
+        ball = mech.add(bd.PointMass("ball", 0.2, at=(0.0, 0.01)))
+        floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+        stop = mech.add(bd.Contact("stop", ball.point, floor, k, **exponent))
+        assert type(stop.stiffness) is float
+        return mech
+
+    if message is None:
+        assert isinstance(drop(), bd.Mechanism)
+        return
+    with pytest.raises(bd.BeamdaeError, match=re.escape(message)):
+        drop()
 
 
 @pytest.mark.slow(reason="a sweep")

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamdae.errors import (
     BeamdaeError,
+    NumberWithUnit,
     require_finite,
     require_name,
     require_non_negative,
@@ -19,6 +20,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
+from beamdae.model_parameters import is_linear_stiffness
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.forces.regularized_friction import RegularizedFriction, default_friction_speed
@@ -182,8 +184,9 @@ class Contact(ObservableLoad):
     """Contact of a point with a surface, modeled by a penalty force that never pulls.
 
     At a penetration d, the normal force is N = stiffness d^exponent max(0, 1 + X d') (Hunt and
-    Crossley, J. Appl. Mech. 42, 1975), where X follows from the restitution (`hysteresis`). The
-    friction force is -mu N tanh(slip / friction_speed), where the coefficient is mu = friction or,
+    Crossley, J. Appl. Mech. 42, 1975). It is nonlinear by default, k d^1.5 with k in N/m^1.5; pass
+    exponent=1 for a spring, k d with k in N/m. The factor X follows from the restitution
+    (`hysteresis`). The friction force is -mu N tanh(slip / friction_speed), where mu = friction or,
     with the Stribeck effect (Olsson et al., Eur. J. Control 4, 1998, 176), mu = friction + (static
     - friction) exp(-(slip / stribeck)^2). At the onset of contact, N is as
     smooth as max(0, d)^exponent. The energy of the elastic force stiffness d^exponent is part of
@@ -198,10 +201,11 @@ class Contact(ObservableLoad):
     surface
         `bd.LineSurface` or `bd.CircleSurface`.
     stiffness
-        Penalty stiffness [N/m^exponent], positive.
+        Penalty stiffness [N/m^exponent], positive: in N/m^1.5 by default, in N/m with exponent=1.
+        Model parameters in N/m are rejected with other exponents.
     exponent
-        Exponent of the penetration, 1 to 10; use 1.5 for Hertzian contact of spheres. With 1, the
-        force has a kink at the onset of contact.
+        Exponent of the penetration, 1 to 10. Defaults to 1.5, that of Hertzian contact of spheres.
+        With 1, the force is linear and has a kink at the onset of contact.
     restitution
         Coefficient of restitution of an impact at `impact_speed`, 0.05 to 1; slower impacts lose a
         smaller fraction of their speed. If omitted, the contact is elastic as with 1, and runs
@@ -268,10 +272,11 @@ class Contact(ObservableLoad):
                 f"{self.name}: neither the point nor the surface can move; attach one of them to "
                 "a body."
             )
+        set_fields(self, exponent=require_finite(self.name, "exponent", self.exponent))
+        self._check_unit_of_stiffness()
         set_fields(
             self,
             stiffness=require_positive(self.name, "stiffness", self.stiffness),
-            exponent=require_finite(self.name, "exponent", self.exponent),
             friction=require_non_negative(self.name, "friction", self.friction),
         )
         static, stribeck = require_stribeck(
@@ -307,6 +312,19 @@ class Contact(ObservableLoad):
             raise BeamdaeError(
                 f"{self.name}: restitution={restitution:g} requires "
                 "impact_speed=; pass the impact speed [m/s] at which this restitution holds."
+            )
+
+    def _check_unit_of_stiffness(self) -> None:
+        k = self.stiffness
+        if (
+            isinstance(k, NumberWithUnit)
+            and is_linear_stiffness(k.unit)
+            and self.exponent != _MIN_EXPONENT
+        ):
+            raise BeamdaeError(
+                f"{self.name}: stiffness must be in N/m^{self.exponent:g} with "
+                f"exponent={self.exponent:g}, got the parameter {k.parameter} in {k.unit}; pass "
+                f"exponent=1 for a linear contact, or a stiffness in N/m^{self.exponent:g}."
             )
 
     @property
