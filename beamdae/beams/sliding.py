@@ -42,11 +42,10 @@ from beamdae.symbolic.statements import (
 
 Array = np.ndarray
 
-# Number of points on which a quintic depends.
 # Largest memory of the cached weights of points, per function [bytes]. They grow with the square
 # of the number of nodes: 1000 nodes take 8 and 48 MB, 200 nodes 0.3 and 2 MB.
 _MAX_CACHED_BYTES = 8 * 2**20
-_STENCIL_POINTS = 6
+_STENCIL_POINTS = 6  # on which a quintic depends
 # Number of extrapolated points beyond each end.
 _EXTRA_POINTS = 2
 # Maximum number of nodes used for the extrapolation.
