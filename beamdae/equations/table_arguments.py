@@ -66,11 +66,20 @@ class TableArgumentTerm:
 
     def continues_as_constant(self, side: int) -> bool:
         """Return True if the table is zero or constant at its first (0) or last (-1) row."""
+        edge, neighbor, rounding = self._edge(side)
+        return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
+
+    def continues_as_zero(self, side: int) -> bool:
+        """Return True if the table is zero at its first (0) or last (-1) row."""
+        edge, _, rounding = self._edge(side)
+        return bool(np.max(np.abs(edge)) <= rounding)
+
+    def _edge(self, side: int) -> tuple[Array, Array, float]:
+        """Return the scaled values of a row at an edge and of its neighbor, and their rounding."""
         largest = float(np.max(np.abs(self.table.values))) or 1.0
         rows = np.moveaxis(self.table.values / largest, self.axis, 0)
-        edge, neighbor = rows[side], rows[1 if side == 0 else -2]
         rounding = max(_ROUNDING_OF_RANGE * float(np.ptp(rows)), _ROUNDING_OF_VALUES)
-        return any(bool(np.max(np.abs(x)) <= rounding) for x in (edge, edge - neighbor))
+        return rows[side], rows[1 if side == 0 else -2], rounding
 
     def evaluate(self, t: Array, branch: float, state: State) -> Array:
         """Return the argument, (rows,), at times `t` (rows,) on one branch."""

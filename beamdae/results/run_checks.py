@@ -41,6 +41,7 @@ from beamdae.results.diagnostics.meshes.long_elements import long_element_warnin
 from beamdae.results.diagnostics.meshes.mesh_errors import LoadedState, mesh_error_warnings
 from beamdae.results.diagnostics.meshes.moving_loads import moving_load_warnings
 from beamdae.results.diagnostics.quality_warnings import balance_warnings, column_warnings
+from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
@@ -60,7 +61,10 @@ from beamdae.results.diagnostics.saturated_commands import saturated_command_war
 from beamdae.results.diagnostics.singular_positions import singularity_warnings
 from beamdae.results.diagnostics.start_transients import start_transient_warnings
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
-from beamdae.results.diagnostics.table_ranges import table_range_warnings
+from beamdae.results.diagnostics.table_ranges import (
+    table_range_warnings,
+    unentered_table_warnings,
+)
 from beamdae.results.diagnostics.unconnected_bodies import unconnected_body_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.run_data import RunData, find_drift
@@ -299,6 +303,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     # Unstable loops cause failures, large strains and errors.
     _growing_loops,
     _of_motion(saturated_command_warnings),
+    _of_complete_run(rare_sample_warnings),
     # The motion and the deformation.
     _balance,
     _columns,
@@ -324,6 +329,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     FAST_LOADS,
     _of_motion(moving_load_warnings),
     _of_motion(table_range_warnings),
+    _of_complete_run(unentered_table_warnings),
     # The start and the model.
     _start_transients,
     _resumed_run,

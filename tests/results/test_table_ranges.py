@@ -187,3 +187,57 @@ def test_small_motions_in_tables_have_no_warning(rows, argument):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bd.simulate(falling(table, argument), t_end=0.3)
+
+
+def driven_ram(table, amplitude=0.05, center=0.35, second=None):
+    """Return a ram that moves by `amplitude` about `center`, with a force from a table."""
+    mech = bd.Mechanism()
+    ram = mech.add(bd.PointMass("ram", 50.0, at=(0.0, center)))
+    guide = mech.ground.at(0.0, 0.0), ram.point
+    mech.add(bd.PointOnLine("guide", *guide, direction=(0.0, 1.0)))
+    law = bd.sine(amplitude, frequency=1.0)
+    mech.add(bd.TranslationalDriver("drive", *guide, law, direction=(0.0, 1.0)))
+    for name, curve in (("process", table), ("stop", second)):
+        if curve is not None:
+
+            def force(point, t, curve=curve):
+                return 0.0, curve(point.position[1])
+
+            mech.add(bd.ForceLaw(name, ram.point, force))
+    return mech
+
+
+def find_unentered(mech, t_end=1.0):
+    run = bd.simulate(mech, bd.Radau(1e-3), t_end=t_end, output_step=0.01)
+    return [x for x in run.warnings if "where its value is zero" in x]
+
+
+PROCESS = bd.table([0.0, 3e-3, 6e-3], [118e3, 60e3, 0.0], kind="linear", name="process table")
+
+
+def test_regression_tables_that_are_never_entered_have_a_warning():
+    """The zero offset of a process force was missing, and the force was 0 during the run."""
+    (sentence,) = find_unentered(driven_ram(PROCESS))
+    assert sentence.startswith("process: x of process table is 0.3")
+    assert sentence.endswith(
+        " during the whole run, outside the range 0 to 0.006 of the table, where its value is "
+        "zero; check the zero offset and the unit of the argument."
+    )
+    mirrored = bd.table([0.744, 0.747, 0.75], [0.0, 60e3, 118e3], kind="linear")
+    assert len(find_unentered(driven_ram(mirrored))) == 1
+
+
+@pytest.mark.parametrize(
+    "mech",
+    [
+        driven_ram(PROCESS, center=0.055),
+        driven_ram(PROCESS, center=0.15),
+        driven_ram(PROCESS, amplitude=1e-3),
+        driven_ram(bd.table([0.0, 3e-3, 6e-3], [118e3, 9e4, 60e3], kind="linear")),
+        driven_ram(PROCESS, second=bd.table([0.744, 0.75], [0.0, -118e3], kind="linear")),
+    ],
+    ids=["entered", "near", "small motion", "force at the edge", "two stops"],
+)
+@pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
+def test_stops_that_are_not_reached_have_no_warning(mech):
+    assert find_unentered(mech) == []

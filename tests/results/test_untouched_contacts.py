@@ -50,3 +50,43 @@ def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
     mech = dropped_ball()
     mech.when("ball.y", 0.1)
     assert untouched(mech, 0.3) == []
+
+
+def leaf_on_cam(offset: float, far_stop: float = 0.0) -> bd.Mechanism:
+    """Return a cam of 40 mm below which a leaf spring of 0.15 m is clamped."""
+    mech = bd.Mechanism()
+    cam = mech.add(bd.RigidBody.disk("cam", (0.0, 0.0), 0.02, mass=0.5))
+    shaft = mech.ground.at(0.0, 0.0), cam.at(0.0, 0.0)
+    mech.add(bd.Revolute("shaft", *shaft))
+    mech.add(bd.Driver("motor", *shaft, lambda t: t))
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.01, height=0.002)
+    y = 0.02 + offset
+    line = bd.Line((-0.15, y), (0.0, y))
+    leaf = mech.add(bd.Beam("leaf", line, section, elements=1))
+    mech.add(bd.Weld("clamp", mech.ground.at(-0.15, y), leaf.start))
+    surface = bd.CircleSurface(cam.at(0.0, 0.0), 0.02)
+    mech.add(bd.Contact("touch", leaf.end, surface, 1e5))
+    if far_stop:
+        stop = bd.LineSurface(mech.ground.at(0.0, y - far_stop))
+        mech.add(bd.Contact("stop", leaf.end, stop, 1e5))
+    return mech
+
+
+def far_contacts(mech: bd.Mechanism) -> list[str]:
+    run = bd.simulate(mech, bd.Radau(1e-4), t_end=0.1)
+    return [x for x in run.warnings if "during the whole run" in x]
+
+
+def test_regression_contacts_that_are_meters_away_have_a_warning() -> None:
+    """A leaf spring 2 m (in place of 2 mm) from its cam rested silently."""
+    (sentence,) = far_contacts(leaf_on_cam(2.0))
+    assert sentence.startswith(
+        "touch: the distance of the bodies is at least 2 m during the whole run, 11 times the size "
+        "of all bodies and of the motion (0.19 m); check the unit"
+    )
+    (sentence,) = far_contacts(leaf_on_cam(0.002, far_stop=2.0))
+    assert sentence.startswith("stop: ")
+
+
+def test_contacts_at_the_distance_of_some_bodies_have_no_warning() -> None:
+    assert far_contacts(leaf_on_cam(0.002, far_stop=0.5)) == []

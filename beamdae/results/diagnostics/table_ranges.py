@@ -25,6 +25,10 @@ _MAX_EXCESS, _MAX_DISTANCE, _MAX_EXCESS_OF_OTHER_UNIT = 300.0, 100.0, 2000.0
 # Derivative of an argument by a coordinate in m, above which it is in mm or cm. Distances to
 # a point at 45 deg have 0.7 per m, and levers multiply it by less.
 _MIN_SLOPE_OF_OTHER_UNIT = 30.0
+# Distance outside a table that is zero there, relative to its range and to the motion of the
+# argument during the whole run, of tables that are never entered by mistake, as by a missing zero
+# offset. Bumpers and stops are nearer, or the argument moves by less than the range.
+_MAX_DISTANCE_OF_MOTION = 2.0
 _MIN_EXCESS = 1e-3  # distance outside a table relative to its range; less hardly changes its value
 # Arguments in wrong units, such as m in a table over mm, stay near zero: within this share of the
 # range inside the table and of its largest row, and within this one outside. Smaller motions than
@@ -109,6 +113,46 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
                     f"extend the table, repeat its {row} value there if it stays constant, or end "
                     "the run there with outside='error'."
                 )
+
+
+def unentered_table_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
+    """Yield a warning if the argument of a table that is zero outside moves, but never enters it.
+
+    Several such tables may be stops at both ends of a stroke, and are exempt like those in models
+    with events.
+
+    Parameters
+    ----------
+    equations, trajectory
+        The equations of motion and the steps of a run from its start to its planned end.
+    """
+    intervals = trajectory.intervals
+    if equations.mechanism is None or equations.mechanism.events:
+        return
+    sentences = []
+    for term in find_distinct(compile_table_arguments(equations)):
+        is_partial = any(term.part in x.inactive for x in intervals)
+        if term.is_limited or term.table.is_repeated or not term.depends_on_motion or is_partial:
+            continue
+        x = np.concatenate([term.evaluate(x.t, x.branch, x.state) for x in intervals])
+        low, high = term.limits
+        first, last = float(x.min()), float(x.max())
+        distance, side = max((low - last, 0), (first - high, -1))
+        length, motion = high - low, last - first
+        if (
+            length <= motion
+            and _MAX_DISTANCE_OF_MOTION * (length + motion) < distance
+            and distance <= _MAX_DISTANCE * length  # `table_range_warnings` reports larger ones
+            and term.continues_as_zero(side)
+        ):
+            sentences.append(
+                f"{term.part}: {term.table.arguments[term.axis]} of {term.table.name} is "
+                f"{first:.4g} to {last:.4g} during the whole run, outside the range {low:.6g} to "
+                f"{high:.6g} of the table, where its value is zero; check the zero offset and the "
+                "unit of the argument."
+            )
+    if len(sentences) == 1:
+        yield sentences[0]
 
 
 def _covers_turns(term: TableArgumentTerm) -> bool:

@@ -1,4 +1,4 @@
-"""Warnings about the only contact of a mechanism whose bodies do not touch during a run."""
+"""Warnings about contacts that are far away, or that never touch as the only contact."""
 
 from __future__ import annotations
 
@@ -7,32 +7,41 @@ from collections.abc import Iterator
 import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.equations.surface_gaps import compile_surface_gaps
+from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
 from beamdae.results.trajectory import Trajectory
 
 _MIN_CHANGE = 0.1  # of the gap in the run, relative to the gap at the start
 _ROUNDING = 1e-9  # of the gap, relative to its change
+# Smallest gap that indicates an error of units, relative to the sum of the sizes of all bodies and
+# of the change of the gap. Guards are seldom farther away; with mm in place of m, it is about 1000.
+_MAX_DISTANCE = 5.0
 
 
 def untouched_contact_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> Iterator[str]:
-    """Yield a warning if the bodies of the only contact approach or depart, and do not touch.
+    """Yield a warning per contact that is far away, or if the bodies of the only one do not touch.
 
-    Contacts beside others, and in mechanisms with events, may be guards that are not reached. So
-    may be contacts whose gap does not change in one direction, such as stops of vibrations, and
-    those whose gap changes by less than a tenth.
+    The bodies of an only contact have to approach or depart. Contacts beside others, and in
+    mechanisms with events, may be guards that are not reached. So may be contacts whose gap does
+    not change in one direction, such as stops of vibrations, and those whose gap changes by less
+    than a tenth.
 
     Parameters
     ----------
     equations, trajectory
         The equations of motion and the steps of a run from its start to its planned end.
     """
-    if len(contacts_of(equations)) != 1:
+    contacts = contacts_of(equations)
+    if not contacts:
         return
     mechanism, intervals = equations.mechanism, trajectory.intervals
-    gaps = compile_surface_gaps(equations)
+    gaps = [x for x in compile_surface_gaps(equations) if x.part in contacts]
+    sentences = [_describe_far_contact(x, equations, trajectory) for x in gaps]
+    if any(sentences):
+        yield from filter(None, sentences)
+        return
     if (
         mechanism is None
         or mechanism.events
@@ -56,4 +65,23 @@ def untouched_contact_warnings(
     yield (
         f"{gaps[0].part}: the bodies do not touch during the run, and their smallest distance is "
         f"{values[smallest]:.3g} m at t = {times[smallest]:.4g} s; {remedy}."
+    )
+
+
+def _describe_far_contact(
+    gap: SurfaceGapTerm, equations: EquationsOfMotion, trajectory: Trajectory
+) -> str:
+    """Return a warning if a gap exceeds the size of the bodies during the whole run, or ""."""
+    intervals = [x for x in trajectory.intervals if gap.part not in x.inactive]
+    if not intervals:
+        return ""
+    values = np.concatenate([gap.evaluate(x.t, x.branch, x.state.q) for x in intervals])
+    smallest = float(np.min(values))
+    size = sum(x.size for x in equations.parts if not x.is_state) + float(np.ptp(values))
+    if not smallest > _MAX_DISTANCE * size:
+        return ""
+    return (
+        f"{gap.part}: the distance of the bodies is at least {smallest:.3g} m during the whole "
+        f"run, {smallest / size:.2g} times the size of all bodies and of the motion ({size:.3g} "
+        "m); check the unit and the place of the surface."
     )
