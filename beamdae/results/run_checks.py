@@ -8,6 +8,7 @@ steps, and by a function of the run in this module if it reads more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -45,6 +46,7 @@ from beamdae.results.diagnostics.rare_samples import rare_sample_warnings
 from beamdae.results.diagnostics.resolution.coarse_rows import coarse_row_warnings
 from beamdae.results.diagnostics.resolution.driven_reactions import driven_reaction_warnings
 from beamdae.results.diagnostics.resolution.long_steps import long_step_warnings
+from beamdae.results.diagnostics.resolution.missed_parts import missed_part_warnings
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     damping_peak_warnings,
     missed_peak_warnings,
@@ -158,11 +160,7 @@ def _hard_impacts(run: RunData) -> Iterable[str]:
 def _missed_peaks(run: RunData) -> Iterable[str]:
     peaks, jumps = run.missed_peaks, [x.t for x in run.event_records if x.energy_lost > 0.0]
     damping = max((x.section.at(0.0).damping for x in beams_of(run.equations.mechanism)), default=0)
-
-    def observe_at(times: np.ndarray) -> dict[str, np.ndarray]:
-        rows = run._observe_at(times)
-        return dict(zip(run.equations.observed_headers, rows.T, strict=True))
-
+    observe_at = partial(_observe_columns, run)
     of_damping = select_peaks_of_damping(peaks, jumps, damping, run.trajectory.end, observe_at)
     mechanism = run.equations.mechanism
     events = () if mechanism is None else mechanism.events
@@ -174,12 +172,17 @@ def _missed_peaks(run: RunData) -> Iterable[str]:
     yield from missed_peak_warnings(others, len(run.t), is_resolved=not run._hard_impacts)
 
 
+def _observe_columns(run: RunData, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the observed columns at ascending times [s], by header."""
+    return dict(zip(run.equations.observed_headers, run._observe_at(times).T, strict=True))
+
+
 def _coarse_rows(run: RunData) -> Iterable[str]:
     # Long runs store only the rows, and few steps between them.
     has_all_steps = all(x.record is None for x in run.trajectory.intervals)
     if run._is_at_rest or not has_all_steps:
         return ()
-    return coarse_row_warnings(
+    coarse = coarse_row_warnings(
         run.t,
         run.columns,
         run._observe_at,
@@ -187,6 +190,20 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
         run.integrator.get("rtol") or 0.0,
         lambda: find_drift(run),
         rounding_limits(run.equations, list(run.columns), run.trajectory.mean_step),
+    )
+    return tuple(coarse) or _missed_parts(run)
+
+
+def _missed_parts(run: RunData) -> Iterable[str]:
+    # Elements that do not resolve an impact vibrate faster than any rows show.
+    missed = {} if run._hard_impacts else run._missed_parts
+    extremes = {header: run.step_extremes[header] for header in missed}
+    return missed_part_warnings(
+        missed,
+        {header: 0.5 * (x.max - x.min) for header, x in extremes.items()},
+        run.t,
+        np.concatenate([x.t for x in run.trajectory.intervals]),
+        partial(_observe_columns, run),
     )
 
 

@@ -30,6 +30,7 @@ from beamdae.results.diagnostics.meshes.beam_ranges import (
 from beamdae.results.diagnostics.resolution.missed_peaks import (
     UNITS_OF_MOTIONS,
     StepExtremes,
+    find_missed_parts,
     find_missed_peaks,
     measure_step_extremes,
 )
@@ -171,6 +172,14 @@ class RunData:
     @cached_property
     def missed_peaks(self) -> ColumnDict:
         """Extremes that the rows miss by more than 1 % of the range, by header of the column."""
+        return self._find_missed(find_missed_peaks)
+
+    @cached_property
+    def _missed_parts(self) -> ColumnDict:
+        """Extremes of parts of the run that the rows miss, by header of the column."""
+        return self._find_missed(find_missed_parts)
+
+    def _find_missed(self, find: Callable[..., ColumnDict]) -> ColumnDict:
         if self._is_at_rest:
             return ColumnDict()
         extremes: Mapping[str, StepExtremes] = self._extremes_above_rounding
@@ -180,7 +189,7 @@ class RunData:
         rtol = self.integrator.get("rtol") or 0.0
         observables = self.equations.observables
         magnitudes = {header for o in observables if o.is_magnitude for header in o.headers}
-        return find_missed_peaks(
+        return find(
             self.columns,
             extremes,
             self.equations.length,

@@ -25,6 +25,11 @@ from beamdae.results.columns import (
     mark_vanishing_columns,
     remove_unit,
 )
+from beamdae.results.diagnostics.resolution.missed_parts import (
+    MIN_MISS_OF_PART,
+    MissedPart,
+    PartExtremes,
+)
 from beamdae.results.trajectory import Interval, Trajectory
 
 Array = np.ndarray
@@ -63,7 +68,8 @@ class StepExtremes:
     All of them include the steps and the output rows. For adaptive steps, the last two are 0.
     `roughness` is the root mean square of the second differences between fixed steps, without
     jumps. `delay` is the error of a vibration that accumulates if its periods change by (w h)^2,
-    with the angular frequency w and the step h.
+    with the angular frequency w and the step h. `missed_parts` are extremes of tenths of the run
+    that the output rows miss by more than 10 % of half the range.
     """
 
     min: float
@@ -73,6 +79,7 @@ class StepExtremes:
     rms: float
     roughness: float = 0.0
     delay: float = 0.0
+    missed_parts: tuple[MissedPart, ...] = ()
 
 
 def select_large_columns(
@@ -193,6 +200,7 @@ def measure_step_extremes(
     begin, end = row_times[0], row_times[-1]
     rows_of_table = np.column_stack([row_times, *observed().values()])
     squares, differences = _SquareIntegral(rows_of_table), _StepDifferences(len(headers))
+    parts = PartExtremes(row_times, rows_of_table[:, 1:])
     extremes: tuple[Array, Array] | None = None
     intervals_of_rows = trajectory.interval_index(row_times)
     for number, interval in enumerate(trajectory.intervals):
@@ -208,6 +216,7 @@ def measure_step_extremes(
             columns = _evaluate_steps(evaluate, rows[block], interval, block, known)
             # The columns of all steps may exceed the memory.
             squares.extend(rows[block, 0], columns)
+            parts.extend(rows[block, 0], columns)
             if has_fixed_steps and interval.record is None:
                 differences.extend(rows[block, 0], columns)
             of_block = _find_extremes(rows[block, 0], columns)
@@ -234,6 +243,7 @@ def measure_step_extremes(
                 squares.finish().tolist(),
                 roughness.tolist(),
                 delay.tolist(),
+                parts.finish(len(headers)),
                 strict=True,
             )
             if Header.of(header).unit not in omitted_units and np.isfinite([low, high]).all()
@@ -420,11 +430,7 @@ def find_missed_peaks(
     steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range, values = 0.5 * (high - low), np.stack([low, high])
-    is_at_rest = mark_resting_columns(names, values, half_range, length)
-    is_at_rest |= mark_vanishing_columns(names, half_range, length, values)
-    is_at_rest |= mark_constant_columns(names, values, half_range, length, rtol)
-    units = [Header.of(name).unit for name in names]
-    is_at_rest |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
+    is_at_rest = _mark_noise(names, values, half_range, length, rtol)
     misses = np.stack([rows[0] - low, high - rows[1]])
     misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
@@ -445,6 +451,54 @@ def find_missed_peaks(
             largest_half_range=float(largest[k]),
         )
     return ColumnDict(peaks)
+
+
+def _mark_noise(
+    names: Sequence[str], values: Array, half_range: Array, length: float, rtol: float
+) -> Array:
+    """Return the mask of columns that vary by errors only, with the values (2, n) as extremes."""
+    is_noise = mark_resting_columns(names, values, half_range, length)
+    is_noise |= mark_vanishing_columns(names, half_range, length, values)
+    is_noise |= mark_constant_columns(names, values, half_range, length, rtol)
+    units = [Header.of(name).unit for name in names]
+    is_noise |= (np.array(units) == "-") & (half_range <= _ROUNDING_OF_STRAINS)
+    return np.asarray(is_noise)
+
+
+def find_missed_parts(
+    observed: Mapping[str, Array],
+    extremes: Mapping[str, StepExtremes],
+    length: float,
+    rtol: float = 0.0,
+    find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
+    magnitudes: Collection[str] = (),
+) -> ColumnDict:
+    """Return the part of the run, by column, whose extreme the rows miss by the most.
+
+    Columns that vary by errors only are omitted, and so are those whose extreme of the whole run is
+    missed by as much. See `find_missed_peaks` for the parameters.
+    """
+    names = [name for name in extremes if np.isfinite(observed[name]).all()]
+    missed = {}
+    for name in names:
+        signs = (1,) if name in magnitudes else (-1, 1)
+        parts = [x for x in extremes[name].missed_parts if x.sign in signs]
+        if parts:
+            missed[name] = max(parts, key=lambda x: x.miss)
+    if not missed:
+        return ColumnDict()
+    values = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
+    half_range = 0.5 * (values[1] - values[0])
+    is_noise = _mark_noise(names, values, half_range, length, rtol)
+    is_noise |= mark_minor_rates(names, half_range, length)
+    is_missed = np.array([name in missed for name in names]) & ~is_noise
+    if not is_missed.any():
+        return ColumnDict()
+    is_missed &= half_range > drift_limits(names, length, *find_drift())
+    peaks = find_missed_peaks(observed, extremes, length, rtol, find_drift, magnitudes)
+    known = {name for name, peak in peaks.items() if peak.error > MIN_MISS_OF_PART}
+    selected = (name for name, x in zip(names, is_missed.tolist(), strict=True) if x)
+    return ColumnDict({name: missed[name] for name in selected if name not in known})
 
 
 def unknown_peak_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -> Iterator[str]:
