@@ -8,8 +8,9 @@ import pytest
 from test_fit import METHOD, NOISE, TRUE, oscillator
 
 import beamdae as bd
-from beamdae.analysis.fit.data import read_measurements
+from beamdae.analysis.fit.data import read_fit_data, read_measurements
 from beamdae.analysis.fit.problem import FitProblem, column_rates
+from beamdae.analysis.fit.sensors import read_sensors
 from beamdae.cli.commands.fit import _json_results
 from beamdae.report.terminal.text_tables import estimates_table
 
@@ -21,6 +22,12 @@ SHIFT, SCALE, OFFSET = 0.013, 1.2, -0.7
 def record(times=TIMES, shift=0.0, **parameters):
     run = bd.simulate(oscillator(**TRUE | parameters), METHOD, t_end=3.0).at_times(times - shift)
     return run["mass.x"].to_numpy(), run["mass.x_dot"].to_numpy()
+
+
+def fit_sensors(data, columns, scale=(), shift=()):
+    measured = read_measurements("fit", data, columns)
+    fitted = read_fit_data(measured, {"": ["mass.x [m]", "mass.y [m]"]}, 1.0)
+    return read_sensors(fitted.series, fitted.headers, scale, (), shift)
 
 
 @pytest.fixture(scope="module")
@@ -443,3 +450,43 @@ def test_regression_only_columns_with_a_unit_of_time_are_times(name):
     series = read_measurements("plot", table).series
     assert [x.column for x in series] == [name, "mass.x"]
     np.testing.assert_allclose(series[-1].times, TIMES, rtol=1e-15)
+
+
+@SLOW
+def test_regression_columns_have_their_names_in_the_data():
+    """Warnings proposed offsets of columns by the names in the data, which were rejected."""
+    position, _ = record()
+    data = {"t [s]": TIMES, "Laser [mm]": 1e3 * (position + 0.5)}
+    columns, first = {"Laser [mm]": "mass.x"}, {"stiffness": 39.0}
+    fits = [
+        bd.fit(
+            oscillator,
+            data,
+            list(TRUE),
+            METHOD,
+            parameters=first,
+            data_columns=columns,
+            sigma={name: "1 mm"},
+            offset=[name],
+        )
+        for name in ("Laser", "Laser [mm]", "mass.x")
+    ]
+    for fit in fits:
+        assert fit.parameters == pytest.approx(TRUE, rel=1e-4)
+    (offset,) = fits[0].sensors
+    assert offset == "offset of mass.x [m]"
+    assert fits[0].sensors == fits[1].sensors
+    named = fit_sensors(data, columns, scale=["Laser"], shift={"Laser": (-0.1, 0.1)})
+    assert [x.name for x in (*named.scales, *named.shifts)] == [
+        "scale of mass.x",
+        "shift of mass.x",
+    ]
+    with pytest.raises(bd.BeamdaeError, match=r"mass.x \[m\], called Laser \[mm\] in the data"):
+        fit_sensors(data, columns, scale=["Lasr"])
+
+
+def test_names_in_the_run_precede_those_in_the_data():
+    data = {"t [s]": [0.1, 0.2], "mass.x": [1.0, 2.0], "mass.y": [3.0, 4.0]}
+    columns = {"mass.x": "mass.y", "mass.y": "mass.x"}
+    (scale,) = fit_sensors(data, columns, scale=["mass.x"]).scales
+    assert list(scale.rows) == [2, 3]

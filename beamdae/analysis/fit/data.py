@@ -805,7 +805,10 @@ def _as_names(part: str, values: Any, column: str, name: str) -> list[str]:
 
 def _with_sigma(columns: list[MeasuredColumn], sigma: Any) -> list[MeasuredColumn]:
     """Return columns with the standard deviations of the argument `sigma`; 1 if it is None."""
-    names = list(dict.fromkeys(x.series.column for x in columns))
+    in_data: dict[str, set[str]] = {}
+    for x in columns:
+        in_data.setdefault(x.series.column, set()).add(x.series.name_in_data)
+    names = list(in_data)
     if sigma is None:
         # The same column may be in different units in different experiments.
         if len({split_unit(name)[0] for name in names}) > 1:
@@ -816,7 +819,7 @@ def _with_sigma(columns: list[MeasuredColumn], sigma: Any) -> list[MeasuredColum
         return columns
     if isinstance(sigma, Mapping):
         sigma = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-        given = _sigma_by_column(sigma, names)
+        given = _sigma_by_column(sigma, in_data)
     else:
         given = dict.fromkeys(names, sigma)
     values = {x: _read_sigma(x, given[x], isinstance(sigma, Mapping)) for x in names}
@@ -826,11 +829,18 @@ def _with_sigma(columns: list[MeasuredColumn], sigma: Any) -> list[MeasuredColum
     ]
 
 
-def _sigma_by_column(sigma: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
-    """Return the standard deviation of each column, which is named with or without its unit."""
+def _sigma_by_column(sigma: Mapping[str, Any], in_data: Mapping[str, set[str]]) -> dict[str, Any]:
+    """Return the standard deviation of each column by its name in the run.
+
+    Columns are named with or without their units, by their names in the run or in the data. The
+    latter are the values of `in_data`, in which each experiment may have another name.
+    """
+    columns = list(in_data)
     matches = {
         name: [x for x in columns if standardize_header(name) == x]
         or [x for x in columns if name == split_unit(x)[0]]
+        or [x for x in columns if in_data[x] == {standardize_header(name)}]
+        or [x for x in columns if {split_unit(y)[0] for y in in_data[x]} == {name}]
         for name in sigma
     }
     deviations = {column: sigma[name] for name, headers in matches.items() for column in headers}

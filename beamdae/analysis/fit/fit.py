@@ -95,7 +95,7 @@ def fit(
         Names of columns of the model for columns of the data with other names, by the latter, with
         or without their units: {"Laser [mm]": "tip.y", "Zeit": "t [ms]"} maps times to "t". Units
         in the headers of the data precede those of the names given here. Other arguments name these
-        columns as in the model.
+        columns as in the model or as in the data.
     sigma
         Standard deviation of the errors of the data, in the units of the columns of `data`, for
         example in mm for a column "tip.y [mm]" although the model is in m: a number for all

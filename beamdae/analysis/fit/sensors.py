@@ -136,14 +136,18 @@ def _read_shift_bounds(label: str, bounds: Any, first: float) -> tuple[float, fl
     return low, high
 
 
-def _names_of_column(series: Series, header: str) -> tuple[str, ...]:
-    return (
-        _ALL_COLUMNS,
-        series.column,
-        series.name_in_data or series.column,
-        header,
-        remove_unit(header),
-    )
+def _names_in_run(series: Series, header: str) -> tuple[str, ...]:
+    return (_ALL_COLUMNS, series.column, header, remove_unit(header))
+
+
+def _names_in_data(series: Series, header: str) -> tuple[str, ...]:
+    return (series.name_in_data, remove_unit(series.name_in_data)) if series.name_in_data else ()
+
+
+def _describe_column(series: Series) -> str:
+    in_run, in_data = series.column, series.name_in_data
+    is_renamed = in_data and remove_unit(in_data) != remove_unit(in_run)
+    return f"{in_run}, called {in_data} in the data" if is_renamed else in_run
 
 
 class _Selection:
@@ -160,13 +164,9 @@ class _Selection:
         used_numbers: set[int] = set()
         for name in _as_list(argument, names):
             experiment, column = self._split(argument, name)
-            numbers = [
-                k
-                for k, (x, header) in enumerate(zip(self._series, self._headers, strict=True))
-                if column in _names_of_column(x, header) and experiment in (None, x.experiment)
-            ]
+            numbers, is_in_run = self._find(column, experiment)
             if not numbers:
-                labels = dict.fromkeys(x.column for x in self._series)
+                labels = dict.fromkeys(map(_describe_column, self._series))
                 experiments = dict.fromkeys(filter(None, (x.experiment for x in self._series)))
                 known = f"columns {', '.join(labels)}"
                 known += f"; experiments {', '.join(experiments)}" if experiments else ""
@@ -175,7 +175,7 @@ class _Selection:
                     f"({known}); correct the name."
                 )
             named = "all columns" if column == _ALL_COLUMNS else column
-            if column == self._series[numbers[0]].name_in_data:
+            if not is_in_run:
                 # The unit of the estimate is that of the model, not that of the data.
                 named = self._headers[numbers[0]]
             if argument != "offset":
@@ -191,6 +191,22 @@ class _Selection:
             result[label] = np.concatenate([self._rows[k] for k in numbers])
         return result
 
+    def _find(self, column: str, experiment: str | None = None) -> tuple[list[int], bool]:
+        """Return the series of a name in the run or else in the data, and True if it is the former.
+
+        All experiments match if `experiment` is None.
+        """
+        numbers: list[int] = []
+        for names_of in (_names_in_run, _names_in_data):
+            numbers = [
+                k
+                for k, (x, header) in enumerate(zip(self._series, self._headers, strict=True))
+                if column in names_of(x, header) and experiment in (None, x.experiment)
+            ]
+            if numbers:
+                return numbers, names_of is _names_in_run
+        return numbers, False
+
     def _split(self, argument: str, name: Any) -> tuple[str | None, str]:
         if isinstance(name, str):
             return self._split_text(name)
@@ -201,8 +217,7 @@ class _Selection:
 
     def _split_text(self, name: str) -> tuple[str | None, str]:
         """Return the experiment and the column of "column" or "experiment:column"."""
-        pairs = zip(self._series, self._headers, strict=True)
-        if not any(name in _names_of_column(x, header) for x, header in pairs):
+        if not self._find(name)[0]:
             for experiment in dict.fromkeys(x.experiment for x in self._series):
                 if experiment and name.startswith(f"{experiment}:"):
                     return experiment, name[len(experiment) + 1 :]
