@@ -168,6 +168,23 @@ def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds(
 
 
 @SLOW
+@pytest.mark.parametrize(("size", "is_named"), [(1e-3, False), (2e-2, True)])
+def test_regression_rejected_values_far_from_a_minimum_are_not_named(exact, size, is_named):
+    """They were named as the reason of an early end, 90 standard deviations from the estimate."""
+    times = np.linspace(0.0, 4.0, 81)
+    run = bd.simulate(oscillator(**TRUE), METHOD, t_end=4.0).at_times(times)
+    noise = np.random.default_rng(1).normal(scale=1e-5, size=times.size)
+    # The model lacks the vibration.
+    data = {"t [s]": times, "mass.x": run["mass.x"] + size * np.sin(40.0 * times) + noise}
+    first = {"damping": 5.0, "stiffness": 45.0}
+    with pytest.warns(bd.BeamdaeWarning, match="The model does not explain the data"):
+        result = bd.fit(oscillator, data, list(TRUE), METHOD, parameters=first, sigma=1e-5)
+    assert result.status.success
+    assert result.parameters == pytest.approx(TRUE, rel=0.01)
+    assert any("The model rejected damping = -4.5" in x for x in result.warnings) == is_named
+
+
+@SLOW
 def test_regression_estimates_of_noisy_data_at_a_bound_are_reported(exact):
     # The search converges at a distance from the bound, which its own criterion does not see.
     noise = np.random.default_rng(1).normal(scale=NOISE, size=TIMES.size)

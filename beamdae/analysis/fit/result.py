@@ -53,6 +53,11 @@ _MAX_STEP_ERROR = 0.3
 _MAX_SUM_DIFFERENCE = 0.1
 # Data with smaller errors, relative to their size, are computed: the runs are as accurate.
 _MIN_RELATIVE_SIGMA = 1e-6
+# Searches that converged this far from rejected values did not end because of them, in standard
+# deviations that follow from the scatter of the residuals. With vibrations that the model lacks,
+# estimates of the damping of an oscillator at 15 to 90 deviations from zero are accurate to 0.5 %,
+# and at 3 to 5 deviations to 2 %.
+_MIN_REJECTED_DISTANCE = 10.0
 # From this share of the mean of the residuals in their root mean square, squared, offsets help.
 _MIN_MEAN_SHARE = 0.5
 # If larger values of chi-square are less probable, the model does not explain the data; if smaller
@@ -802,16 +807,16 @@ def create_fit(
     np.fill_diagonal(covariance, variances)
     status = search.status
     steps: tuple[str, ...] = ()
+    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+    scatter = float(np.sqrt(np.mean(residuals**2)))
     if status.kind != "interrupted" and not search.recording_error:
         try:
-            # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
-            scatter = float(np.sqrt(np.mean(residuals**2)))
             steps = _check_steps(problem, evaluation, estimate, max(1.0, scatter))
         except KeyboardInterrupt:
             acknowledge()
             status = Status("interrupted", "interrupted while the accuracy of the runs was checked")
     doubts: tuple[str, ...] = ()
-    if not search.recording_error and (search.status.success or not search.invalid):
+    if not search.recording_error and (search.status.success or not search.rejected):
         doubts = _check_residuals(problem, evaluation, residuals, len(all_names))
     count = len(problem.names)
     values = dict(zip(all_names, estimates.tolist(), strict=True))
@@ -829,8 +834,12 @@ def create_fit(
         at_bounds=tuple(n for n, at in zip(names, search.at_bounds, strict=True) if at),
         _own_warnings=(
             *problem.duration_warnings,
-            # Invalid values and bounds may be the cause of large residuals.
-            *([search.invalid] if search.invalid and (doubts or not search.status.success) else []),
+            # Rejected values and bounds may be the cause of large residuals.
+            *(
+                _check_rejected_values(search, values, np.sqrt(variances) * max(1.0, scatter))
+                if doubts or not search.status.success
+                else ()
+            ),
             *_check_bounds(problem, scaling, search, estimates),
             *(
                 f"The data do not determine {name}, which would move far away and keeps its first "
@@ -905,6 +914,37 @@ def _check_bounds(
             f"{name} out of the fit."
         )
     return tuple(sentences)
+
+
+def _check_rejected_values(
+    search: SearchResult, values: Mapping[str, float], deviations: Array
+) -> tuple[str, ...]:
+    """Return a warning about parameters that the model rejected near the end of the search.
+
+    `deviations` are the standard deviations of `values`, in the same order. A search that converged
+    far from the rejected values did not end because of them.
+    """
+    sentences, bounds = [], []
+    for (name, estimate), deviation in zip(values.items(), deviations, strict=True):
+        if name not in search.rejected:
+            continue
+        rejected = search.rejected[name]
+        # Most domains end at zero.
+        is_end_zero = np.sign(rejected) * np.sign(estimate) <= 0.0
+        distance = abs(estimate - (0.0 if is_end_zero else rejected))
+        limit = 0.0 if is_end_zero else estimate
+        if search.status.success and distance > _MIN_REJECTED_DISTANCE * deviation:
+            continue
+        sentences.append(f"{name} = {rejected:.4g}")
+        ends = f"{limit:.4g}, upper" if rejected < estimate else f"lower, {limit:.4g}"
+        bounds.append(f"{name!r}: ({ends})")
+    if not bounds:
+        return ()
+    return (
+        f"The model rejected {' and '.join(sentences)} during the search; pass "
+        f"bounds={{{', '.join(bounds)}}}, because searches next to invalid values may end early or "
+        "elsewhere.",
+    )
 
 
 def _check_residuals(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -78,8 +78,8 @@ class SearchResult:
         Status and reason of the end of the search, see `Fit`.
     at_bounds
         True (K,) for variables at a bound.
-    invalid
-        Sentence on parameters whose values the model rejected during the search, or "".
+    rejected
+        Values of parameters that the model rejected during the search, by name.
     held
         Names of parameters that keep their first values, see `robust_search`.
     recording_error
@@ -92,7 +92,7 @@ class SearchResult:
     evaluations: int
     status: Status
     at_bounds: Array
-    invalid: str = ""
+    rejected: Mapping[str, float] = field(default_factory=dict)
     held: tuple[str, ...] = ()
     recording_error: str = ""
     is_stalled: bool = False
@@ -257,12 +257,12 @@ def search(
         count = format_count(max_evaluations, "evaluation")
         sentence = f"stopped after {count}; increase max_evaluations="
         status = Status("limited", sentence)
-    invalid = _name_invalid_values(problem, last.values, failed_values) if failures else ""
+    rejected = _find_rejected_values(problem, last.values, failed_values) if failures else {}
     if failures and not status.success:
         count = format_count(len(failures), "run")
         sentence = f"{status.sentence}; {count} failed, the last one: {failures[-1]}"
         status = Status(status.kind, sentence)
-    return SearchResult(last, evaluations, status, at_bounds, invalid)
+    return SearchResult(last, evaluations, status, at_bounds, rejected)
 
 
 def reject_data(first: Evaluation, evaluations: int, clause: str) -> SearchResult:
@@ -485,30 +485,18 @@ def _find_runaways(problem: FitProblem, scaling: Scaling, end: SearchResult) -> 
     return np.asarray(is_weak & (is_far | (end.status.kind == "limited")))
 
 
-def _name_invalid_values(problem: FitProblem, values: Array, failed: Array) -> str:
-    """Return a sentence on the parameters whose failed values the model rejects, or "".
+def _find_rejected_values(problem: FitProblem, values: Array, failed: Array) -> dict[str, float]:
+    """Return the failed values of the parameters that the model rejects, by name.
 
     Each parameter alone is set to its failed value.
     """
-    sentences, bounds = [], []
+    rejected = {}
     for k, name in enumerate(problem.names):
         changed = values.copy()
         changed[k] = failed[k]
-        if failed[k] == values[k] or problem.accepts(changed):
-            continue
-        is_low = failed[k] < values[k]
-        # Most domains end at zero.
-        limit = 0.0 if np.sign(failed[k]) * np.sign(values[k]) <= 0.0 else values[k]
-        sentences.append(f"{name} = {failed[k]:.4g}")
-        ends = f"{limit:.4g}, upper" if is_low else f"lower, {limit:.4g}"
-        bounds.append(f"{name!r}: ({ends})")
-    if not bounds:
-        return ""
-    return (
-        f"The model rejected {' and '.join(sentences)} during the search; pass "
-        f"bounds={{{', '.join(bounds)}}}, because searches next to invalid values may end early or "
-        "elsewhere."
-    )
+        if failed[k] != values[k] and not problem.accepts(changed):
+            rejected[name] = float(failed[k])
+    return rejected
 
 
 def _judge_end(
