@@ -68,6 +68,7 @@ from beamdae.results.diagnostics.table_ranges import (
     unentered_table_warnings,
 )
 from beamdae.results.diagnostics.unconnected_bodies import unconnected_body_warnings
+from beamdae.results.diagnostics.unstable_symmetry import unstable_symmetry_warnings
 from beamdae.results.diagnostics.velocity_jumps import velocity_jump_warnings
 from beamdae.results.run_data import RunData, find_drift
 from beamdae.results.section_forces.balance import group_rows
@@ -276,9 +277,8 @@ def _unstable_start(run: RunData) -> Iterable[str]:
 def _unstable_symmetry(run: RunData) -> Iterable[str]:
     if run.start.request == EQUILIBRIUM and any(_unstable_start(run)):
         return ()
-    statics = deferred.module("analysis.statics.unstable_symmetry")
     largest_force = run._energy_ledger.force.scale
-    return statics.unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
+    return unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
 
 
 def _idle_parts(run: RunData) -> Iterable[str]:

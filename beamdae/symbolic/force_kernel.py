@@ -185,11 +185,16 @@ class ForceKernel:
     @cached_property
     def may_have_peaks(self) -> bool:
         """True for a formula that may have narrow peaks over time or over the motion."""
-        x = self.local
-        if self.reused or x.n_multipliers or ca.depends_on(self.force, x.a):
+        if not self.has_load_function:
             return False
-        entries = {(0, 0), *((k, i) for k in (1, 2) for i in range(x.size))}
+        entries = {(0, 0), *((k, i) for k in (1, 2) for i in range(self.local.size))}
         return self.applies(lambda code: code not in _BROAD_OPERATIONS, entries)
+
+    @cached_property
+    def has_load_function(self) -> bool:
+        """True if time, q, v and data determine the force; then `load_function` is exact."""
+        x = self.local
+        return not (self.reused or x.n_multipliers or ca.depends_on(self.force, x.a))
 
     @cached_property
     def load_function(self) -> RowFunction:
