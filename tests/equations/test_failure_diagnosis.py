@@ -9,8 +9,13 @@ import pytest
 from conformance import integrators
 
 import beamdae as bd
+from beamdae.equations.assembly.assemble import equations_of_motion
 from beamdae.equations.equations_of_motion import State
-from beamdae.equations.failure_diagnosis import describe_singular_position, diagnose_failure
+from beamdae.equations.failure_diagnosis import (
+    _describe_pole,
+    describe_singular_position,
+    diagnose_failure,
+)
 
 
 @integrators(1e-5, 1e-3)
@@ -135,3 +140,16 @@ def test_regression_fixed_steps_that_stop_at_sticking_name_friction_and_step(is_
     assert "sole begins to stick, and its sliding speed changes by 0.0049 m/s" in status.sentence
     (step,) = re.findall("use a step of at most ([0-9.e-]+) s", status.sentence)
     assert bd.simulate(mech, bd.GeneralizedAlpha(step=float(step)), 0.25).status.success
+
+
+def test_regression_poles_are_sought_only_in_forces_that_the_state_determines():
+    """Forces that reuse results of other kernels raised a ValueError in place of the reason."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=0.002)
+    curve = bd.Arc(1.0, 0.5)
+    mech.add(bd.Beam("strip", curve, section, elements=4, velocity=(1.0, 0.0)))
+    equations = equations_of_motion(mech)
+    assert any(term.kernel.reused for term in equations.forces)
+    rest = np.zeros(equations.n)
+    state = State(equations.q0, equations.v0, rest, np.zeros(equations.m))
+    assert not _describe_pole(equations, np.array([0.0, 0.5]), state)

@@ -99,7 +99,7 @@ def measure(name: str, integrator: str, t_end: float, rounds: int) -> dict[str, 
         nonlocal derivatives
         if part != "later":
             # The search for the numbers that parameters affect, which only the first call needs.
-            number_derivatives._latest_masks.clear()
+            number_derivatives._latest_effects.clear()
         begin = time.process_time()
         with (
             time_calls(gradients, "transpose_run") as sweep,

@@ -602,6 +602,7 @@ SENSITIVITY_CALLS: dict[str, WorkingCall] = {
         lambda box: {
             "model": box.swing,
             "data": {"one": _FIT_DATA, "two": _FIT_DATA},
+            "data_columns": {"bob.y": "bob.y"},
             "by": ["mass"],
             "integrator": _SENSITIVITY_METHOD,
             "sigma": {"bob.y": 1e-3},
