@@ -147,6 +147,7 @@ def test_estimate_at_a_bound(exact):
     assert table.loc["stiffness"].notna().all()
 
 
+@pytest.mark.slow(reason="two seconds")
 def test_regression_searches_that_leave_the_domain_of_a_parameter_advise_bounds():
     """The advice was a shift of the times, beside an interval of the value at the edge."""
     times = TIMES[:21]

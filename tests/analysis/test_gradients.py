@@ -345,6 +345,7 @@ def leaf(height=(0.005,) * 9):
     return mech
 
 
+@pytest.mark.slow(reason="half a second")
 def test_regression_heights_are_changed_together_although_stiffnesses_keep_their_ratios():
     """Equal heights, changed by equal factors, hid the ratios of stiffnesses that they affect."""
     uneven = (0.005, 0.004, 0.006, 0.003, 0.005, 0.002, 0.003, 0.002, 0.003)

@@ -194,6 +194,7 @@ def test_regression_the_radius_is_a_possible_cause_of_a_paradox():
         run(mech, bd.Radau(), 1e-3)
 
 
+@pytest.mark.slow(reason="one second")
 def test_regression_equilibria_state_that_friction_does_not_hold():
     """A block on a slope "moved farthest", although its friction seemed to hold it."""
     mech = bd.Mechanism(gravity=(0.0, -GRAVITY))

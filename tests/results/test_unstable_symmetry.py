@@ -57,6 +57,7 @@ def test_a_column_that_buckles_is_not_named():
     assert not is_named(run)
 
 
+@pytest.mark.slow(reason="half a second")
 @pytest.mark.filterwarnings("ignore::beamdae.BeamdaeWarning")
 def test_a_load_that_vibrates_below_the_buckling_load_is_not_named():
     # The force exceeds the buckling load at times, but a column of this period does not follow.
