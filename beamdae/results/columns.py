@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -38,6 +39,8 @@ _REST_TO_SIZE_RATIO = 1e-12  # relative to the size of the mechanism, or to 1 ra
 # Accelerations of symmetric frames in impacts reach 5.3e-7.
 _VANISHING_TO_OTHERS_RATIO = 8e-7
 
+# Digits of values in warnings, and after the first one that differs.
+_MIN_DIGITS, _DIGITS_OF_DIFFERENCE = 5, 1
 # Half range of a rate or an acceleration relative to the largest one of translations of the same
 # point, below which it does not matter: 7e-4 for the rate of the angle of a flexure stage, 8e-5 for
 # the angular acceleration of a frame that falls flat.
@@ -386,6 +389,16 @@ def mark_vanishing_columns(
         sizes = np.where(is_force, np.max(np.abs(values), axis=0), half_range)
     largest = largest_of_kind(headers, sizes, length)
     return np.asarray(half_range < _VANISHING_TO_OTHERS_RATIO * largest)
+
+
+def format_apart(header: str, value: float, other: float) -> tuple[str, str]:
+    """Return two different values of a column with unit and the digits that tell them apart."""
+    unit = Header.of(header).unit
+    largest = max(abs(value), abs(other))
+    digits = math.ceil(-math.log10(abs(value - other) / largest)) + _DIGITS_OF_DIFFERENCE
+    digits = max(digits, _MIN_DIGITS)
+    suffix = "" if unit == "-" else f" {unit}"
+    return f"{value:.{digits}g}{suffix}", f"{other:.{digits}g}{suffix}"
 
 
 def mark_minor_rates(headers: Sequence[str], half_range: np.ndarray, length: float) -> np.ndarray:

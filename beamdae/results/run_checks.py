@@ -267,16 +267,12 @@ def _start_changes(run: RunData) -> Iterable[str]:
     return filter(None, (run.start.warning,))
 
 
-def _unstable_start(run: RunData) -> Iterable[str]:
-    if run.start.request != EQUILIBRIUM:
-        return ()
-    statics = deferred.module("analysis.statics.start_stability")
-    return filter(None, (statics.describe_unstable_start(run.equations, run.trajectory.start),))
-
-
-def _unstable_symmetry(run: RunData) -> Iterable[str]:
-    if run.start.request == EQUILIBRIUM and any(_unstable_start(run)):
-        return ()
+def _unstable_path(run: RunData) -> Iterable[str]:
+    if run.start.request == EQUILIBRIUM:
+        statics = deferred.module("analysis.statics.start_stability")
+        of_start = statics.describe_unstable_start(run.equations, run.trajectory.start)
+        if of_start:
+            return (of_start,)
     largest_force = run._energy_ledger.force.scale
     return unstable_symmetry_warnings(run.equations, run.trajectory, largest_force)
 
@@ -351,8 +347,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _start_transients,
     _resumed_run,
     _start_changes,
-    _unstable_start,
-    _unstable_symmetry,
+    _unstable_path,
     _idle_parts,
     _of_complete_run(unconnected_body_warnings),
     _parts_inside_surfaces,

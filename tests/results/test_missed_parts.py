@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 import beamdae as bd
-from beamdae.results.diagnostics.resolution.missed_parts import PartExtremes
+from beamdae.results.diagnostics.resolution.missed_parts import (
+    MissedPart,
+    PartExtremes,
+    missed_part_warnings,
+)
 
 T = np.linspace(0.0, 1.0, 401)
 
@@ -93,3 +97,18 @@ def test_regression_ringing_after_a_push_that_the_rows_miss_is_reported(integrat
     value = float(sentence.split("value, ")[1].split(" ")[0])
     extremes = [x(resolved.columns[header][later]) for x in (np.min, np.max)]
     assert min(abs(extremes - np.array(value))) < 0.02 * np.ptp(run.columns[header])
+
+
+def test_regression_values_and_rows_of_parts_are_told_apart():
+    """Four digits showed the same value twice if a position hardly changes."""
+    values = {"tip.x [m]": (0.49999921, 0.49999901), "tip.y [m]": (-0.70000031, -0.70000011)}
+    missed = {x: MissedPart(0.0, 1.0, 1, *pair) for x, pair in values.items()}
+    times = np.linspace(0.0, 1.0, 101)
+
+    def observe_at(t):
+        return {x: value - 1e-7 * (t - 0.5) ** 2 for x, (value, _) in values.items()}
+
+    half_ranges = dict.fromkeys(values, 2e-7)
+    (warning,) = missed_part_warnings(missed, half_ranges, times, times, observe_at)
+    for pair in values.values():
+        assert all(f"{x:.8g} m" in warning for x in pair)

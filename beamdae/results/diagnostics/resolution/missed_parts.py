@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdae.errors import list_first
-from beamdae.results.columns import Header, remove_unit
+from beamdae.results.columns import format_apart, remove_unit
 
 Array = np.ndarray
 
@@ -143,10 +143,13 @@ def missed_part_warnings(
         steps.append(_measure_width(header, part.sign, time, limit, distance, nodes, observe_at))
     first, *others = sorted(missed, key=lambda x: -missed[x].miss / half_ranges[x])
     part = missed[first]
-    value, row_value = _format_values(first, part)
+    value, row_value = format_apart(first, part.value, part.row_value)
     side = "largest" if part.sign > 0 else "smallest"
     names = [
-        "{} ({}, rows {})".format(remove_unit(x), *_format_values(x, missed[x])) for x in others
+        "{} ({}, rows {})".format(
+            remove_unit(x), *format_apart(x, missed[x].value, missed[x].row_value)
+        )
+        for x in others
     ]
     also = f", and extremes of {list_first(names, _MAX_NAMES)} in parts of the run" if names else ""
     yield (
@@ -154,13 +157,6 @@ def missed_part_warnings(
         f"miss its {side} value, {value} at t = {peak_times[first]:.6g} s, and reach only "
         f"{row_value}{also}; use output_step={_round_down(min(steps)):.0e}."
     )
-
-
-def _format_values(header: str, part: MissedPart) -> tuple[str, str]:
-    """Return the extreme and the value of the rows with their unit."""
-    unit = Header.of(header).unit
-    suffix = "" if unit == "-" else f" {unit}"
-    return f"{part.value:.4g}{suffix}", f"{part.row_value:.4g}{suffix}"
 
 
 def _measure_width(

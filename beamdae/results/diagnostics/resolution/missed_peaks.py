@@ -18,6 +18,7 @@ from beamdae.results.columns import (
     ColumnDict,
     Header,
     drift_limits,
+    format_apart,
     largest_of_kind,
     mark_constant_columns,
     mark_minor_rates,
@@ -55,7 +56,6 @@ _MIN_DECAY, _MIN_DECAY_OF_RANGE = 0.5, 0.05
 _MAX_ROWS_AT_ONCE = 2048
 _MIN_KNOWN_SHARE = 0.5  # of the steps that are output rows and need not be evaluated again
 _MAX_NAMES = 3  # of further columns in a warning
-_MIN_DIGITS, _DIGITS_OF_MISS = 5, 1  # of values in warnings, and after the first one that differs
 _SAME_STEP = 1e-6  # relative difference of equal steps
 _AMPLITUDE_TO_MEAN = 0.5 * math.pi  # of a vibration
 _BLOCKS_AT_ONCE, _MIN_BLOCK = 16, 8  # parts of a vibration with its own amplitude, in steps
@@ -146,7 +146,7 @@ class MissedPeak:
     @property
     def description(self) -> str:
         """Column, peak and time; the beginning of a sentence."""
-        value, row_value = self._format_values()
+        value, row_value = format_apart(self.column, self.value, self.row_value)
         return (
             f"{remove_unit(self.column)}: the output rows miss its {self.side} value, {value} at "
             f"t = {self.time:.6g} s, and reach only {row_value}"
@@ -155,17 +155,8 @@ class MissedPeak:
     @property
     def comparison(self) -> str:
         """Column, peak and value of the rows in brackets."""
-        value, row_value = self._format_values()
+        value, row_value = format_apart(self.column, self.value, self.row_value)
         return f"{remove_unit(self.column)} ({value}, rows {row_value})"
-
-    def _format_values(self) -> tuple[str, str]:
-        """Return both values with as many digits as show their difference."""
-        values, unit = (self.value, self.row_value), Header.of(self.column).unit
-        largest = max(map(abs, values))
-        digits = math.ceil(-math.log10(abs(values[0] - values[1]) / largest)) + _DIGITS_OF_MISS
-        digits = max(digits, _MIN_DIGITS)
-        suffix = "" if unit == "-" else f" {unit}"
-        return f"{values[0]:.{digits}g}{suffix}", f"{values[1]:.{digits}g}{suffix}"
 
 
 def measure_step_extremes(
@@ -581,7 +572,7 @@ def damping_peak_warnings(peaks: Sequence[DampingPeak], has_impacts: bool) -> It
         return
     worst, *others = sorted(peaks, key=lambda x: -x.peak.importance)
     peak = worst.peak
-    value, row_value = peak._format_values()
+    value, row_value = format_apart(peak.column, peak.value, peak.row_value)
     columns = name_with_others(
         remove_unit(peak.column), [remove_unit(x.peak.column) for x in others]
     )
