@@ -20,7 +20,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
@@ -115,8 +115,9 @@ def compile_objects(folder: Path) -> None:
                 prebuilt_objects.write_prebuilt_object(
                     target_folder, source.identity, source.name, content
                 )
-    commands = [[sys.executable, __file__, str(folder), target.cpu] for target in targets]
-    digests = {subprocess.check_output(command) for command in commands}
+    with ThreadPoolExecutor() as pool:
+        commands = [[sys.executable, __file__, str(folder), target.cpu] for target in targets]
+        digests = set(pool.map(subprocess.check_output, commands))
     if len(digests) > 1:
         raise RuntimeError("results of runs depend on the level of the processor")
 
