@@ -510,23 +510,9 @@ class VaryingSection:
         """
         section = self._sections.get(s)
         if section is None:
-            section = self._evaluate(s)
+            section = _call_law(self.part, self.law, s, f"at s = {s:g} m")
             if len(self._sections) < _MAX_CACHED_SECTIONS:
                 self._sections[s] = section
-        return section
-
-    def _evaluate(self, s: float) -> Section:
-        requirement = f"{self.part}: {_SECTION_REQUIREMENT}"
-        try:
-            section = self.law(float(s))
-        except BeamdaeError as problem:
-            raise BeamdaeError(f"{self.part}, section at s = {s:g} m: {problem}") from None
-        except Exception as problem:
-            raise BeamdaeError(
-                f"{requirement}, but the call failed at s = {s:g} m: {format_exception(problem)}."
-            ) from problem
-        if not isinstance(section, Section):
-            raise BeamdaeError(f"{requirement}, got {short_repr(section)} at s = {s:g} m.")
         return section
 
     def __getattr__(self, name: str) -> Any:
@@ -623,9 +609,25 @@ def taper(shape: Callable[..., Section], material: Material, **dimensions: Any) 
     require_material("taper", material)
     pairs = tuple((name, _parse_dimension(name, value)) for name, value in dimensions.items())
     section = Taper(shape, material, pairs)
-    unit_length = VaryingSection("taper", section.section_law(1.0))
-    for fraction in sorted({x for _, values in pairs for x in np.linspace(0.0, 1.0, len(values))}):
-        unit_length.at(fraction)
+    law = section.section_law(1.0)
+    for share in sorted({x for _, values in pairs for x in np.linspace(0.0, 1.0, len(values))}):
+        _call_law("taper", law, share, f"at {100.0 * share:.3g} % of the length")
+    return section
+
+
+def _call_law(part: str, law: SectionLaw, s: float, place: str) -> Section:
+    """Return the section that a law returns for `s`, which errors describe by `place`."""
+    requirement = f"{part}: {_SECTION_REQUIREMENT}"
+    try:
+        section = law(float(s))
+    except BeamdaeError as problem:
+        raise BeamdaeError(f"{part}, section {place}: {problem}") from None
+    except Exception as problem:
+        raise BeamdaeError(
+            f"{requirement}, but the call failed {place}: {format_exception(problem)}."
+        ) from problem
+    if not isinstance(section, Section):
+        raise BeamdaeError(f"{requirement}, got {short_repr(section)} {place}.")
     return section
 
 
