@@ -4,6 +4,7 @@
     python validation/performance/work_precision.py --quick          fewer settings, two minutes
     python validation/performance/work_precision.py --references     compute the references first
     python validation/performance/work_precision.py --exact          beams without floating frames
+    python validation/performance/work_precision.py --parts          parts of the shortest run
 
 PYTHON is an interpreter with Exudyn (`pip install exudyn`); without it only beamdae is measured.
 The error is the largest distance of the tip from that of the exact beam, every 0.01 s of the run.
@@ -29,11 +30,13 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from measurement import RESULTS, time_integration, write_table
+from measurement import RESULTS, time_action, time_calls, time_integration, write_table
 from systems import exact_hub_beam, exact_pendulum
 from workers import Worker, start_exudyn
 
 import beamdae as bd
+from beamdae.integrators import drive
+from beamdae.native.loops import CompiledLoop
 
 Array = np.ndarray
 
@@ -85,6 +88,9 @@ INTEGRATORS = (
 # (elements, nodes of each)
 EXUDYN_MESHES = ((3, 3), (4, 3), (6, 3), (8, 3), (16, 3), (16, 2), (32, 2))
 REFERENCE_SETTINGS = {"elements": 64, "nodes": 3, "step": 5e-5}
+# The fastest run with an error of 1 mm, and how often its parts are measured.
+SHORTEST_RUN = (CASES[0], (1, 3), bd.GeneralizedAlpha(5e-3))
+PARTS_ROUNDS = 200
 FINEST_BEAMDAE = ((4, 4), bd.Radau(1e-6))
 
 
@@ -118,6 +124,44 @@ def run_beamdae(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) ->
 
 def tip_path(solution: bd.Solution) -> Array:
     return solution.observed[["tip.x [m]", "tip.y [m]"]].to_numpy()
+
+
+def time_parts(case: Case, mesh: tuple[int, int], integrator: bd.Integrator) -> pd.DataFrame:
+    """Return the processor times of the parts of a run, from the model to the table of its tip."""
+    rounds = pd.DataFrame([_time_parts_once(case, mesh, integrator) for _ in range(PARTS_ROUNDS)])
+    rounds["all"] = rounds.sum(axis=1)
+    least, median = 1e3 * rounds.min(), 1e3 * rounds.median()
+    return pd.DataFrame({"part": rounds.columns, "least [ms]": least, "median [ms]": median})
+
+
+def _time_parts_once(
+    case: Case, mesh: tuple[int, int], integrator: bd.Integrator
+) -> dict[str, float]:
+    begin = time.process_time()
+    mechanism = case.mechanism(mesh)
+    stated = time.process_time()
+    equations = bd.equations_of_motion(mechanism)
+    formed = time.process_time()
+    with (
+        time_calls(drive, "plan_run") as plan,
+        time_calls(type(integrator), "method_on") as method,
+        time_calls(CompiledLoop, "__call__") as loops,
+    ):
+        solution = integrator.integrate(equations, case.times)
+    inside = {
+        "start and plan": sum(plan),
+        "workspaces and pivots": sum(method),
+        "compiled loops": sum(loops),
+    }
+    integrated = time.process_time()
+    return {
+        "model function": stated - begin,
+        "equations": formed - stated,
+        **inside,
+        "rest of the run": integrated - formed - sum(inside.values()),
+        "columns of all rows": time_action(lambda: solution.columns),
+        "table and its selection": time_action(lambda: tip_path(solution)),
+    }
 
 
 @cache
@@ -343,7 +387,11 @@ def main() -> None:
     parser.add_argument("--exact", action="store_true", help="beams without floating frames")
     parser.add_argument("--references", action="store_true", help="compute the references first")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
+    parser.add_argument("--parts", action="store_true", help="parts of the shortest run only")
     options = parser.parse_args()
+    if options.parts:
+        write_table(options.out, "parts_of_a_run", time_parts(*SHORTEST_RUN))
+        return
     peer = start_exudyn(options.peer)
     if options.references:
         if peer is None:
