@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from beamdae.analysis.fit.data import (
     FitData,
     MeasuredColumn,
+    Series,
     read_fit_data,
     read_measurements,
     warn_of_missing_units,
@@ -86,6 +87,11 @@ class Evaluation:
     coefficients: Array
     projected_jacobian: Array
     jacobian: Array
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residuals @ self.residuals)
 
 
 class FitProblem:
@@ -160,7 +166,6 @@ class FitProblem:
         self._times = np.concatenate([x.times for x in series])
         self._values = np.concatenate([x.values for x in series])
         self.weights = 1.0 / np.concatenate([x.sigma for x in series])
-        self._ends = np.cumsum([0, *(len(x.values) for x in series)])
         if self.data.count < (count := len(self.variables) + len(self.coefficients)):
             raise BeamdaeError(
                 f"fit: {self.data.count} data do not determine {count} parameters; add data "
@@ -301,13 +306,18 @@ class FitProblem:
             return (f"The data end at {end}, after {of_model}; {advice}.",)
         return (f"The data end at {end}, after {of_model}; the runs continue until then.",)
 
+    def rows_by_series(self) -> Iterator[tuple[Series, str, slice]]:
+        """Yield the series of `data` with their headers and rows."""
+        end = 0
+        for series, header in zip(self.data.series, self.headers, strict=True):
+            begin, end = end, end + len(series.values)
+            yield series, header, slice(begin, end)
+
     def _rows_of(self, experiment: str) -> Array:
+        numbers = np.arange(self.data.count)
+        rows = self.rows_by_series()
         return np.concatenate(
-            [
-                np.arange(self._ends[k], self._ends[k + 1])
-                for k, x in enumerate(self.data.series)
-                if x.experiment == experiment
-            ]
+            [numbers[x] for series, _, x in rows if series.experiment == experiment]
         )
 
     def evaluate(self, values: Array) -> Evaluation:
@@ -348,8 +358,8 @@ class FitProblem:
         """Return the time derivatives (N,) of the model at the data, over the sigma of the data."""
         rates = {x: column_rates(run.solution) for x, run in evaluation.runs.items()}
         result = np.empty(len(self._times))
-        for k, (series, header) in enumerate(zip(self.data.series, self.headers, strict=True)):
-            run, rows = evaluation.runs[series.experiment], slice(self._ends[k], self._ends[k + 1])
+        for series, header, rows in self.rows_by_series():
+            run = evaluation.runs[series.experiment]
             at = np.minimum(np.searchsorted(run.t, self._times[rows]), len(run.t) - 1)
             result[rows] = rates[series.experiment][header][at]
         return result * self.weights
@@ -395,8 +405,8 @@ class FitProblem:
         model = np.empty(len(times))
         derivatives = np.zeros((len(times), len(self.variables)))
         rates = {x: column_rates(run.solution) for x, run in runs.items() if self.sensors.shifts}
-        for k, (series, header) in enumerate(zip(self.data.series, self.headers, strict=True)):
-            run, rows = runs[series.experiment], slice(self._ends[k], self._ends[k + 1])
+        for series, header, rows in self.rows_by_series():
+            run = runs[series.experiment]
             at = np.minimum(np.searchsorted(run.t, times[rows]), len(run.t) - 1)
             model[rows] = run.solution.columns[header][at]
             for j, name in enumerate(self.names):
@@ -420,8 +430,7 @@ class FitProblem:
         weighted = derivatives * weights[:, None]
         remainder = (self._values - np.where(is_scaled, 0.0, model)) * weights
         # Columns of equal size, so that the rank does not depend on units.
-        sizes = np.linalg.norm(matrix, axis=0)
-        sizes[sizes == 0.0] = 1.0
+        sizes = column_lengths(matrix)
         inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
         coefficients = inverse @ remainder
         residuals = matrix @ coefficients - remainder
@@ -538,6 +547,12 @@ class Scaling:
     def derivatives(self, x: Array) -> Array:
         """Return the derivatives of the values with respect to x, (K,)."""
         return self._size * np.where(self.is_log, np.exp(np.where(self.is_log, x, 0.0)), 1.0)
+
+
+def column_lengths(matrix: Array) -> Array:
+    """Return the Euclidean lengths of columns; 1 for those that are zero."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    return np.where(lengths == 0.0, 1.0, lengths)
 
 
 def column_rates(run: Solution) -> dict[str, Array]:

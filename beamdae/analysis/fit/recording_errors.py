@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.fit.data import Series
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling, column_lengths
 from beamdae.analysis.fit.search import is_explained, is_noise, search
 from beamdae.analysis.fit.sensors import Sensor
 from beamdae.errors import BeamdaeError, BeamdaeWarning, InputWarning, list_first, warn_user
@@ -24,8 +24,6 @@ Array = np.ndarray
 # which it does not search if no parameter explains it.
 _MAX_RANGE_RATIO = 100.0
 _MAX_SEARCHED_RATIO = 300.0
-# Correlation of consecutive data up to which these may be noise.
-_MIN_CORRELATION = 0.5
 # A model is about proportional to a power of a parameter, of at least the first number, if its
 # derivative has at least this squared correlation with the model.
 _MIN_EXPONENT, _MIN_SHAPE = 0.5, 0.9
@@ -92,7 +90,7 @@ def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> No
     model = problem.recorded_values(first)
     for series, header, rows in _unscaled_series(problem):
         changes = series.values - series.values.mean()
-        if changes[1:] @ changes[:-1] <= _MIN_CORRELATION * (changes @ changes):
+        if is_noise(changes):
             continue
         low, high = sorted(ranges := [float(np.ptp(x)) for x in (model[rows], series.values)])
         if high <= _MAX_RANGE_RATIO * low:
@@ -191,7 +189,7 @@ class RecordingErrors:
         assert self.first is not None
         problem = _with_linear_sensors(self._problem, headers)
         limit = min(
-            _MAX_LEFT_RESIDUALS * _square(best), _MAX_LEFT_VARIATION * self._problem.variation
+            _MAX_LEFT_RESIDUALS * best.chi_square, _MAX_LEFT_VARIATION * self._problem.variation
         )
         scaled, scales = self._search_scales(problem, first, limit)
         if scaled is not None and scales:
@@ -200,13 +198,13 @@ class RecordingErrors:
             if not factors or (is_sign and is_noise(scaled.residuals)):
                 return _describe_scales(problem, scaled, scales)
             share = _MAX_LEFT_SHARE if is_sign else 1.0 / _MAX_LEFT_SHARE
-            limit = min(limit, share * _square(scaled))
+            limit = min(limit, share * scaled.chi_square)
         delayed = self._search_delay(
             [self.first, best, *([] if scaled is None else [scaled])], limit
         )
         if delayed is not None and not scales:
             begin = self._scaling.start(delayed.values[:-1])
-            limit = _MAX_LEFT_SHARE * _square(delayed)
+            limit = _MAX_LEFT_SHARE * delayed.chi_square
             scaled, scales = self._search_scales(problem, begin, limit)
             delayed = None if scales else delayed
         if delayed is not None:
@@ -221,7 +219,7 @@ class RecordingErrors:
         There are none if the end leaves more than a sum of squares.
         """
         end = self._search(problem, self._scaling, first)
-        is_end = end is not None and _square(end) <= limit
+        is_end = end is not None and end.chi_square <= limit
         return end, _find_scales(problem, end) if end is not None and is_end else {}
 
     def _search_delay(self, evaluations: Sequence[Evaluation], limit: float) -> Evaluation | None:
@@ -237,11 +235,11 @@ class RecordingErrors:
         problem = _with_delay(self._problem, delay)
         scaling = Scaling(problem, self._bounds, self._log)
         end = self._search(problem, scaling, scaling.start(np.append(values, delay)))
-        if end is None or _square(end) > limit:
+        if end is None or end.chi_square > limit:
             return None
         # Runs with these parameters may explain the data without it, periods later.
         again = self._search(self._problem, self._scaling, self._scaling.start(end.values[:-1]))
-        is_needless = again is not None and _MAX_LEFT_SHARE * _square(again) < _square(end)
+        is_needless = again is not None and _MAX_LEFT_SHARE * again.chi_square < end.chi_square
         return None if is_needless else end
 
     def _search(
@@ -272,11 +270,9 @@ class RecordingErrors:
 
 def _unscaled_series(problem: FitProblem) -> Iterator[tuple[Series, str, slice]]:
     """Yield the series without an unknown scale, with their headers and rows."""
-    end = 0
-    for series, header in zip(problem.data.series, problem.headers, strict=True):
-        begin, end = end, end + len(series.values)
-        if not any(begin in sensor.rows for sensor in problem.sensors.scales):
-            yield series, header, slice(begin, end)
+    for series, header, rows in problem.rows_by_series():
+        if not any(rows.start in sensor.rows for sensor in problem.sensors.scales):
+            yield series, header, rows
 
 
 def _looks_scaled(problem: FitProblem, first: Evaluation, series: Series, rows: slice) -> bool:
@@ -326,11 +322,6 @@ def _bounds_permit(scaling: Scaling, first: Evaluation, ratio: float) -> bool:
     values, (lower, upper) = first.values, map(scaling.values, scaling.limits)
     is_between = (lower > 0.0) & np.isfinite(upper)
     return bool(np.any(is_between & ((upper >= ratio * values) | (lower * ratio <= values))))
-
-
-def _square(evaluation: Evaluation) -> float:
-    """Return the sum of the squared residuals."""
-    return float(evaluation.residuals @ evaluation.residuals)
 
 
 def _with_linear_sensors(
@@ -410,7 +401,7 @@ def _is_significant(end: Evaluation, column: int, change: float, constants: Arra
     effect, others = end.jacobian[:, column], np.delete(end.jacobian, column, axis=1)
     size = np.linalg.norm(_project_out(effect, end.jacobian[:, constants]))
     independent = np.linalg.norm(_project_out(effect, others))
-    deviation = np.sqrt(_square(end) / len(effect))
+    deviation = np.sqrt(end.chi_square / len(effect))
     return bool(
         independent**2 > _MIN_INDEPENDENT_SHARE * size**2
         and independent * abs(change) > _MIN_DEVIATIONS * deviation
@@ -419,10 +410,7 @@ def _is_significant(end: Evaluation, column: int, change: float, constants: Arra
 
 def _project_out(vector: Array, matrix: Array) -> Array:
     """Return the part of a vector that is orthogonal to the columns of a matrix."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    directions, singular, _ = np.linalg.svd(
-        matrix / np.where(lengths == 0.0, 1.0, lengths), full_matrices=False
-    )
+    directions, singular, _ = np.linalg.svd(matrix / column_lengths(matrix), full_matrices=False)
     directions = directions[:, singular > _MIN_SINGULAR_VALUE]
     return np.asarray(vector - directions @ (directions.T @ vector))
 

@@ -15,9 +15,9 @@ from scipy.special import chdtr, chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import Series
 from beamdae.analysis.fit.intervals import bounded_interval
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling
+from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling, column_lengths
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
-from beamdae.analysis.fit.search import MIN_RELATIVE_RESIDUAL, SearchResult
+from beamdae.analysis.fit.search import MAX_NOISE_CORRELATION, MIN_RELATIVE_RESIDUAL, SearchResult
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations import measures
 from beamdae.errors import BeamdaeError, kind_of_message, require_choice, warn_user
@@ -74,8 +74,6 @@ _MIN_LOCAL_SHARE = 0.2
 # Share of the squares of the residuals that a delay of the data explains where it is reported. A
 # wrong frequency, whose errors grow linearly over time, is a delay for 0.75 of them.
 _MIN_SHIFT_SHARE = 0.85
-# Correlation of consecutive residuals up to which these are noise.
-_MIN_CORRELATION = 0.5
 # Residuals below this ratio to the standard deviation of the data may be errors of the runs.
 _MAX_NOISELESS_RATIO = 1e-3
 # Numbers of data from which their noise is judged.
@@ -1026,8 +1024,7 @@ def _check_chi_square(
 
 
 def _split_by_series(problem: FitProblem, residuals: Array) -> list[Array]:
-    ends = np.cumsum([len(x.values) for x in problem.data.series])
-    return np.split(residuals, ends[:-1])
+    return [residuals[rows] for _, _, rows in problem.rows_by_series()]
 
 
 def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str, ...]:
@@ -1038,13 +1035,10 @@ def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str
     if not problem.data.is_sigma_known:
         return ()
     columns: dict[str, list[Array]] = {}
-    begin = 0
-    for series in problem.data.series:
-        end = begin + len(series.values)
+    for series, _, rows in problem.rows_by_series():
         changes = (series.values - series.values.mean()) / series.sigma
         name = series.name_in_data or series.column
-        columns.setdefault(name, []).append(np.stack([residuals[begin:end], changes]))
-        begin = end
+        columns.setdefault(name, []).append(np.stack([residuals[rows], changes]))
     sentences = []
     for name, parts in columns.items():
         squares = np.sum(np.concatenate(parts, axis=1) ** 2, axis=1)
@@ -1067,10 +1061,8 @@ def _check_sigma(problem: FitProblem, residuals: Array, count: int) -> tuple[str
 def _suggest_offset(problem: FitProblem, residuals: Array) -> str:
     """Return the beginning of a remedy that names columns whose residuals have a large mean."""
     names: dict[str, None] = {}
-    begin = 0
-    for series in problem.data.series:
-        part = residuals[begin : begin + len(series.values)]
-        begin += len(series.values)
+    for series, _, rows in problem.rows_by_series():
+        part = residuals[rows]
         if len(part) > 1 and np.mean(part) ** 2 > _MIN_MEAN_SHARE * np.mean(part**2):
             names[split_unit(series.name_in_data or series.column)[0]] = None
     if not names or problem.sensors.offsets:
@@ -1088,7 +1080,7 @@ def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
     if problem.sensors.shifts or problem.sensors.scales:
         return ""
     residuals, rates = evaluation.residuals, problem.weighted_rates(evaluation)
-    basis = np.linalg.qr(evaluation.jacobian / _column_lengths(evaluation.jacobian))[0]
+    basis = np.linalg.qr(evaluation.jacobian / column_lengths(evaluation.jacobian))[0]
     rates = rates - basis @ (basis.T @ rates)
     work, square = float(residuals @ rates), float(rates @ rates)
     if not work**2 > _MIN_SHIFT_SHARE * square * float(residuals @ residuals):
@@ -1101,12 +1093,6 @@ def _suggest_shift(problem: FitProblem, evaluation: Evaluation) -> str:
     )
 
 
-def _column_lengths(matrix: Array) -> Array:
-    """Return the Euclidean lengths of columns; 1 for those that are zero."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    return np.where(lengths == 0.0, 1.0, lengths)
-
-
 def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     """Return a warning if most of the variation of the data about their means is left.
 
@@ -1116,22 +1102,20 @@ def _check_variation(problem: FitProblem, residuals: Array) -> tuple[str, ...]:
     if problem.data.is_sigma_known:
         return ()
     columns: dict[str, list[Array]] = {}
-    end, products, pairs = 0, 0.0, 0
     for series in problem.data.series:
         columns.setdefault(series.column, []).append(
             np.stack([series.values, 1.0 / series.sigma**2])
         )
-        begin, end = end, end + len(series.values)
-        products += float(residuals[begin : end - 1] @ residuals[begin + 1 : end])
-        pairs += len(series.values) - 1
+    parts = _split_by_series(problem, residuals)
+    products = sum(float(x[:-1] @ x[1:]) for x in parts)
     variation = size = 0.0
-    for parts in columns.values():
-        values, weights = np.concatenate(parts, axis=1)
+    for rows in columns.values():
+        values, weights = np.concatenate(rows, axis=1)
         variation += float(weights @ (values - np.average(values, weights=weights)) ** 2)
         size += float(weights @ values**2)
     left = float(residuals @ residuals)
     is_noise = left <= _MIN_RELATIVE_SIGMA**2 * size or (
-        pairs > 0 and products <= _MIN_CORRELATION * left
+        len(residuals) > len(parts) and products <= MAX_NOISE_CORRELATION * left
     )
     if is_noise or left <= _MAX_UNEXPLAINED_SHARE * variation:
         return ()
@@ -1152,7 +1136,7 @@ def _check_noise(problem: FitProblem, evaluation: Evaluation) -> tuple[str, ...]
     if residuals.size < _MIN_NOISE_COUNT or left <= _MAX_NOISELESS_RATIO**2 * problem.variation:
         return ()
     correlation = sum(float(x[:-1] @ x[1:]) for x in parts) / left
-    if correlation > _MIN_CORRELATION:
+    if correlation > MAX_NOISE_CORRELATION:
         factor = np.sqrt((1.0 + correlation) / (1.0 - correlation))
         return (
             f"Consecutive residuals have a correlation of {correlation:.2f}, so the standard "

@@ -33,7 +33,7 @@ MIN_RELATIVE_RESIDUAL = 1e-6
 # not noise, has not explained them.
 _MAX_UNEXPLAINED_SHARE = 0.2
 # Consecutive residuals with at most this correlation are noise.
-_MIN_CORRELATION = 0.5
+MAX_NOISE_CORRELATION = 0.5
 # Such a search has stalled if its sum of squares decreases less than by this factor in the last
 # evaluations, from the second number of evaluations on. Of 51 searches of five small models from
 # first values that were wrong by factors of up to 3, 48 reached the solution; 46 of these had
@@ -100,7 +100,7 @@ class SearchResult:
     @property
     def chi_square(self) -> float:
         """Sum of the squared residuals."""
-        return float(self.evaluation.residuals @ self.evaluation.residuals)
+        return self.evaluation.chi_square
 
 
 def search(
@@ -136,7 +136,7 @@ def search(
     evaluations = 0
     failures: list[str] = []
     failed_values = scaling.values(first)
-    best: tuple[float, Evaluation] | None = None
+    best: Evaluation | None = None
     accepted: tuple[bytes, Evaluation] | None = None
     latest: tuple[bytes, Evaluation] | None = None
     sums: list[float] = []
@@ -162,15 +162,14 @@ def search(
             failed_values = scaling.values(whole)
             return None
         latest = key, evaluation
-        chi_square = float(evaluation.residuals @ evaluation.residuals)
-        if best is None or chi_square < best[0]:
-            best = chi_square, evaluation
-        sums.append(best[0])
+        if best is None or evaluation.chi_square < best.chi_square:
+            best = evaluation
+        sums.append(best.chi_square)
         if (
             can_stall
             and len(sums) >= _MIN_EVALUATIONS
-            and best[0] > _MAX_STALLED_RATIO * sums[-1 - _STALLED_EVALUATIONS]
-            and not is_explained(problem, best[1])
+            and sums[-1] > _MAX_STALLED_RATIO * sums[-1 - _STALLED_EVALUATIONS]
+            and not is_explained(problem, best)
         ):
             raise _StalledError
         return evaluation
@@ -193,7 +192,7 @@ def search(
     begin = first[free]
     start = evaluate(begin)
     assert start is not None
-    if not np.isfinite(start.residuals @ start.residuals):
+    if not np.isfinite(start.chi_square):
         raise BeamdaeError(
             "fit: the first run has no finite sum of squared residuals; choose other first values "
             "in parameters, or check the data."
@@ -229,12 +228,12 @@ def search(
     except _StalledError:
         assert best is not None
         status = Status("limited", "stopped without progress")
-        return SearchResult(best[1], evaluations, status, at_bounds, is_stalled=True)
+        return SearchResult(best, evaluations, status, at_bounds, is_stalled=True)
     except KeyboardInterrupt:
         assert best is not None
         reason = f"interrupted after {format_count(evaluations, 'evaluation')}"
         status = Status("interrupted", reason)
-        partial = SearchResult(best[1], evaluations, status, at_bounds)
+        partial = SearchResult(best, evaluations, status, at_bounds)
         raise Interrupted(reason, partial) from None
     last = evaluate(result.x)
     assert last is not None
@@ -389,14 +388,14 @@ def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
 
 
 def _unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:
-    square = float(evaluation.residuals @ evaluation.residuals)
+    square = evaluation.chi_square
     return square / problem.variation if problem.variation else np.inf * bool(square)
 
 
 def is_noise(residuals: Array) -> bool:
     """Return True if consecutive residuals are not alike."""
     square = float(residuals @ residuals)
-    return float(residuals[1:] @ residuals[:-1]) <= _MIN_CORRELATION * square
+    return float(residuals[1:] @ residuals[:-1]) <= MAX_NOISE_CORRELATION * square
 
 
 def _judge_explanation(problem: FitProblem, end: SearchResult) -> SearchResult:
@@ -440,7 +439,7 @@ def _return_undetermined(problem: FitProblem, scaling: Scaling, end: SearchResul
         change = (scaling.first - x)[free]
         change = change - directions.T @ (directions @ change + steps)
         if np.abs(change).max() <= _MIN_RETURN:
-            increase = float(evaluation.residuals @ evaluation.residuals) - end.chi_square
+            increase = evaluation.chi_square - end.chi_square
             if increase > _MAX_RETURN_INCREASE * _variance(problem, end):
                 break
             return replace(end, evaluation=evaluation, evaluations=evaluations)
@@ -508,7 +507,7 @@ def _judge_end(
     """
     residuals = end.residuals
     freedom = max(residuals.size - jacobian.shape[1], 1)
-    left = float(residuals @ residuals)
+    left = end.chi_square
     if left <= MIN_RELATIVE_RESIDUAL**2 * problem.weighted_square:
         return Status("ok", "converged")
     directions, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
