@@ -12,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.part_warnings import starts_in_equilibrium
 from beamdae.equations.surface_gaps import compile_surface_gaps
 from beamdae.errors import list_first
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -38,14 +38,9 @@ def deep_contact_warnings(equations: EquationsOfMotion, trajectory: Trajectory) 
         return
     depths: dict[str, float] = {}
     for gap in compile_surface_gaps(equations):
-        values = [
-            gap.evaluate(x.t, x.branch, x.state.q)
-            for x in trajectory.intervals
-            if gap.part not in x.inactive
-        ]
-        if not values:
+        gaps = gaps_of_run(gap, trajectory)
+        if not len(gaps):
             continue
-        gaps = np.concatenate(values)
         depth = -float(np.min(gaps))
         # Drawings may overlap by a preload, which has a warning if it is wrong.
         if starts_in_equilibrium(equations) or depth > -_MIN_DEEPENING * gaps[0]:

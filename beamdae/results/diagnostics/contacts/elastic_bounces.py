@@ -9,7 +9,7 @@ import numpy as np
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
 from beamdae.errors import name_with_others
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
 
 _MIN_BOUNCES = 10  # a few of them may be impacts of a mechanism that moves on
@@ -47,14 +47,7 @@ def elastic_bounce_warnings(equations: EquationsOfMotion, trajectory: Trajectory
 
 def _count_openings(gap: SurfaceGapTerm, trajectory: Trajectory) -> int:
     """Return how often the gap opens after a penetration."""
-    values = [
-        gap.evaluate(x.t, x.branch, x.state.q)
-        for x in trajectory.intervals
-        if gap.part not in x.inactive
-    ]
-    if not values:
-        return 0
-    gaps = np.concatenate(values)
-    least = _MIN_OPENING * max(-float(np.min(gaps)), 0.0)
+    gaps = gaps_of_run(gap, trajectory)
+    least = _MIN_OPENING * -float(np.min(gaps, initial=0.0))
     sides = np.sign(gaps[np.abs(gaps) > least])
     return int(np.count_nonzero((sides[:-1] < 0.0) & (sides[1:] > 0.0)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
-from beamdae.results.diagnostics.contacts.model_contacts import contacts_of
+from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
 
 _MIN_CHANGE = 0.1  # of the gap in the run, relative to the gap at the start
@@ -49,7 +49,7 @@ def untouched_contact_warnings(
         or any(x.inactive for x in intervals)
     ):
         return
-    values = np.concatenate([gaps[0].evaluate(x.t, x.branch, x.state.q) for x in intervals])
+    values = gaps_of_run(gaps[0], trajectory)
     times = np.concatenate([x.t for x in intervals])
     first, last, smallest = float(values[0]), float(values[-1]), int(np.argmin(values))
     change, steps = last - first, np.diff(values)
@@ -72,10 +72,9 @@ def _describe_far_contact(
     gap: SurfaceGapTerm, equations: EquationsOfMotion, trajectory: Trajectory
 ) -> str:
     """Return a warning if a gap exceeds the size of the bodies during the whole run, or ""."""
-    intervals = [x for x in trajectory.intervals if gap.part not in x.inactive]
-    if not intervals:
+    values = gaps_of_run(gap, trajectory)
+    if not len(values):
         return ""
-    values = np.concatenate([gap.evaluate(x.t, x.branch, x.state.q) for x in intervals])
     smallest = float(np.min(values))
     size = sum(x.size for x in equations.parts if not x.is_state) + float(np.ptp(values))
     if not smallest > _MAX_DISTANCE * size:
