@@ -19,9 +19,9 @@ from beamdae.analysis.eigenproblems.symmetric_eigenproblem import (
     SymmetricProblem,
     is_symmetric,
     quadratic_form_rounding,
-    scaled_null_space,
 )
 from beamdae.equations.formulations.tangents import LinearizedCoordinates, Tangent
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
 from beamdae.linear.blas_threads import single_threaded
 

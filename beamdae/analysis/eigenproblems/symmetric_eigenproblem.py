@@ -20,7 +20,7 @@ from beamdae.analysis.eigenproblems.block_krylov import BlockKrylov, converge
 from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import LinearizedCoordinates, compute_tangent
-from beamdae.equations.starts.rank import RANK_TOLERANCE
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import BeamdaeError
 from beamdae.linear.saddle_point import factorize_saddle_point
 
@@ -262,16 +262,6 @@ def is_symmetric_matrix(matrix: sp.csc_array, tolerance: float = _EXACT_TOLERANC
 
 def _symmetric_part(matrix: sp.csc_array) -> sp.csc_array:
     return sp.csc_array(0.5 * (matrix + matrix.T))
-
-
-def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
-    """Return a basis (n, k) of the null space of `rows`, orthonormal if divided by `scales`."""
-    if not rows.shape[0]:
-        return np.diag(scales)
-    matrix = rows.toarray() * scales
-    lengths = np.linalg.norm(matrix, axis=1)
-    matrix /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return scales[:, None] * la.null_space(matrix, rcond=RANK_TOLERANCE)
 
 
 def _eliminated_null_space(rows: sp.csc_array, scales: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -155,3 +156,13 @@ def has_closed_loops(e: EquationsOfMotion) -> bool:
         for other in others:
             group[other] = first
     return False
+
+
+def scaled_null_space(rows: sp.csc_array, scales: Array) -> Array:
+    """Return a basis (n, k) of the null space of `rows`, orthonormal if divided by `scales`."""
+    if not rows.shape[0]:
+        return np.diag(scales)
+    matrix = rows.toarray() * scales
+    lengths = np.linalg.norm(matrix, axis=1)
+    matrix /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    return scales[:, None] * la.null_space(matrix, rcond=RANK_TOLERANCE)

@@ -18,6 +18,7 @@ from beamdae.beams.beam import beams_of
 from beamdae.beams.dispersion import section_values
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.formulations.tangents import compute_tangent
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.results.diagnostics.meshes.sampled_vibrations import turning_coordinates, turns
 from beamdae.results.trajectory import Trajectory
 
@@ -127,17 +128,16 @@ def _find_least_stable(
     scales = active.position_scales
     mass = tangent.mass.toarray()
     total = tangent.stiffness.toarray() + rate * tangent.damping.toarray() + rate**2 * mass
-    total *= scales * scales[:, None]
-    size = float(np.max(np.abs(total), initial=0.0))
-    if np.max(np.abs(total - total.T), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
+    scaled = total * scales * scales[:, None]
+    size = float(np.max(np.abs(scaled), initial=0.0))
+    if np.max(np.abs(scaled - scaled.T), initial=0.0) > _ASYMMETRY_TOLERANCE * size:
         return None
-    gradients = tangent.acceleration_jacobian(active).toarray() * scales
-    basis = la.null_space(gradients) if active.m else np.eye(active.n)
+    basis = scaled_null_space(tangent.acceleration_jacobian(active), scales)
     if not basis.shape[1]:
         return None
     (eigenvalue,), vectors = la.eigh(basis.T @ total @ basis, subset_by_index=[0, 0])
     is_rounding = abs(eigenvalue) <= _ROUNDING * size
-    return _Motion(0.0 if is_rounding else eigenvalue, scales * (basis @ vectors[:, 0]), mass)
+    return _Motion(0.0 if is_rounding else eigenvalue, basis @ vectors[:, 0], mass)
 
 
 def _is_excited(q: Array, motion: _Motion) -> bool:

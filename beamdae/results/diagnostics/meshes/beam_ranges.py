@@ -13,6 +13,7 @@ import scipy.linalg as la
 from beamdae.beams.beam import Beam, beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, RangeTerm
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.errors import format_percent, kind_of_message, name_with_others
 from beamdae.memory import release_freed_memory
 from beamdae.results.trajectory import Trajectory
@@ -228,8 +229,7 @@ def _coherent_oscillations(equations: EquationsOfMotion, trajectory: Trajectory)
     for t, q in zip(times, trajectory.positions_at(times), strict=True):
         time = np.array([t, first.branch])
         stiffness, damping, mass = solver.linearize_forces(time, solver.rest_state(q))
-        scales = equations.position_scales[:, None]
-        basis = scales * la.null_space(solver.constraint_matrix(time, q).toarray() * scales.T)
+        basis = scaled_null_space(solver.constraint_matrix(time, q), equations.position_scales)
         if not basis.shape[1]:
             continue
         reduced, inertia = (basis.T @ (x @ basis) for x in (stiffness, mass))

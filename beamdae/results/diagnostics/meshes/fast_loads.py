@@ -30,6 +30,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.measures import ObservedRows
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import RANK_TOLERANCE
 from beamdae.errors import BeamdaeError, format_error, list_first, name_with_others
 from beamdae.parts.laws import Law
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
@@ -66,7 +67,6 @@ _FINE_TIMES, _COARSE_TIMES = 100, 400  # of the fast change, and of the response
 _PERIODS = 1.2  # duration of the response, in periods of a clamped beam
 _CANTILEVER = 3.516  # angular frequency over sqrt(EI / (rhoA L^4))
 _DIFFERENCE = 1e-5  # change of a coordinate, relative to its scale, for differences
-_RANK_TOLERANCE = 1e-9
 _MAX_NAMES = 3  # of beams
 _RECOMMENDED_ERROR = 0.02
 # Fronts of waves that follow jumps converge slowly.
@@ -358,7 +358,7 @@ def _split_motions(solver: ConsistencySolver, time: Array, q: Array) -> tuple[Ar
         return scales[:, None] * np.eye(e.n), np.zeros((e.n, 0))
     scaled = solver.constraint_matrix(time, q).toarray() * scales
     left, singular, right = la.svd(scaled, full_matrices=True)
-    rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     driven = scales[:, None] * (right[:rank].T / singular[:rank]) @ left[:, :rank].T
     return scales[:, None] * right[rank:].T, driven
 

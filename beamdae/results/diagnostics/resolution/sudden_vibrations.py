@@ -19,10 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from beamdae.beams.beam import beams_of
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.equations.starts.smooth_motion import find_smooth_state
 from beamdae.errors import BeamdaeError, format_error, name_with_others
 from beamdae.parts.mechanism import EQUILIBRIUM
@@ -35,6 +37,7 @@ from beamdae.results.columns import (
 from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.symbolic.sparse_operators import build_selection
 
 Array = np.ndarray
 
@@ -60,7 +63,6 @@ _MODES_AT_ONCE = 8  # modes whose changes are computed before errors are compare
 _MIN_PHASE_OF_RADAU, _MIN_PHASE_OF_BDF = 0.1, 2e-3
 _MAX_GROUPS = 1000  # of consecutive steps with one length
 _MAX_HALVINGS = 16  # of steps, in the search for a sufficient one
-_RANK_TOLERANCE = 1e-9
 _INERTIA_TOLERANCE = 1e-14
 # Growth of modes that are left out, as an exponent over the interval: the vibration about rest is
 # unstable, as friction laws of users and follower forces make it, and does not describe the run.
@@ -309,19 +311,12 @@ def _find_modes(
     e, solver = equations, ConsistencySolver(equations)
     matrices = solver.linearize_forces(time, solver.rest_state(q))
     stiffness, damping, mass = (x.toarray() for x in matrices)
-    scales = e.position_scales
-    jacobian = solver.constraint_matrix(time, q).toarray()
-    if not all(np.isfinite(x).all() for x in (stiffness, damping, mass, jacobian)):
+    jacobian = solver.constraint_matrix(time, q)
+    if not all(np.isfinite(x).all() for x in (stiffness, damping, mass, jacobian.data)):
         return None
-    states = [
-        k for part in e.parts if part.is_state for k in range(part.rows.start, part.rows.stop)
-    ]
-    fixed = np.concatenate([jacobian * scales, np.eye(e.n)[states]])
-    basis = np.diag(scales)
-    if len(fixed):
-        _, singular, right = la.svd(fixed)
-        rank = int(np.sum(singular > _RANK_TOLERANCE * singular[0]))
-        basis = scales[:, None] * right[rank:].T
+    states = list(e.states)
+    fixed = sp.vstack([jacobian, build_selection(states, e.n)])
+    basis = scaled_null_space(fixed, e.position_scales)
     reduced, of_stiffness, of_damping = (
         0.5 * basis.T @ (x + x.T) @ basis for x in (mass, stiffness, damping)
     )
@@ -342,7 +337,7 @@ def _find_modes(
     decays += _decays_by_states(stiffness, damping, states, shapes, rates)
     impulses = mass @ shapes
     loads = impulses * rates**2 - stiffness @ shapes
-    reactions = la.lstsq(jacobian.T, loads)[0] if e.m else np.zeros((0, len(rates)))
+    reactions = la.lstsq(jacobian.toarray().T, loads)[0] if e.m else np.zeros((0, len(rates)))
     return _Modes(rates, shapes, decays, impulses, reactions)
 
 
