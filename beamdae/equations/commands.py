@@ -20,6 +20,7 @@ from beamdae.equations.equations_of_motion import (
     PartStatements,
     State,
 )
+from beamdae.equations.structure import cache_on_owner
 from beamdae.parts.control.controller import Controller
 from beamdae.parts.mechanism import Mechanism
 from beamdae.parts.signals import State as SignalState
@@ -82,11 +83,12 @@ class Command:
         return value, limit, 0.0 if is_rounding else distances[limit]
 
 
-def compile_commands(equations: EquationsOfMotion) -> list[Command]:
+@cache_on_owner
+def compile_commands(equations: EquationsOfMotion) -> tuple[Command, ...]:
     """Return the commands of a mechanism that depend on the motion."""
     mechanism = equations.mechanism
     if mechanism is None or not mechanism.has_coordinate_signals:
-        return []
+        return ()
     commands = []
     coordinate_map = map_coordinates(mechanism)
     laws = select_input_laws(mechanism.inputs)
@@ -100,7 +102,7 @@ def compile_commands(equations: EquationsOfMotion) -> list[Command]:
         commands.append(
             Command(name, low, high, observable, numbers.all(mechanism.inputs), is_output)
         )
-    return commands
+    return tuple(commands)
 
 
 def find_commanded_loads(mechanism: Mechanism) -> frozenset[str]:

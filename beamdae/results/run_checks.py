@@ -98,9 +98,9 @@ def _of_complete_run(check: Callable[[EquationsOfMotion, Trajectory], Iterable[s
 
 
 def _growing_loops(run: RunData) -> Iterable[str]:
-    # The reason of a run that has stopped may begin with the same sentence.
-    warnings = growing_loop_warnings(run.equations, run.trajectory)
-    return (x for x in warnings if x.rstrip(".") not in run.status.sentence)
+    # The reason of a run that has stopped names an unstable loop already.
+    has_stopped = run.status.kind in ("failed", "limited")
+    return () if has_stopped else growing_loop_warnings(run.equations, run.trajectory)
 
 
 def _balance(run: RunData) -> Iterable[str]:

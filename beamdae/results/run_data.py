@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -177,7 +177,7 @@ class RunData:
     @cached_property
     def _missed_parts(self) -> ColumnDict:
         """Extremes of parts of the run that the rows miss, by header of the column."""
-        return self._find_missed(find_missed_parts)
+        return self._find_missed(partial(find_missed_parts, self.missed_peaks))
 
     def _find_missed(self, find: Callable[..., ColumnDict]) -> ColumnDict:
         if self._is_at_rest:

@@ -457,17 +457,19 @@ def _mark_noise(
 
 
 def find_missed_parts(
+    peaks: Mapping[str, MissedPeak],
     observed: Mapping[str, Array],
     extremes: Mapping[str, StepExtremes],
     length: float,
-    rtol: float = 0.0,
-    find_drift: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
-    magnitudes: Collection[str] = (),
+    rtol: float,
+    find_drift: Callable[[], tuple[float, float]],
+    magnitudes: Collection[str],
 ) -> ColumnDict:
     """Return the part of the run, by column, whose extreme the rows miss by the most.
 
     Columns that vary by errors only are omitted, and so are those whose extreme of the whole run is
-    missed by as much. See `find_missed_peaks` for the parameters.
+    missed by as much, according to the `peaks` of `find_missed_peaks`, which has the other
+    parameters.
     """
     names = [name for name in extremes if np.isfinite(observed[name]).all()]
     missed = {}
@@ -486,7 +488,6 @@ def find_missed_parts(
     if not is_missed.any():
         return ColumnDict()
     is_missed &= half_range > drift_limits(names, length, *find_drift())
-    peaks = find_missed_peaks(observed, extremes, length, rtol, find_drift, magnitudes)
     known = {name for name, peak in peaks.items() if peak.error > MIN_MISS_OF_PART}
     selected = (name for name, x in zip(names, is_missed.tolist(), strict=True) if x)
     return ColumnDict({name: missed[name] for name in selected if name not in known})
