@@ -637,7 +637,7 @@ class EquationsOfMotion:
 
         The scale of a first-order state is that of its part.
         """
-        scales = np.where(self._are_angles, 1.0, self.length)
+        scales = np.where(self.is_angle, 1.0, self.length)
         for part in self.parts:
             if part.is_state:
                 scales[part.rows] = part.size
@@ -663,11 +663,12 @@ class EquationsOfMotion:
         scales = self.position_scales.copy()
         for part in self.parts:
             if not part.is_state:
-                scales[part.rows] = np.where(self._are_angles[part.rows], 1.0, size(part))
+                scales[part.rows] = np.where(self.is_angle[part.rows], 1.0, size(part))
         return scales
 
     @cached_property
-    def _are_angles(self) -> Array:
+    def is_angle(self) -> Array:
+        """True for coordinates in rad, (n,)."""
         return np.array([coordinate.unit == "rad" for coordinate in self.coordinates], bool)
 
 

@@ -77,8 +77,7 @@ class Amplitudes:
         single coordinate; for bodies, the largest one is that of all bodies if one moves. If
         nothing moves, all amplitudes are 1.
         """
-        angles = np.array([c.unit == "rad" for c in equations.coordinates], bool)
-        sizes = _coordinate_sizes(equations, angles)
+        angles, sizes = equations.is_angle, _coordinate_sizes(equations)
         q, v = (
             np.concatenate([getattr(i.state, x) for i in trajectory.intervals]) / sizes
             for x in ("q", "v")
@@ -168,9 +167,9 @@ def _step_weights(trajectory: Trajectory) -> Array:
     return weights if weights.any() else np.ones(len(weights))
 
 
-def _coordinate_sizes(equations: EquationsOfMotion, angles: Array) -> Array:
+def _coordinate_sizes(equations: EquationsOfMotion) -> Array:
     """Return, for each coordinate, the size [m] of its part, or 1 for an angle; (n,)."""
     size = np.ones(equations.n)
     for part in equations.parts:
         size[part.rows] = part.size
-    return np.where(angles, 1.0, size)
+    return np.where(equations.is_angle, 1.0, size)

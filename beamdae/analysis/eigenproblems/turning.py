@@ -67,7 +67,7 @@ def find_turning(
     except BeamdaeError:
         # Systems that cannot start, such as those without inertia, have equilibria, too.
         return None
-    angles = [k for k, x in enumerate(e.coordinates) if x.unit == "rad" and k not in e.states]
+    angles = [k for k in np.flatnonzero(e.is_angle).tolist() if k not in e.states]
     fastest = max(angles, key=lambda k: abs(v[k]), default=None)
     if fastest is None or v[fastest] == 0.0:
         return None

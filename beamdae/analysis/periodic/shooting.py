@@ -487,8 +487,8 @@ class PeriodMap:
         return self._full_turns(first, last)
 
     def _full_turns(self, first: Array, last: Array) -> Array:
-        is_angle = np.array([c.unit == "rad" for c in self.equations.coordinates])
-        return np.where(is_angle, _FULL_TURN * np.round((last - first) / _FULL_TURN), 0.0)
+        turns = _FULL_TURN * np.round((last - first) / _FULL_TURN)
+        return np.where(self.equations.is_angle, turns, 0.0)
 
     def deviation(self, solution: Solution) -> Array:
         """Return the state at the end of a period minus the state at its start, (2 n,).
@@ -524,8 +524,7 @@ class PeriodMap:
 
 def equalize_deformations(equations: EquationsOfMotion, scales: Array) -> Array:
     """Return scales (..., n) with the largest of the deformations of a part with the same unit."""
-    is_angle = np.array([c.unit == "rad" for c in equations.coordinates])
-    scales = scales.copy()
+    is_angle, scales = equations.is_angle, scales.copy()
     for part in equations.parts:
         rows = np.arange(part.deformations.start, part.deformations.stop)
         for group in (rows[is_angle[rows]], rows[~is_angle[rows]]):
@@ -970,8 +969,7 @@ def estimate_period(solution: Solution) -> float | None:
 
     Differences are measured relative to the ranges of (q, v) in the second half of the run.
     """
-    trajectory = solution.trajectory
-    is_angle = np.array([c.unit == "rad" for c in solution.equations.coordinates])
+    trajectory, is_angle = solution.trajectory, solution.equations.is_angle
 
     def differences(times: Array) -> Array:
         state = trajectory.at(times)[1]

@@ -16,6 +16,7 @@ from beamdae.beams.dispersion import (
 from beamdae.beams.shape_functions import gauss_points
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import format_percent, name_with_others
+from beamdae.results.diagnostics.meshes.sampled_vibrations import rotation_coordinates
 from beamdae.results.section_forces.balance import elastic_section_forces
 
 Array = np.ndarray
@@ -156,9 +157,7 @@ def _measure_bending(
     ds = (0.5 * lengths[:, None] * weights).ravel()
     stiffness = np.repeat(section_values(beam, "EI")[0], _SECTIONS)
     moments = np.array([_differentiate(equations, beam, s, q, shape)[2] for shape in shapes.T])
-    part = equations.coordinates_of_part(beam.name)
-    rows = range(part.rigid.stop, part.rows.stop)
-    rotations = shapes[[k for k in rows if equations.coordinates[k].unit == "rad"]]
+    rotations = shapes[rotation_coordinates(equations, beam)]
     squares = (moments / stiffness) ** 2 @ ds
     with np.errstate(divide="ignore", invalid="ignore"):
         numbers = np.sqrt(squares / (np.var(rotations, axis=0) * np.sum(ds)))

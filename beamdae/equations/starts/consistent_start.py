@@ -360,12 +360,11 @@ class ConsistencySolver(StateEvaluator):
     def _vectors_of(self, shapes: sp.csc_array) -> Array:
         """Return the number of the vector of each rigid motion: of a translation or a rotation."""
         e = self.equations
-        is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates])
         part = np.zeros(e.n, int)
         for k, one in enumerate(e.parts):
             part[one.rows] = k
         columns = np.split(shapes.indices, shapes.indptr[1:-1])
-        return np.array([2 * part[x[0]] + np.any(is_angle[x]) for x in columns])
+        return np.array([2 * part[x[0]] + np.any(e.is_angle[x]) for x in columns])
 
     def _connected_groups(self, gradients: sp.csr_array) -> tuple[Array, Array]:
         """Return the number of the group of each coordinate, (n,), and of each constraint, (m,).

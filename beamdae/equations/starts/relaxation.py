@@ -121,10 +121,6 @@ class GradientFlow:
     is_cautious: bool = False
 
     @cached_property
-    def _is_angle(self) -> Array:
-        return np.array([x.unit == "rad" for x in self.static.equations.coordinates], bool)
-
-    @cached_property
     def _perturbation(self) -> Array:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], len(self.begin))
         # Parts may be far smaller than the mechanism.
@@ -163,7 +159,7 @@ class GradientFlow:
         way = np.minimum(
             self.measure.distances(q - self.begin), _MAX_TRAVEL_SIZES * self.measure.scale
         )
-        sizes = self.measure.scale + np.where(self._is_angle, 0.0, way)
+        sizes = self.measure.scale + np.where(self.static.equations.is_angle, 0.0, way)
 
         def size(change: Array) -> float:
             return float(np.max(self.measure.distances(change[:n]) / sizes))

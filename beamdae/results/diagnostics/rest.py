@@ -76,6 +76,5 @@ def _moves_by_rounding(
 
 
 def _measure_rounding(equations: EquationsOfMotion, q: np.ndarray) -> np.ndarray:
-    is_angle = np.array([x.unit == "rad" for x in equations.coordinates], bool)
-    size = np.maximum(np.where(is_angle, 1.0, equations.length), np.abs(q))
+    size = np.maximum(np.where(equations.is_angle, 1.0, equations.length), np.abs(q))
     return np.asarray(_ROUNDING * size)

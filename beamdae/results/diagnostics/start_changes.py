@@ -70,11 +70,10 @@ class StartSummary:
 def compare_start(e: EquationsOfMotion, state: State) -> StartSummary:
     """Compare the requested start of the equations with the actual first state of a run."""
     request, q, v, is_moved = (_AS_DRAWN, e.q0, e.v0, False) if e.start is None else e.start
-    is_angle = np.array([coordinate.unit == "rad" for coordinate in e.coordinates], bool)
     changes = []
     # First-order states do not move, and controllers set their held values at the start.
     for part in (x for x in e.parts if not x.is_state):
-        lever = np.where(is_angle[part.rows], part.size, 1.0)
+        lever = np.where(e.is_angle[part.rows], part.size, 1.0)
         displacement = np.abs(state.q - q)[part.rows] * lever
         velocity = np.abs(state.v - v)[part.rows] * lever
         largest = e.q_names[part.rows][int(np.argmax(displacement))]

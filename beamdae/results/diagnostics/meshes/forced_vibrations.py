@@ -250,7 +250,7 @@ class _Vibration:
         rates = self.rates[is_large]
         phase_errors = np.minimum(phase_errors[is_large], _MAX_ERROR_OF_AMPLITUDE)
         changes = phase_errors * np.abs(self.amplitudes.T[:, is_large])
-        is_angle = np.array([x.unit == "rad" for x in e.coordinates[_slice_of(e, self.beam)]])
+        is_angle = e.is_angle[_slice_of(e, self.beam)]
         is_turn = is_angle & (np.arange(len(is_angle)) < part.rigid_count)
         factors = rotation_factors(self.beam, rates) | {"m": 1.0, "m/s": rates}
         units = {x: Header.of(x).unit for x in half_ranges}

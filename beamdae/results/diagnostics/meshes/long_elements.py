@@ -24,6 +24,7 @@ from beamdae.results.diagnostics.meshes.sampled_vibrations import (
     fastest_rate,
     mean_tension,
     recommend_elements,
+    rotation_coordinates,
     rotation_factors,
     sample_count,
     select_beam_columns,
@@ -151,7 +152,7 @@ def long_element_warnings(
     spectrum_of_columns = cache(lambda: _Spectrum.of_samples(observe(times), duration))
     for beam in beams:
         half_ranges = select_beam_columns(equations, beam, extremes)
-        columns = _rotation_coordinates(equations, beam)
+        columns = rotation_coordinates(equations, beam)
         if not half_ranges or len(columns) < 2:
             continue
         # Sums over long columns are faster and more accurate than over short rows.
@@ -246,10 +247,3 @@ def _describe(
         f"accumulates is {size} of half the range of {name_with_others(first, others)}; "
         f"{remedy}."
     )
-
-
-def _rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
-    """Return the indices of the rotations of a beam's sections among the coordinates."""
-    part = equations.coordinates_of_part(beam.name)
-    rows = range(part.rigid.stop, part.rows.stop)
-    return [k for k in rows if equations.coordinates[k].unit == "rad"]

@@ -185,8 +185,14 @@ def coordinates_of(equations: EquationsOfMotion, beam: Beam) -> range:
 def turning_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
     """Return the indices of the angle of a beam's frame or, without one, of all its sections."""
     part = equations.coordinates_of_part(beam.name)
-    angles = [k for k in coordinates_of(equations, beam) if equations.coordinates[k].unit == "rad"]
+    angles = [k for k in coordinates_of(equations, beam) if equations.is_angle[k]]
     return [k for k in angles if part.rigid.start <= k < part.rigid.stop] or angles
+
+
+def rotation_coordinates(equations: EquationsOfMotion, beam: Beam) -> list[int]:
+    """Return the indices of the rotations of a beam's sections relative to its frame."""
+    part = equations.coordinates_of_part(beam.name)
+    return [k for k in range(part.rigid.stop, part.rows.stop) if equations.is_angle[k]]
 
 
 def turns(angles: Array) -> bool:

@@ -204,9 +204,8 @@ def _coordinate_scales(
         if part.is_state:
             continue
         is_rigid[part.rigid] = True
-        for row in range(part.rows.start, part.rows.stop):
-            is_angle = equations.coordinates[row].unit == "rad"
-            scales[row] = amplitudes.get(part.name, 0.0) * (1.0 if is_angle else part.size)
+        sizes = np.where(equations.is_angle[part.rows], 1.0, part.size)
+        scales[part.rows] = amplitudes.get(part.name, 0.0) * sizes
     return scales, is_rigid
 
 
@@ -274,7 +273,7 @@ def _changes(
     """
     count = len(rows)
     # Central differences over small angles: joints cancel the derivatives of other points.
-    limits = [1.0 if equations.coordinates[k].unit == "rad" else np.inf for k in rows]
+    limits = np.where(equations.is_angle[rows], 1.0, np.inf)
     steps = _DIFFERENCE_STEP * np.minimum(scales[rows], limits)
     states = State(*(np.tile(x, (2 * count, 1)) for x in state))
     states.q[np.arange(count), rows] += steps
