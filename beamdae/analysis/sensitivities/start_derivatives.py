@@ -240,12 +240,8 @@ class StartDerivatives:
         dq: Array,
         dv: Array,
         dp: Array,
-        dt: Numbers = 0.0,
     ) -> State:
         """Return the derivative of the consistent state near requested positions and velocities.
-
-        If the time of the restart depends on the parameter, `dq` and `dv` are total derivatives,
-        along the moving time. The result is the derivative at fixed time after the restart.
 
         Parameters
         ----------
@@ -256,17 +252,15 @@ class StartDerivatives:
         dq, dv, dp
             Derivatives of the requested positions, which close the joints except for rounding,
             of the requested velocities, and of the numbers.
-        dt
-            Derivative of the time of the restart [s].
         """
-        dq = self.project_positions(time, at.q, dq, dp, dt)
-        dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
-        return self._state_at_fixed_time(time, at, dq, dv, dp, dt)
+        dq = self.project_positions(time, at.q, dq, dp, 0.0)
+        dv = self.project_velocities(time, at.q, v, dq, dv, dp, 0.0)
+        return self._state_at_fixed_time(time, at, dq, dv, dp, 0.0)
 
     def _state_at_fixed_time(
         self, time: Array, at: State, dq: Array, dv: Array, dp: Array, dt: Numbers
     ) -> State:
-        """Return the result of `consistent_state` for consistent (dq, dv) along the moving time."""
+        """Return the derivative of the state at fixed time, for (dq, dv) along a moving time."""
         dq, dv = dq - np.multiply.outer(dt, at.v), dv - np.multiply.outer(dt, at.a)
         dv = self._with_state_rates(time, at, dq, dv, dp)
         along = State(dq, dv, *self._zeros[1:])
@@ -285,8 +279,8 @@ class StartDerivatives:
     ) -> tuple[State, State]:
         """Return the derivatives of a consistent state along its moving time, and at fixed time.
 
-        For the arguments, see `consistent_state`, whose result is the second one; `h` is the step
-        after the restart [s].
+        For the arguments, see `consistent_state`; `dq` and `dv` are derivatives along the moving
+        time, `dt` is that of the time of the restart [s], and `h` the step after it [s].
         """
         dq = self.project_positions(time, at.q, dq, dp, dt)
         dv = self.project_velocities(time, at.q, v, dq, dv, dp, dt)
