@@ -56,8 +56,8 @@ def plan_multiplier_tolerances(
     if not equations.is_driven:
         return UNTESTED_MULTIPLIERS
     tolerance = float(np.clip(_TOLERANCE_FACTOR * rtol, *_TOLERANCES))
-    arms = [equations.length if x.unit == "N m" else 1.0 for x in equations.multipliers]
-    forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * np.array(arms), _LEAST_FORCE)
+    arms = equations.length / equations.constraint_scales
+    forces = np.maximum(_LEAST_FORCE_SHARE * scales.force * arms, _LEAST_FORCE)
     largest = np.maximum(np.abs(plan.state.lam), forces)
     shortest = _SHORTEST_TESTED_STEP / scales.rate
     return MultiplierTolerances(1.0 / (tolerance * largest), tolerance, shortest)

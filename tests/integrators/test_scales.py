@@ -71,3 +71,33 @@ def test_periodic_motions_do_not_depend_on_the_unit_of_length(scale):
         motion = bd.periodic(mech, period=period)
         deflections.append(motion.amplitudes()["half range"]["middle.y [m]"] / size)
     assert_allclose(deflections[1], deflections[0], rtol=1e-5)
+
+
+def lever(scale):
+    mech = bd.Mechanism()
+    bar = mech.add(bd.RigidBody("bar", scale**3, 0.1 * scale**5, center=(0.5 * scale, 0.0)))
+    mech.add(bd.Revolute("pin", mech.ground.at(0.0, 0.0), bar.at(0.0, 0.0)))
+    return mech
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1e-3, 1.0, 1e3])
+def test_joints_reject_starts_that_are_off_by_a_millionth_of_the_length(scale):
+    """Absolute tolerances let micro-mechanisms rotate about a center beside their hinge."""
+    bar = lever(scale)
+    with pytest.raises(bd.BeamdaeError, match="does not allow a rotation"):
+        bd.simulate(bar, t_end=1.0, start=bd.rotation(1.0, (1e-6 * scale, 0.0)))
+    start = {"bar.x": 0.3 * scale, "bar.y": 0.4 * (1.0 + 1e-6) * scale}
+    with pytest.raises(bd.BeamdaeError, match="joints cannot be closed"):
+        bd.simulate(bar, t_end=1.0, start=start)
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1e-3, 1.0, 1e3])
+def test_redundant_links_must_agree_to_a_millionth_of_the_length(scale):
+    mech = bd.Mechanism(redundant="minimum norm")
+    bar = mech.add(bd.RigidBody("bar", scale**3, 0.1 * scale**5, center=(0.5 * scale, scale)))
+    longer = (1.0 + 1e-6) * scale
+    for name, x, length in (("a", 0.0, None), ("b", 0.5, None), ("c", 1.0, lambda t: longer)):
+        foot, head = mech.ground.at(x * scale, 0.0), bar.at(x * scale, scale)
+        mech.add(bd.Distance(name, foot, head, length))
+    with pytest.raises(bd.BeamdaeError, match="none of these constraints is redundant"):
+        bd.simulate(mech, t_end=0.01)

@@ -34,7 +34,7 @@ _MAX_POSITION_ITERATIONS = 50
 # exact formulation stretches beams that turn by more than a radian at once.
 _MAX_CLOSED_GAP = 0.5
 _MAX_CLOSING_STEPS = 20
-_POSITION_TOLERANCE = 1e-12  # permitted gap, relative to max(1, characteristic length)
+_POSITION_TOLERANCE = 1e-12  # permitted gap, relative to its scale
 # Smaller gaps exceed the tolerances of accurate runs and of small mechanisms. They are closed, too,
 # as long as an iteration reduces them to this fraction, down to rounding errors: this multiple of
 # the scale of the gap and, where they are larger, of coordinates relative to their scales.
@@ -234,7 +234,7 @@ class ConsistencySolver(StateEvaluator):
         e = self.equations
         before = self.position_gaps(np.array([time[0], branch_before]), q)
         jump = np.abs(self.position_gaps(time, q) - before)
-        relative_jump = jump / self._gap_scales
+        relative_jump = jump / e.constraint_scales
         if np.max(relative_jump, initial=0.0) > _MAX_LAW_JUMP:
             worst = int(np.argmax(relative_jump))
             raise BeamdaeError(
@@ -242,17 +242,10 @@ class ConsistencySolver(StateEvaluator):
                 f"at t = {time[0]:g} s; make the law continuous there."
             )
 
-    @cached_property
-    def _gap_scales(self) -> Array:
-        """Scale of each constraint, (m,): 1 rad, or the characteristic length [m]."""
-        e = self.equations
-        is_angle = [multiplier.unit == "N m" for multiplier in e.multipliers]
-        return np.where(is_angle, 1.0, e.length)
-
     def _close_positions(self, time: Array, q: Array) -> Array:
         """Close large gaps in several steps, in which beams move without being stretched."""
         gaps = self.position_gaps(time, q)
-        size = float(np.max(np.abs(gaps) / self._gap_scales, initial=0.0))
+        size = self._largest_gap(gaps)
         if not _MAX_CLOSED_GAP < size < np.inf:
             return self._close_gaps(time, q, q, np.zeros_like(gaps))
         n_steps = min(math.ceil(size / _MAX_CLOSED_GAP), _MAX_CLOSING_STEPS)
@@ -268,7 +261,8 @@ class ConsistencySolver(StateEvaluator):
     def _close_gaps(self, time: Array, q: Array, drawn: Array, gaps: Array) -> Array:
         """Return positions near `q`, with least strain, at which these gaps (m,) remain."""
         closed_q = self._close_joints(time, q, gaps)
-        if closed_q is q or self._is_closed(self.position_gaps(time, q) - gaps):
+        gap = self._largest_gap(self.position_gaps(time, q) - gaps)
+        if closed_q is q or gap <= max(_POSITION_TOLERANCE, self._gap_rounding(q)):
             return closed_q
 
         def constraints(positions: Array) -> tuple[Array, sp.csc_array]:
@@ -277,9 +271,12 @@ class ConsistencySolver(StateEvaluator):
 
         return minimize_strain(self, time, q, closed_q, drawn, constraints, _RIGID_TIME**2)
 
-    def _is_closed(self, g: Array) -> bool:
-        limit = _POSITION_TOLERANCE * max(1.0, self.equations.length)
-        return bool(np.max(np.abs(g), initial=0.0) <= limit)
+    def _largest_gap(self, g: Array) -> float:
+        return float(np.max(np.abs(g) / self.equations.constraint_scales, initial=0.0))
+
+    def _gap_rounding(self, q: Array) -> float:
+        size = np.max(np.abs(q) / self.equations.position_scales, initial=0.0)
+        return float(_GAP_ROUNDING * (1.0 + size))
 
     def _close_joints(self, time: Array, q: Array, gaps: Array) -> Array:
         e = self.equations
@@ -293,9 +290,9 @@ class ConsistencySolver(StateEvaluator):
                     f"{name}: the constraint is not finite at t = {time[0]:g} s; check "
                     "the laws and the start values."
                 )
-            gap = float(np.max(np.abs(g) / self._gap_scales, initial=0.0))
-            rounding = _GAP_ROUNDING * (1.0 + np.max(np.abs(q) / e.position_scales, initial=0.0))
-            if self._is_closed(g) and (gap <= rounding or gap > _CLOSING_RATIO * last_gap):
+            gap = self._largest_gap(g)
+            is_stalled = gap <= _POSITION_TOLERANCE and gap > _CLOSING_RATIO * last_gap
+            if gap <= self._gap_rounding(q) or is_stalled:
                 return q if gap <= last_gap else last_q
             require_independent_constraints(self, time, q)
             solver, _ = self._factorize(time, q, zeros, _CLOSING_COEFFICIENTS)
@@ -332,7 +329,7 @@ class ConsistencySolver(StateEvaluator):
         """
         e = self.equations
         g_dot = self.constraint_levels(time, q, v)[1]
-        is_open = np.abs(g_dot) > _OPENING_TOLERANCE * velocity_size(e, v)
+        is_open = np.abs(g_dot) / e.constraint_scales > _OPENING_TOLERANCE * velocity_size(e, v)
         if not np.any(is_open):
             return v
         gradients = sp.csr_array(self.constraint_matrix(time, q))
@@ -498,8 +495,11 @@ def _smallest_inertia(mass: sp.csc_array) -> tuple[float, int]:
 
 
 def velocity_size(e: EquationsOfMotion, v: Array) -> float:
-    """Return the size of velocities v (n,) to which errors of constraints are compared."""
-    return max(1.0, e.length, float(np.max(np.abs(v), initial=0.0)))
+    """Return the largest relative velocity of v (n,), at least 1 per second [1/s].
+
+    Errors of constraints, relative to `constraint_scales`, are compared to it.
+    """
+    return max(1.0, float(np.max(np.abs(v) / e.position_scales, initial=0.0)))
 
 
 def _rigid_change(

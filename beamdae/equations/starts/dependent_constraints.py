@@ -32,7 +32,7 @@ _MAX_EXPLAINED_CONSTRAINTS = 300  # the cost of describing the blocked motions i
 _MIN_SHARE = 1e-7  # relative to the largest coefficient; smaller ones are rounding errors
 _SIDE_STEP = 1e-2  # distance of the nearby test position, relative to the mechanism
 _MAX_SIDE_ITERATIONS = 20
-_AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to the mechanism
+_AGREEMENT_TOLERANCE = 1e-10  # gap of constraints that agree, relative to its scale
 _NULL_SPACE_TOLERANCE = 1e-9  # relative singular value
 _OUTSIDE_NULL_SPACE_TOLERANCE = 1e-10  # relative singular value
 _LEAST_SQUARES_TOLERANCE = 1e-8  # relative singular value
@@ -267,7 +267,7 @@ def find_dependent_sets(
         members = np.flatnonzero(np.abs(weights) > _MIN_SHARE * np.max(np.abs(weights)))
         names = tuple(e.lam_names[k] for k in members)
         differences = np.abs(levels @ (weights / lengths)) * np.median(lengths[members])
-        tolerance = _AGREEMENT_TOLERANCE * max(1.0, e.length)
+        tolerance = _AGREEMENT_TOLERANCE * np.median(e.constraint_scales[members])
         gap, rate = (float(x) if x > tolerance else 0.0 for x in differences)
         # At the nearby position, the row may depend on further independent rows.
         rank_nearby = len(select_independent_rows(nearby[[*rows.independent, row]]).independent)
@@ -297,7 +297,7 @@ def _gradients_nearby(
     nearby = q + _SIDE_STEP * e.position_scales * direction / np.max(np.abs(direction))
     for _ in range(_MAX_SIDE_ITERATIONS):
         g = evaluator.position_gaps(time, nearby)
-        if np.max(np.abs(g)) <= _AGREEMENT_TOLERANCE * max(1.0, e.length):
+        if np.max(np.abs(g) / e.constraint_scales) <= _AGREEMENT_TOLERANCE:
             return analyze_constraint_rank(evaluator, time, nearby).matrix
         gradients = evaluator.constraint_matrix(time, nearby).toarray() * e.position_scales
         change = la.lstsq(gradients[:, nonzero_columns], g, cond=_LEAST_SQUARES_TOLERANCE)[0]

@@ -27,8 +27,8 @@ Array = np.ndarray
 
 _RATE_SUFFIX = "_dot"
 _MAX_APPROACH_STEP = 0.2  # in units of `position_scales`; keeps Newton's method convergent
-_CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to max(1, characteristic length)
-_VELOCITY_TOLERANCE = 1e-8  # relative to the largest of 1, length and requested velocities
+_CLOSED_TOLERANCE = 1e-11  # permitted gap, relative to its scale
+_VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
 _MAX_ITERATIONS = 30
@@ -132,10 +132,10 @@ def _driven_speed(
     at_rest = solver.constraint_levels(time, q, np.zeros(e.n))[1]
     slope = solver.constraint_levels(time, q, v)[1] - at_rest
     tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
-    if np.max(np.abs(slope), initial=0.0) <= tolerance:
+    if np.max(np.abs(slope) / e.constraint_scales, initial=0.0) <= tolerance:
         return None
     speed = -float(slope @ at_rest / (slope @ slope))
-    remaining = np.max(np.abs(at_rest + speed * slope))
+    remaining = np.max(np.abs(at_rest + speed * slope) / e.constraint_scales)
     return speed if remaining <= tolerance * max(1.0, abs(speed)) else None
 
 
@@ -150,9 +150,10 @@ def _require_rotation(
     """Reject a rotation that joints or drivers do not allow."""
     e = solver.equations
     g_dot = solver.constraint_levels(time, q, v)[1]
-    worst = int(np.argmax(np.abs(g_dot))) if e.m else 0
+    errors = np.abs(g_dot) / e.constraint_scales
+    worst = int(np.argmax(errors)) if e.m else 0
     tolerance = _VELOCITY_TOLERANCE * velocity_size(e, v)
-    if e.m and not np.abs(g_dot[worst]) <= tolerance:
+    if e.m and not errors[worst] <= tolerance:
         remedy = "use the speed of the driver and its center"
         if driven is not None and abs(driven) <= tolerance:
             remedy = (
@@ -200,9 +201,9 @@ def _close_with_positions(
     for share in np.linspace(0.0, 1.0, int(np.ceil(change / _MAX_APPROACH_STEP)) + 1)[1:-1]:
         values = begin + share * (end - begin)
         nearer, gaps = _impose_positions(solver, time, q, drawn_q, selection, values)
-        q = nearer if _is_closed(e, gaps) else q
+        q = nearer if _is_closed(e, selection, gaps) else q
     q, gaps = _impose_positions(solver, time, q, drawn_q, selection, end)
-    if not _is_closed(e, gaps):
+    if not _is_closed(e, selection, gaps):
         values = ", ".join(f"{e.q_names[k]} = {value:g}" for k, value in prescribed.items())
         joint_gaps, remaining = np.abs(gaps[: e.m]), ""
         if e.m and np.all(np.isfinite(joint_gaps)):
@@ -233,18 +234,19 @@ def _impose_positions(
     e, q = solver.equations, begin
     for _ in range(_MAX_ITERATIONS):
         gaps, rows = constraints(q)
-        if _is_closed(e, gaps) or not np.all(np.isfinite(gaps)):
+        if _is_closed(e, selection, gaps) or not np.all(np.isfinite(gaps)):
             break
         stiffness, _, mass = solver.linearize_forces(time, solver.rest_state(q))
         q = q + solve_least_change(stiffness + mass, rows, -gaps)
-    if q is begin or not _is_closed(e, gaps):
+    if q is begin or not _is_closed(e, selection, gaps):
         return q, gaps
     q = minimize_strain(solver, time, begin, q, drawn_q, constraints, 1.0)
     return q, constraints(q)[0]
 
 
-def _is_closed(e: EquationsOfMotion, gaps: Array) -> bool:
-    return bool(np.max(np.abs(gaps), initial=0.0) <= _CLOSED_TOLERANCE * max(1.0, e.length))
+def _is_closed(e: EquationsOfMotion, selection: sp.csr_array, gaps: Array) -> bool:
+    scales = np.concatenate([e.constraint_scales, selection @ e.position_scales])
+    return bool(np.max(np.abs(gaps) / scales, initial=0.0) <= _CLOSED_TOLERANCE)
 
 
 def _project_velocities(
@@ -262,8 +264,10 @@ def _project_velocities(
     gaps = np.concatenate([g_dot, np.zeros(len(prescribed))])
     v = requested + solve_least_change(mass, rows, -gaps)
     g_dot = solver.constraint_levels(time, q, v)[1]
-    deviations = np.abs((v - requested)[prescribed])
-    error = max(np.max(np.abs(g_dot), initial=0.0), np.max(deviations, initial=0.0))
+    errors = np.concatenate(
+        [g_dot / e.constraint_scales, (v - requested)[prescribed] / e.position_scales[prescribed]]
+    )
+    error = np.max(np.abs(errors), initial=0.0)
     if not error <= _VELOCITY_TOLERANCE * velocity_size(e, requested):
         values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
         if not values:

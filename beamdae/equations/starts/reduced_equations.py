@@ -69,8 +69,9 @@ class ReducedEquations:
                 "redundant='refuse' for a list of all dependent constraints."
             )
         for gaps in evaluator.constraint_levels(time, state.q, state.v)[:2]:
-            worst = int(np.argmax(np.abs(gaps)))
-            if abs(gaps[worst]) > _REDUNDANT_GAP_TOLERANCE * max(1.0, self.full.length):
+            relative = np.abs(gaps) / self.full.constraint_scales
+            worst = int(np.argmax(relative))
+            if relative[worst] > _REDUNDANT_GAP_TOLERANCE:
                 raise BeamdaeError(
                     f"{self.full.lam_names[worst]}: this redundant constraint "
                     f"contradicts the others by {abs(gaps[worst]):.3g} (m, rad or per s) at t = "
