@@ -36,10 +36,10 @@ from beamdae.errors import (
 )
 from beamdae.model_parameters import (
     ModelParameter,
+    conversion_factor,
     convert_text,
     describe_parameters,
     format_with_unit,
-    is_linear_stiffness,
     is_sequence,
     parse_quantity,
     parse_unit,
@@ -297,7 +297,7 @@ class Model:
         for x in filter(lambda x: _has_floats(x.default), parameters):
             if (parse_unit(x.unit) or (1,))[0] != 1:
                 checked[x.name] = UnconvertedNumber, x.unit
-            elif is_linear_stiffness(x.unit):
+            elif conversion_factor(x.unit, "N/m") is not None:
                 checked[x.name] = NumberWithUnit, x.unit
         return ReadOnlyDict({x.name: x.unit for x in parameters}), checked
 

@@ -90,7 +90,6 @@ _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 _MISLEADING = re.compile(r"in\s+[\w°%].*|.*(?<![^\W\d])(?:ms|[^\W\d]?N[cm]?m)\^?-[1-9].*")
 _DENSITY: Mapping[str, int] = {"kg": 1, "m": -3}
 _INERTIA: Mapping[str, int] = {"kg": 1, "m": 2}
-_LINEAR_STIFFNESS: Mapping[str, int] = {"kg": 1, "s": -2}
 # Unknown units by their lower-case spelling, and known units that they may mean.
 _UNKNOWN_UNITS: Mapping[str, list[str]] = {
     "inch": ["in"],
@@ -418,12 +417,6 @@ def _parse_symbol(text: str) -> tuple[Fraction | float, Mapping[str, int]] | Non
         return None
     factor, exponents = _UNITS[symbol]
     return prefix * factor, exponents
-
-
-def is_linear_stiffness(unit: str) -> bool:
-    """Return True for N/m and other units of a force per length."""
-    parsed = parse_unit(unit)
-    return parsed is not None and parsed[1] == _LINEAR_STIFFNESS
 
 
 def conversion_factor(unit: str, target: str) -> Fraction | float | None:

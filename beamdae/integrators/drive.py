@@ -470,8 +470,11 @@ class _RunInProgress:
         if not self._history.drop_nonfinite():
             status = self._failure(_NOT_FINITE)
         self.thinning.finish(self._segments)
+        return self._trajectory(), status
+
+    def _trajectory(self) -> Trajectory:
         m = self._equations.m
-        return Trajectory(tuple(segment.interval(m) for segment in self._segments)), status
+        return Trajectory(tuple(segment.interval(m) for segment in self._segments))
 
     def _failure(self, reason: object) -> Status:
         return Status("failed", f"stopped at t = {self._history.end:.6g} s: {reason}")
@@ -660,8 +663,7 @@ class _RunInProgress:
         # No rows can be added after thinned ones have been joined.
         if self.thinning.report or not self._history.is_finite:
             return ""
-        m = self._equations.m
-        trajectory = Trajectory(tuple(segment.interval(m) for segment in self._segments))
+        trajectory = self._trajectory()
         times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
         strain = describe_meaningless_strain(self._equations, trajectory.positions_at(times))
         if strain:

@@ -198,10 +198,9 @@ def _coarse_rows(run: RunData) -> Iterable[str]:
 def _missed_parts(run: RunData) -> Iterable[str]:
     # Elements that do not resolve an impact vibrate faster than any rows show.
     missed = {} if run._hard_impacts else run._missed_parts
-    extremes = {header: run.step_extremes[header] for header in missed}
     return missed_part_warnings(
         missed,
-        {header: 0.5 * (x.max - x.min) for header, x in extremes.items()},
+        {header: run.step_extremes[header].half_range for header in missed},
         run.t,
         np.concatenate([x.t for x in run.trajectory.intervals]),
         partial(_observe_columns, run),

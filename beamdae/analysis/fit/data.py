@@ -637,8 +637,7 @@ def _is_time(name: str) -> bool:
 
 
 def _is_time_unit(unit: str) -> bool:
-    parsed = parse_unit(unit)
-    return parsed is not None and parsed[1] == {"s": 1}
+    return conversion_factor(unit, "s") is not None
 
 
 def _read_times(part: str, values: Any, time: str, unit: str, name: str) -> Array:

@@ -328,9 +328,7 @@ def _select_terms(structure: Structure, is_selected: tuple[bool, ...]) -> Struct
     count = len(structure.forces)
     forces = tuple(compress(structure.forces, is_selected[:count]))
     joints = tuple(compress(structure.joints, is_selected[count:]))
-    return intern_structure(
-        Structure(structure.n, structure.m, forces, joints, structure.correction_factors)
-    )
+    return intern_structure(replace(structure, forces=forces, joints=joints, states=()))
 
 
 def _iterate_inversely(inverse: Callable[[Array], Array], vectors: Array) -> Array:

@@ -20,7 +20,7 @@ from beamdae.errors import (
     set_fields,
     short_repr,
 )
-from beamdae.model_parameters import is_linear_stiffness
+from beamdae.model_parameters import conversion_factor
 from beamdae.parts.attachments import Attachment, require_angle, require_attachment
 from beamdae.parts.forces.load_observables import LoadedPoint, ObservableLoad
 from beamdae.parts.forces.regularized_friction import RegularizedFriction, default_friction_speed
@@ -318,7 +318,7 @@ class Contact(ObservableLoad):
         k = self.stiffness
         if (
             isinstance(k, NumberWithUnit)
-            and is_linear_stiffness(k.unit)
+            and conversion_factor(k.unit, "N/m") is not None
             and self.exponent != _MIN_EXPONENT
         ):
             raise BeamdaeError(

@@ -43,8 +43,7 @@ def has_rounding_forces(
     `is_at_rest` for the parameters.
     """
     is_body = np.ones(equations.n, bool)
-    for part in equations.parts:
-        is_body[part.rows] &= not part.is_state
+    is_body[equations.states] = False
     if not _moves_by_rounding(equations, trajectory, is_body):
         return False
     first = trajectory.intervals[0]

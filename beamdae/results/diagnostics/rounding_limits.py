@@ -57,6 +57,6 @@ def without_rounding_errors(
         {
             header: x
             for (header, x), limit in zip(extremes.items(), limits, strict=True)
-            if not 0.5 * (x.max - x.min) <= limit
+            if not x.half_range <= limit
         }
     )

@@ -69,14 +69,11 @@ def table_range_warnings(equations: EquationsOfMotion, trajectory: Trajectory) -
     for term in find_distinct(compile_table_arguments(equations)):
         if term.is_limited or not term.depends_on_motion:
             continue
-        times, values = [], []
-        for interval in trajectory.intervals:
-            if term.part not in interval.inactive:
-                times.append(interval.t)
-                values.append(term.evaluate(interval.t, interval.branch, interval.state))
-        if not times:
+        intervals = [x for x in trajectory.intervals if term.part not in x.inactive]
+        if not intervals:
             continue
-        t, x = np.concatenate(times), np.concatenate(values)
+        t = np.concatenate([x.t for x in intervals])
+        x = np.concatenate([term.evaluate(x.t, x.branch, x.state) for x in intervals])
         if sentence := _describe_unit_of_angle(term, equations, trajectory):
             yield sentence
             continue

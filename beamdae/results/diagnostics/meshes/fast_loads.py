@@ -143,7 +143,7 @@ def fast_load_warnings(
     if end < change.end or len(times) < _MIN_TIMES:
         return
     half_ranges = _select_columns(equations, extremes)
-    refined = _refine(equations, _HALVINGS) if half_ranges else []
+    refined = _refine(equations) if half_ranges else []
     if len(refined) <= _HALVINGS:
         return
     is_start = change.start <= trajectory.start == 0.0
@@ -274,7 +274,7 @@ def _select_columns(
 
 
 def _refine(
-    equations: EquationsOfMotion, halvings: int
+    equations: EquationsOfMotion,
 ) -> list[tuple[Array, sp.csc_array, EquationsOfMotion]]:
     """Return maps s + P q of the coordinates to models with halved elements, and their equations.
 
@@ -289,7 +289,7 @@ def _refine(
     models = [(np.zeros(n), sp.csc_array(sp.eye_array(n)), equations)]
     try:
         bases = choose_base_meshes(mechanism, 1)
-        for _ in range(halvings):
+        for _ in range(_HALVINGS):
             pairs = {}
             start, prolongation, coarse = models[-1]
             assert coarse.mechanism is not None

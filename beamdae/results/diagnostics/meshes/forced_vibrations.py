@@ -32,7 +32,6 @@ from beamdae.beams.dispersion import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.rank import build_constraint_jacobian
 from beamdae.errors import format_error, name_with_others
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.diagnostics.meshes.sampled_vibrations import (
@@ -312,15 +311,9 @@ class _Vibration:
         return sp.csc_array(own @ self._matrices[0] @ own)
 
     @cached_property
-    def _constraint_jacobian(self) -> sp.csr_array:
-        e, (time, state) = self._active_equations, self._position
-        jacobian = np.zeros((e.m, e.n))
-        if e.m:
-            gradient = build_constraint_jacobian(e)
-            (columns,) = np.nonzero(np.diff(gradient.pattern.indptr))
-            scaled = gradient.at(time[None], state.q[None])[0]
-            jacobian[:, columns] = scaled / e.position_scales[columns]
-        return sp.csr_array(jacobian)
+    def _constraint_jacobian(self) -> sp.csc_array:
+        time, state = self._position
+        return ConsistencySolver(self._active_equations).constraint_matrix(time, state.q)
 
     @cached_property
     def _peaks(self) -> _Peaks:

@@ -81,6 +81,11 @@ class StepExtremes:
     delay: float = 0.0
     missed_parts: tuple[MissedPart, ...] = ()
 
+    @property
+    def half_range(self) -> float:
+        """Half the difference of the extremes, in the unit of the column."""
+        return 0.5 * (self.max - self.min)
+
 
 def select_large_columns(
     headers: Sequence[str],
@@ -92,7 +97,7 @@ def select_large_columns(
 
     See `largest_of_kind` for kinds and the `length` [m] of the mechanism.
     """
-    half_ranges = np.array([0.5 * (extremes[x].max - extremes[x].min) for x in headers])
+    half_ranges = np.array([extremes[x].half_range for x in headers])
     is_small = half_ranges <= min_share * largest_of_kind(headers, half_ranges, length)
     items = zip(headers, half_ranges.tolist(), is_small, strict=True)
     return {header: half_range for header, half_range, small in items if not small}
@@ -421,7 +426,7 @@ def find_missed_peaks(
     steps = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     low, high = np.minimum(rows[0], steps[0]), np.maximum(rows[1], steps[1])
     half_range, values = 0.5 * (high - low), np.stack([low, high])
-    is_at_rest = _mark_noise(names, values, half_range, length, rtol)
+    is_at_rest = mark_noise(names, values, half_range, length, rtol)
     misses = np.stack([rows[0] - low, high - rows[1]])
     misses[0, [name in magnitudes for name in names]] = 0.0
     is_missed = (misses > 2.0 * _MAX_MISSED_SHARE * half_range).any(axis=0) & ~is_at_rest
@@ -444,7 +449,7 @@ def find_missed_peaks(
     return ColumnDict(peaks)
 
 
-def _mark_noise(
+def mark_noise(
     names: Sequence[str], values: Array, half_range: Array, length: float, rtol: float
 ) -> Array:
     """Return the mask of columns that vary by errors only, with the values (2, n) as extremes."""
@@ -482,7 +487,7 @@ def find_missed_parts(
         return ColumnDict()
     values = np.array([[extremes[x].min, extremes[x].max] for x in names]).T
     half_range = 0.5 * (values[1] - values[0])
-    is_noise = _mark_noise(names, values, half_range, length, rtol)
+    is_noise = mark_noise(names, values, half_range, length, rtol)
     is_noise |= mark_minor_rates(names, half_range, length)
     is_missed = np.array([name in missed for name in names]) & ~is_noise
     if not is_missed.any():
@@ -599,7 +604,7 @@ def remove_minor_peaks(
     peaks: Mapping[str, MissedPeak], extremes: Mapping[str, StepExtremes], length: float
 ) -> dict[str, MissedPeak]:
     """Return the peaks without those of `mark_minor_rates`."""
-    half_ranges = np.array([0.5 * (x.max - x.min) for x in extremes.values()])
+    half_ranges = np.array([x.half_range for x in extremes.values()])
     is_minor = mark_minor_rates(list(extremes), half_ranges, length)
     minor = {header for header, x in zip(extremes, is_minor.tolist(), strict=True) if x}
     return {header: peak for header, peak in peaks.items() if header not in minor}

@@ -28,13 +28,12 @@ from beamdae.equations.starts.rank import scaled_null_space
 from beamdae.equations.starts.smooth_motion import find_smooth_state
 from beamdae.errors import BeamdaeError, format_error, name_with_others
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.results.columns import (
-    mark_constant_columns,
-    mark_resting_columns,
-    mark_vanishing_columns,
-    remove_unit,
+from beamdae.results.columns import remove_unit
+from beamdae.results.diagnostics.resolution.missed_peaks import (
+    StepExtremes,
+    mark_noise,
+    select_large_columns,
 )
-from beamdae.results.diagnostics.resolution.missed_peaks import StepExtremes, select_large_columns
 from beamdae.results.diagnostics.suspected_errors import SuspectedError
 from beamdae.results.trajectory import Interval, Trajectory
 from beamdae.symbolic.sparse_operators import build_selection
@@ -170,7 +169,7 @@ def _select_columns(
     extremes: Mapping[str, StepExtremes],
     integrator: Mapping[str, Any],
 ) -> dict[str, float]:
-    """Return half the ranges of columns that are not small or constant, by header."""
+    """Return half the ranges of columns that are not small or noise, by header."""
     if not extremes:
         return {}
     half_ranges = select_large_columns(list(extremes), extremes, equations.length, _MIN_SHARE)
@@ -179,14 +178,8 @@ def _select_columns(
     headers, length = list(half_ranges), equations.length
     values = np.array([[extremes[x].min, extremes[x].max] for x in headers]).T
     sizes = np.array(list(half_ranges.values()))
-    is_constant = mark_resting_columns(headers, values, sizes, length)
-    is_constant |= mark_vanishing_columns(headers, sizes, length, values)
-    is_constant |= mark_constant_columns(
-        headers, values, sizes, length, integrator.get("rtol") or 0.0
-    )
-    return {
-        x: half_ranges[x] for x, constant in zip(headers, is_constant, strict=True) if not constant
-    }
+    is_noise = mark_noise(headers, values, sizes, length, integrator.get("rtol") or 0.0)
+    return {x: half_ranges[x] for x, noise in zip(headers, is_noise, strict=True) if not noise}
 
 
 def _list_jumps(
