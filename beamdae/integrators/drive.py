@@ -667,8 +667,7 @@ class _RunInProgress:
         times = np.linspace(check.begin, t, _STRAIN_SAMPLES)
         strain = describe_meaningless_strain(self._equations, trajectory.positions_at(times))
         if strain:
-            # The remedies depend on the cause, and are part of the warning.
-            return check.describe(strain.partition("; ")[0])
+            return check.describe(strain)
         if check.has_slowed and next(growing_loop_warnings(self._equations, trajectory), ""):
             return check.describe("")
         return ""

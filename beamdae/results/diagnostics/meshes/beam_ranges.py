@@ -344,11 +344,12 @@ def strain_warnings(
     strains = {beam.name: beam.strain for beam in ranges}
     if any(x.name not in strains for x in beams_of(equations.mechanism)):
         strains |= _largest_strains_of_others(equations, strains, positions())
-    yield from _describe_strains(equations, strains)
+    for clause in _describe_strains(equations, strains):
+        yield f"{clause}; reduce the loads, or check section and units."
 
 
 def describe_meaningless_strain(equations: EquationsOfMotion, q: Array) -> str:
-    """Return the warning of `strain_warnings` if strains at q (k, n) are twice as large, or ""."""
+    """Return the clause of `strain_warnings` if strains at q (k, n) are twice as large, or ""."""
     strains = _largest_strains(equations, q)
     return next(_describe_strains(equations, strains, _MEANINGLESS_STRAIN_RATIO), "")
 
@@ -396,14 +397,14 @@ def _largest_strains_of_others(
 def _describe_strains(
     equations: EquationsOfMotion, strains: Mapping[str, float], ratio: float = 1.0
 ) -> Iterator[str]:
-    """Yield a warning of the strains by name of the beam that exceed `ratio` times the limit."""
+    """Yield a clause on the strains by name of the beam that exceed `ratio` times the limit."""
     limits = {beam.name: _strain_limit(beam) for beam in beams_of(equations.mechanism)}
     yield from _merge_beams(
         (
             name,
             strain,
             f"{name}: the largest strain is {strain:.3g}, far beyond linear elasticity, "
-            f"{MEANINGLESS_DEFORMATION}; reduce the loads, or check section and units.",
+            f"{MEANINGLESS_DEFORMATION}",
         )
         for name, strain in strains.items()
         if strain > ratio * limits.get(name, MAX_UNREPORTED_STRAIN)
