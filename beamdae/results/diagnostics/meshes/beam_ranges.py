@@ -35,10 +35,11 @@ MAX_UNREPORTED_STRAIN = 0.5
 # The same for stiff materials: metals, ceramics and composites yield or fail at strains of at most
 # a few percent, and their moduli are at least 10 GPa; those of rubber and most plastics are lower.
 _MAX_UNREPORTED_STIFF_STRAIN, _MIN_STIFF_MODULUS = 0.05, 1e10
+# Steels, titanium and fibers of high modulus yield or break before 2 %: the elastic limit is 1.3 %
+# for maraging steel and 1.9 % for drawn wires, the strongest metals.
+_MAX_STRAIN_OF_METALS, _MIN_STEEL_MODULUS = 0.02, 1e11
 # Runs of many steps end at strains above this multiple of these limits.
 _MEANINGLESS_STRAIN_RATIO = 2.0
-# Elastic limit of the strongest metals: 1.3 % for maraging steel and 1.9 % for drawn wires.
-_MAX_STRAIN_OF_METALS = 0.02
 _RPM = np.pi / 30.0  # rad/s
 MEANINGLESS_DEFORMATION = "so the deformation is meaningless"
 # Limits of the number of times at which beams are checked, one time per step. With fewer times than
@@ -413,8 +414,10 @@ def _describe_strains(
 
 def _strain_limit(beam: Beam) -> float:
     """Return the strain above which a beam is reported; it depends on the material."""
-    is_stiff = beam.section.at(0.0).material.E >= _MIN_STIFF_MODULUS
-    return _MAX_UNREPORTED_STIFF_STRAIN if is_stiff else MAX_UNREPORTED_STRAIN
+    modulus = beam.section.at(0.0).material.E
+    if modulus >= _MIN_STEEL_MODULUS:
+        return _MAX_STRAIN_OF_METALS
+    return _MAX_UNREPORTED_STIFF_STRAIN if modulus >= _MIN_STIFF_MODULUS else MAX_UNREPORTED_STRAIN
 
 
 def _find_deformations(
