@@ -1,4 +1,4 @@
-"""Warnings about the only contact of a mechanism whose bodies do not touch."""
+"""Warnings about mechanisms none of whose contacts touch, and about distant contacts."""
 
 from __future__ import annotations
 
@@ -38,9 +38,29 @@ def test_regression_runs_that_end_before_the_only_contact_have_a_warning() -> No
 
 
 @pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
+@pytest.mark.parametrize(("floor", "side", "remedy"), [(0.0, 1.0, "later"), (2.0, -1.0, "motion")])
+def test_regression_a_stop_of_two_points_that_is_not_reached_has_a_warning(
+    floor: float, side: float, remedy: str
+) -> None:
+    """Drop tests onto two stops that flew up, or were too short for the fall, were silent."""
+    (sentence,) = untouched(dropped_ball(floor=floor, side=side, contacts=2), 0.3)
+    assert sentence.startswith("floor (also guard 1): the bodies do not touch")
+    assert remedy in sentence
+
+
+@pytest.mark.filterwarnings("ignore::beamdae.errors.BeamdaeWarning")
 def test_contacts_that_touch_or_may_be_guards_have_no_warning() -> None:
     assert untouched(dropped_ball(), 0.5) == []
-    assert untouched(dropped_ball(contacts=2), 0.3) == []
+    # One of several contacts.
+    mech = dropped_ball()
+    floor = bd.LineSurface(mech.ground.at(0.0, -1.0))
+    mech.add(bd.Contact("guard", mech.parts["ball"].point, floor, 1e4))
+    assert untouched(mech, 0.5) == []
+    # Two end stops, between which a body moves.
+    mech = dropped_ball()
+    ceiling = bd.LineSurface(mech.ground.at(0.0, 1.2), direction=(-1.0, 0.0))
+    mech.add(bd.Contact("ceiling", mech.parts["ball"].point, ceiling, 1e4))
+    assert untouched(mech, 0.3) == []
     # A stop of a vibration.
     mech = dropped_ball(height=0.2, floor=-0.5)
     ball = mech.parts["ball"].point

@@ -1,4 +1,4 @@
-"""Warnings about contacts that are far away, or that never touch as the only contact."""
+"""Warnings about contacts that are far away, and about mechanisms none of whose contacts touch."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.surface_gaps import SurfaceGapTerm, compile_surface_gaps
+from beamdae.errors import name_with_others
 from beamdae.results.diagnostics.contacts.model_contacts import contacts_of, gaps_of_run
 from beamdae.results.trajectory import Trajectory
+
+Array = np.ndarray
 
 _MIN_CHANGE = 0.1  # of the gap in the run, relative to the gap at the start
 _ROUNDING = 1e-9  # of the gap, relative to its change
@@ -21,12 +24,12 @@ _MAX_DISTANCE = 5.0
 def untouched_contact_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory
 ) -> Iterator[str]:
-    """Yield a warning per contact that is far away, or if the bodies of the only one do not touch.
+    """Yield a warning per contact that is far away, or one if no contact of the mechanism touches.
 
-    The bodies of an only contact have to approach or depart. Contacts beside others, and in
-    mechanisms with events, may be guards that are not reached. So may be contacts whose gap does
-    not change in one direction, such as stops of vibrations, and those whose gap changes by less
-    than a tenth.
+    The bodies of all contacts have to approach, or to depart. Contacts beside others that touch,
+    and in mechanisms with events, may be guards that are not reached. So may be contacts whose gap
+    does not change in one direction, such as stops of vibrations, those whose gap changes by less
+    than a tenth, and pairs of end stops, of which one approaches and the other one departs.
 
     Parameters
     ----------
@@ -42,30 +45,35 @@ def untouched_contact_warnings(
     if any(sentences):
         yield from filter(None, sentences)
         return
-    if (
-        mechanism is None
-        or mechanism.events
-        or len(gaps) != 1
-        or any(x.inactive for x in intervals)
-    ):
+    if mechanism is None or mechanism.events or any(x.inactive for x in intervals):
         return
-    values = gaps_of_run(gaps[0], trajectory)
     times = np.concatenate([x.t for x in intervals])
-    first, last, smallest = float(values[0]), float(values[-1]), int(np.argmin(values))
-    change, steps = last - first, np.diff(values)
-    if not values[smallest] > 0.0 or abs(change) < _MIN_CHANGE * first:
+    rows = [np.concatenate([x.evaluate(y.t, y.branch, y.state.q) for y in intervals]) for x in gaps]
+    changes = [_steady_change(values) for values in rows]
+    if not (min(changes) > 0.0 or max(changes) < 0.0):
         return
-    if np.min(steps * np.sign(change)) < -_ROUNDING * abs(change):
-        return
+    closest = min(range(len(gaps)), key=lambda k: float(np.min(rows[k])))
+    smallest = int(np.argmin(rows[closest]))
+    others = [x.part for k, x in enumerate(gaps) if k != closest]
     remedy = (
         "use a later t_end=, or check the place of the surface"
-        if change < 0.0
-        else "check the place and the direction of the surface"
+        if changes[closest] < 0.0
+        else "check the place and the direction of the surface, and the direction of the motion"
     )
     yield (
-        f"{gaps[0].part}: the bodies do not touch during the run, and their smallest distance is "
-        f"{values[smallest]:.3g} m at t = {times[smallest]:.4g} s; {remedy}."
+        f"{name_with_others(gaps[closest].part, others)}: the bodies do not touch during the run, "
+        f"and their smallest distance is {rows[closest][smallest]:.3g} m at "
+        f"t = {times[smallest]:.4g} s; {remedy}."
     )
+
+
+def _steady_change(gaps: Array) -> float:
+    """Return the change of positive gaps (k,) in one direction, or 0 if it is small or reverses."""
+    change, steps = float(gaps[-1] - gaps[0]), np.diff(gaps)
+    if not np.min(gaps) > 0.0 or abs(change) < _MIN_CHANGE * gaps[0]:
+        return 0.0
+    is_steady = np.min(steps * np.sign(change)) >= -_ROUNDING * abs(change)
+    return change if is_steady else 0.0
 
 
 def _describe_far_contact(
