@@ -76,7 +76,7 @@ def diagnose_failure(
             return not_finite
         causes = [
             describe_singular_position(equations, time, state),
-            _describe_start(equations, time, state, step),
+            _describe_start(equations, time, step),
             _describe_pole(equations, time, state),
             _describe_sticking(equations, time, state, step),
             _describe_abrupt_forces(equations, time, state, step),
@@ -93,11 +93,12 @@ def list_moving_drivers(equations: EquationsOfMotion, time: Array, q: Array) -> 
     return list(dict.fromkeys(names))
 
 
-def _describe_start(e: EquationsOfMotion, time: Array, state: State, step: float) -> str:
+def _describe_start(e: EquationsOfMotion, time: Array, step: float) -> str:
     """Return a phrase naming the drivers that move at the start if the run failed there, or ""."""
     if time[0] > STARTING_STEPS * step:
         return ""
-    names = list_moving_drivers(e, time, state.q)
+    # At the last state, drivers move whose laws begin at rest.
+    names = list_moving_drivers(e, np.zeros(2), e.q0)
     if not names:
         return ""
     return (
