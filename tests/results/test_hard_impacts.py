@@ -95,14 +95,63 @@ def test_forces_that_elements_resolve_have_no_warning(build):
     assert not run(build())[1]
 
 
+def dropped_beam(elements, stiffness, tip_mass):
+    """Return a damped free beam whose tip, with a mass, falls on a stop at 2.4 m/s."""
+    section = bd.Section.rectangle(STEEL, width=0.03, height=0.008, damping=2e-5)
+    mech = bd.Mechanism()
+    axis, velocity = bd.Line((0.0, 0.0), (0.4, 0.0)), (0.0, -2.4)
+    beam = mech.add(bd.Beam("beam", axis, section, elements=elements, velocity=velocity))
+    mech.add(bd.PointMass("mass", tip_mass, on=beam.end))
+    stop = bd.LineSurface(mech.ground.at(0.4, -1e-5))
+    law = {"restitution": 0.6, "impact_speed": 2.4}
+    contact = mech.add(bd.Contact("stop", beam.end, stop, stiffness, **law))
+    mech.observe("stop", contact.force)
+    return mech
+
+
+def test_regression_stiffer_stops_of_damped_beams_have_a_warning_too():
+    """Errors of 18 to 22 % of the force with 3 elements were silent from 1e13 N/m^1.5 on."""
+    for stiffness in (1e11, 1e14):
+        (text,) = run(dropped_beam(3, stiffness, 0.02), t_end=5e-5)[1]
+        assert 10 <= int(text.split("roughly ")[1].split(" %")[0]) <= 50
+
+
+def test_regression_errors_of_heavy_masses_are_not_those_of_elements():
+    """A force on a mass of 2 kg that was right within 0.5 % "may be wrong by roughly 50 %"."""
+    (text,) = run(dropped_beam(2, 1e12, 2.0), t_end=2e-4)[1]
+    assert int(text.split("roughly ")[1].split(" %")[0]) <= 20
+    assert not run(dropped_beam(4, 1e10, 2.0), t_end=2e-4)[1]
+
+
+@pytest.mark.parametrize(("tip_mass", "is_reported"), [(0.0, True), (2.0, False)])
+def test_regression_impulses_of_elements_have_a_warning(tip_mass, is_reported):
+    """Impulses of bd.impact at a free end are proportional to the element length, silently."""
+    impulses = []
+    for elements in (4, 8):
+        mech = bd.Mechanism()
+        section = bd.Section.rectangle(STEEL, width=0.03, height=0.008, damping=2e-5)
+        axis, velocity = bd.Line((0.0, 0.0), (0.4, 0.0)), (0.0, -2.4)
+        beam = mech.add(bd.Beam("beam", axis, section, elements=elements, velocity=velocity))
+        if tip_mass:
+            mech.add(bd.PointMass("mass", tip_mass, on=beam.end))
+        gap = bd.LineSurface(mech.ground.at(0.4, -1e-6)).gap(beam.end)
+        mech.when(gap, 0.0, "down", bd.impact(gap, restitution=0.6), name="hit")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bd.BeamdaeWarning)
+            solution = bd.simulate(mech, t_end=5e-7)
+        assert any(x.startswith("hit: this impact") for x in solution.warnings) == is_reported
+        impulses.append(solution.events["impulse.hit.gap"].iloc[0])
+    assert (impulses[0] / impulses[1] > 1.8) == is_reported
+
+
 @pytest.mark.slow(reason="a second")
 def test_stated_error_and_elements_of_a_rod():
-    """Peaks of 4, 20 and 640 elements: 168, 69 and 58 kN; waves need 40 elements."""
+    """Peaks of 4, 20 and 640 elements: 168, 69 and 58 kN; waves need 40 to 90 elements."""
     solution, (text,) = run(rod(20, 5e10, damping=1e-6))
     assert "may be wrong by roughly 20 %; use about" in text
     elements = int(text.split("use about ")[1].split()[0])
-    assert 20 < elements < 80
-    refined, texts = run(rod(2 * elements, 5e10, damping=1e-6), t_end=2e-5)
+    assert 40 < elements < 100
+    refined, texts = run(rod(elements, 5e10, damping=1e-6), t_end=2e-5)
     assert not texts
     peaks = [x.step_extremes["tip.N"].max for x in (solution, refined)]
     np.testing.assert_allclose(peaks[0] / peaks[1], 1.2, atol=0.05)
@@ -121,9 +170,9 @@ def test_regression_estimates_of_diverging_forces_have_no_absurd_numbers():
     """A contact "may be wrong by roughly 10000000 %" and needed "about 2261947845084 elements"."""
     for ratio, words in (
         (1e8, "may be wrong by 100 % or more; use a lower stiffness that represents"),
-        (5.0, "may be wrong by roughly 50 %; use about 40 elements, or a lower stiffness that"),
+        (5.0, "may be wrong by roughly 30 %; use about 40 elements, or a lower stiffness that"),
     ):
-        impact = HardImpact("stop", "beam", 1e-15, ratio, elements=8.0)
+        impact = HardImpact("stop", "beam", 1e-15, ratio, 0.051 * ratio, elements=8.0)
         (text,) = hard_impact_warnings((impact,))
         assert words in text
 

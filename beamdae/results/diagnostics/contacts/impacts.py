@@ -1,4 +1,4 @@
-"""Warnings about impacts that do not occur at the start, or depend on their order."""
+"""Warnings about impacts that do not occur, or depend on their order or on elements of beams."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from beamdae.beams.beam import Beam
 from beamdae.equations.equations_of_motion import EquationsOfMotion, EventTerm
 from beamdae.parts.events import select_impacts
+from beamdae.results.diagnostics.contacts.model_contacts import attached_mass
 from beamdae.results.event_records import EventRecord
 from beamdae.results.trajectory import Trajectory
+from beamdae.symbolic.statements import Quantity
 
 # A column starts at its threshold within this distance, and has left it beyond the second one; both
 # are relative to the length of the mechanism, or to 1 for angles.
@@ -21,11 +24,12 @@ _MAX_CHECKED_STEPS = 100  # after the start
 def impact_warnings(
     equations: EquationsOfMotion, trajectory: Trajectory, event_records: Sequence[EventRecord]
 ) -> Iterator[str]:
-    """Yield warnings about impacts that do not occur, or whose result depends on their order.
+    """Yield warnings about impacts that do not occur, or depend on their order or on elements.
 
     Touching a value is not a crossing, so that bodies that touch at the start pass through each
     other. If impacts of several events occur at the same time and each closes the gap of another,
-    they follow one another.
+    they follow one another. The impulse at a section of a beam without a mass is proportional to
+    the mass of the element, as far as no wave has time to leave it.
     """
     terms = [term for term in equations.events if select_impacts(term.do)]
     later = {record.name for record in event_records}
@@ -39,6 +43,15 @@ def impact_warnings(
                 f"{term.name}: this column starts at its threshold and moves beyond it, which is "
                 "not a crossing, so the bodies pass through each other without an impact; start "
                 "at a small distance, add a joint that keeps the bodies together, or use a Contact."
+            )
+        of_section = _find_struck_section(equations, term) if term.name in later else None
+        if of_section is not None:
+            beam, s = of_section
+            yield (
+                f"{term.name}: this impact changes the velocity of {beam} at s = {s:.4g} m at "
+                "once, where the mass is that of parts of elements, so its impulses and the "
+                "stresses after it depend on the number of elements; use a Contact with the local "
+                "stiffness of the bodies (Hertz), or attach the mass of the struck body there."
             )
     names = {term.name for term in terms}
     by_time: dict[float, list[str]] = {}
@@ -64,6 +77,22 @@ def _find_closing_direction(equations: EquationsOfMotion, term: EventTerm) -> in
     gaps = [x.on for x in select_impacts(term.do)]
     events = [x for x in equations.mechanism.events if x.name == term.name]
     return -1 if any(event.what is gap for event in events for gap in gaps) else 0
+
+
+def _find_struck_section(equations: EquationsOfMotion, term: EventTerm) -> tuple[str, float] | None:
+    """Return the beam and the arc length of an impact at a section without a heavier mass."""
+    for impact in select_impacts(term.do):
+        pieces = impact.on.pieces if isinstance(impact.on, Quantity) else ()
+        joint = () if pieces else [x.piece for x in impact.on.attachments]
+        for piece in (*pieces, *joint):
+            beam, s = piece.owner, piece.s
+            if not isinstance(beam, Beam) or s is None:
+                continue
+            element, _ = beam.mesh.locate(s)
+            mass = beam.section.at(s).rhoA * float(beam.mesh.element_lengths[element])
+            if attached_mass(equations, beam, s, impact.on) < mass:
+                return beam.name, s
+    return None
 
 
 def _misses_first_impact(
