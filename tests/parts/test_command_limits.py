@@ -1,8 +1,9 @@
-"""Commands of continuous controllers at their limits, where linear models have no feedback."""
+"""Commands of controllers at their limits, where there is no feedback."""
 
 import warnings
 
 import casadi as ca
+import numpy as np
 import pytest
 
 import beamdae as bd
@@ -135,3 +136,107 @@ def test_regression_commands_at_a_limit_during_the_whole_run_have_a_warning(sett
 )
 def test_commands_that_leave_their_limits_have_no_warning(mech):
     assert not saturation_warnings(mech, t_end=0.1)
+
+
+EVERY = 1e-3
+
+
+def build_sampled_servo(law, delay=0):
+    """Return a mass of 0.25 kg on a spring whose force is that of a sampled law of x and rate."""
+    mech = bd.Mechanism()
+    stage = mech.add(bd.PointMass("stage", 0.25, at=(0.0, 0.0)))
+    mech.add(bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), stage.point))
+    ends = mech.ground.at(-1.0, 0.0), stage.point
+    mech.add(bd.SpringDamper("leaf", *ends, stiffness=211.0, damping=0.5))
+    force = mech.input("force", unit="N")
+    mech.add(bd.Force("coil", stage.point, (force, 0.0)))
+    reads = [mech.sensor("x", stage.point, "x"), mech.sensor("v", stage.point, "x_dot")]
+    servo = bd.Controller("servo", EVERY, reads, [force], law, state=[0.0], delay=delay)
+    mech.add(servo)
+    return mech
+
+
+def pid_law(target, limits=(-8.0, 8.0), sign=1.0, digits=9):
+    def law(sample):
+        x, v = np.round(sample.reads, digits)
+        error = sign * ((target(sample.t) if callable(target) else target) - x)
+        force = 1000.0 * error + 20.0 * sample.state[0] - sign * 20.0 * v
+        limited = np.clip(force, *limits)
+        sample.state[0] += EVERY * (error if limited == force else 0.0)
+        return float(limited)
+
+    return law
+
+
+@pytest.mark.parametrize(
+    ("law", "delay", "limit"),
+    [
+        (pid_law(1.0), 0, "8"),
+        (pid_law(1.0), 3, "8"),
+        (pid_law(1e3), 0, "8"),
+        (pid_law(0.05, sign=-1.0), 0, "-8"),
+        (pid_law(-1.0, (-6.0, 8.0)), 0, "-6"),
+        (pid_law(-1.0, (-6.0, np.inf)), 0, "-6"),
+    ],
+    ids=["unit", "delay", "two units", "sign", "negative", "one limit"],
+)
+def test_regression_sampled_commands_at_a_limit_have_the_same_warning(law, delay, limit):
+    """Only commands of continuous controllers had a warning."""
+    (sentence,) = saturation_warnings(build_sampled_servo(law, delay), t_end=0.2)
+    assert sentence.startswith(f"servo: force is at its limit {limit} during ")
+    assert sentence.endswith(
+        "so that there is no feedback; check the sign of the measured value, the unit of the "
+        "target, and the limits."
+    )
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pid_law(1e-3),
+        # Quantized measured values of a mass at rest.
+        pid_law(0.0, digits=4),
+        lambda sample: 4.0 - 1e3 * round(sample.reads[0], 1),
+        # At the limit from 60 ms on, or up to 100 ms.
+        pid_law(lambda t: 0.0 if t < 0.06 else 1.0),
+        pid_law(lambda t: 1.0 if t < 0.1 else 1e-3),
+        # No feedback, a relay, a mode, and a law that fails elsewhere.
+        lambda sample: 8.0,
+        lambda sample: 8.0 if sample.reads[0] < 1.0 else -8.0,
+        lambda sample: float(np.interp(sample.reads[0], [-0.5, 0.5], [8.0, 8.0])),
+        lambda sample: 8.0 / (abs(sample.reads[0]) < 0.5),
+        # Forces in one direction: an end stop that the mass does not reach, and a brake.
+        pid_law(-1.0, (0.0, 8.0)),
+        pid_law(1.0, (0.0, 8.0)),
+    ],
+    ids=[
+        "holds",
+        "quantized",
+        "rests",
+        "ends",
+        "starts",
+        "open",
+        "relay",
+        "mode",
+        "fails",
+        "stop",
+        "brake",
+    ],
+)
+def test_sampled_commands_without_two_limits_or_within_them_have_no_warning(law):
+    assert not saturation_warnings(build_sampled_servo(law), t_end=0.2)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_only_the_driven_input_at_its_limit_is_named(side):
+    mech = build_sampled_servo(lambda sample: 0.0)
+    other, offset = mech.input("other"), mech.input("offset")
+    x = mech.parts["servo"].reads[0]
+    mech.add(bd.Force("push", mech.parts["stage"].point, (other + offset, 0.0)))
+
+    def law(sample):
+        return float(np.clip(1e4 * (side - sample.reads[0]), -3.0, 3.0)), 0.5
+
+    mech.add(bd.Controller("cascade", EVERY, [x], [other, offset], law))
+    (sentence,) = saturation_warnings(mech, t_end=0.1)
+    assert sentence.startswith(f"cascade: other is at its limit {3.0 * side:.4g} during ")

@@ -20,6 +20,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import BeamdaeError
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.diagnostics.rest import is_motionless
+from beamdae.results.diagnostics.switching_laws import has_few_levels, is_switch
 from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
@@ -104,10 +105,6 @@ _HISTORY_PARTS, _SAMPLES_PER_PART = 9, 256
 # Logarithms of the ratios of consecutive swings: at least three, of which none is smaller than
 # this, or larger than twice the smallest one.
 _MIN_GROWING_SWINGS, _MIN_SWING_EXPONENT, _MAX_EXPONENT_RATIO = 3, 0.15, 2.0
-# Values with fewer levels than this besides the limits may be those of a switch. Then the law is
-# called between two samples of opposite limits, and this often bisected towards its transition.
-_MIN_VALUES_BETWEEN = 3
-_BISECTIONS = 40
 # Ranges of signals of loops that do not settle: in the last quarter of the run relative to the
 # whole run, and in the whole run relative to that while a growing mode grows by a factor of e.
 # Without laws that change, it suffices if that in the last quarter is at least half of the latter:
@@ -304,7 +301,7 @@ def _sampled_cycle_warnings(
         held = trajectory.positions_at(np.concatenate([first, last]))[:, term.rows]
         for k in range(len(controller.drives)):
             limits = _find_alternation(held[:, k], len(first), 1 + controller.delay)
-            is_levels = limits is not None and _has_few_levels(held[:, k], limits)
+            is_levels = limits is not None and has_few_levels(held[:, k], limits)
             if is_levels and _is_switch(equations, trajectory, stream, k, last):
                 continue
             if limits is not None:
@@ -418,7 +415,7 @@ def _find_limit_cycle(
         if _find_decay(reads) > _MAX_DECAY or _moves_on(equations, states[1].q):
             continue
         newest = every * (samples[-_MAX_LAST_SAMPLES:] + 0.5)
-        is_levels = _has_few_levels(held, (low, high))
+        is_levels = has_few_levels(held, (low, high))
         if not is_levels or not _is_switch(equations, trajectory, stream, drive, newest):
             return low, high
     return None
@@ -539,13 +536,6 @@ def _find_alternation(held: Array, n_first: int, latency: int) -> tuple[float, f
     return (low, high) if is_at_limits or _repeats(last, _MAX_PERIOD * latency) else None
 
 
-def _has_few_levels(held: Array, limits: tuple[float, float]) -> bool:
-    """Return True if a value has hardly any levels between its limits, as that of a switch."""
-    rounding = _ROUNDING * max(map(abs, limits))
-    between = held[(held > limits[0] + rounding) & (held < limits[1] - rounding)]
-    return len(np.unique(between)) < _MIN_VALUES_BETWEEN
-
-
 def _is_switch(
     equations: EquationsOfMotion, trajectory: Trajectory, stream: int, drive: int, last: Array
 ) -> bool:
@@ -576,19 +566,12 @@ def _is_switch(
     reads = evaluate_reads(term, equations.p, times, states)
     begin, end = np.hstack([reads, values[k - 1 : k + 1]])
     index = round(samples[0] / controller.every)
-    levels = []
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (begin + end)
-        reads, before = np.split(middle, [len(middle) - values.shape[1]])
-        try:
-            value = controller.next_values(samples[0], index, reads, before, stream)[newest]
-        except BeamdaeError:
-            return True
-        levels.append(value)
-        is_begin = abs(value - command[k]) < abs(value - command[k + 1])
-        begin, end = (middle, end) if is_begin else (begin, middle)
-    low, high = np.sort(command[k : k + 2])
-    return _has_few_levels(np.array(levels), (low, high))
+
+    def evaluate(measured_and_held: Array) -> float:
+        reads, before = np.split(measured_and_held, [len(begin) - values.shape[1]])
+        return float(controller.next_values(samples[0], index, reads, before, stream)[newest])
+
+    return is_switch(evaluate, begin, end, (command[k], command[k + 1]))
 
 
 def _repeats(values: Array, max_period: float) -> bool:
