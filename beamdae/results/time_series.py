@@ -97,7 +97,12 @@ class TimeSeries:
         return columns.iloc[:, 0] if is_single else columns
 
     def step_response(
-        self, name: str, target: float | None = None, t: float | None = None, band: float = 0.02
+        self,
+        name: str,
+        target: float | None = None,
+        t: float | None = None,
+        band: float = 0.02,
+        t_end: float | None = None,
     ) -> StepResponse:
         """Return rise time, settling time, overshoot and steady-state error of a column.
 
@@ -112,12 +117,15 @@ class TimeSeries:
         name
             Name of one column, see `solution[name]`.
         target
-            Value that the column should reach. Defaults to its last value.
+            Value that the column should reach. Defaults to its last value, that at `t_end`.
         t
             Time of the step [s], from which the times of the result are counted; earlier rows are
             ignored. Defaults to the first row.
         band
             Half the width of the band in which the column is settled, as a fraction of the step.
+        t_end
+            End of the evaluated time [s], such as that of a later disturbance; later rows are
+            ignored. Defaults to the last row.
 
         Returns
         -------
@@ -132,7 +140,7 @@ class TimeSeries:
         ------
         BeamdaeError
             If `name` does not select one column, the column starts at the target or is not finite,
-            `t` is not within the run, or `band` is not positive.
+            `t` or `t_end` is not within the run, or `band` is not positive.
 
         Examples
         --------
@@ -161,11 +169,18 @@ class TimeSeries:
                 f"step_response: t must be within the run, {times[0]:g} to {times[-1]:g} s, got "
                 f"{begin:g} s."
             )
-        final = values[-1] if target is None else require_finite("step_response", "target", target)
+        end = times[-1] if t_end is None else require_finite("step_response", "t_end", t_end)
+        if not begin < end <= times[-1]:
+            raise BeamdaeError(
+                f"step_response: t_end must be later than {begin:g} s and within the run, which "
+                f"ends at {times[-1]:g} s, got {end:g} s."
+            )
         width = require_positive("step_response", "band", band)
-        after = times > begin
-        first = np.interp(begin, times, values)
-        times, values = np.append(begin, times[after]), np.append(first, values[after])
+        first, last = np.interp([begin, end], times, values)
+        between = (times > begin) & (times < end)
+        times = np.concatenate([[begin], times[between], [end]])
+        values = np.concatenate([[first], values[between], [last]])
+        final = last if target is None else require_finite("step_response", "target", target)
         return measure_step_response(headers[0], times, values, final, width)
 
     def __contains__(self, name: object) -> bool:

@@ -71,12 +71,34 @@ def test_regression_errors_of_unsteady_responses_are_nan(scale, duration, dampin
         assert np.isnan(step.settling_time)
 
 
+def test_responses_end_at_t_end():
+    """A disturbance after the step was part of the response."""
+    mech = bd.Mechanism()
+    push = mech.input("push", bd.piecewise((5.0, 1.0), 3.0))
+    x = mech.state("x")
+    x.follows(push - x)
+    run = bd.simulate(mech, bd.Radau(1e-8), t_end=10.0, output_step=2e-3)
+    assert run.step_response("x", target=1.0).overshoot > 1.0
+    # The end is between two rows.
+    step = run.step_response("x", target=1.0, t_end=4.999)
+    assert step.settling_time == pytest.approx(np.log(50.0), abs=1e-4)
+    assert (step.overshoot, step.peak_time) == (0.0, 4.999)
+    assert step.steady_state_error == pytest.approx(np.exp(-4.999), rel=1e-4)
+    ended = run.step_response("x", t_end=3.0)
+    assert ended.peak == pytest.approx(1.0 - np.exp(-3.0), rel=1e-6)
+    assert np.isnan(ended.steady_state_error)
+    later = run.step_response("x", target=3.0, t=5.0)
+    assert later == run.step_response("x", target=3.0, t=5.0, t_end=10.0)
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
         ({"name": "x", "target": 0.5}, "x .* starts at 0.5, the target; pass target= and t= of"),
         ({"name": ["x", "rate"]}, r"\['x', 'rate'\] selects 2 columns; name one of them"),
         ({"name": "x", "t": 41.0}, "t must be within the run, 0 to 41 s, got 41 s"),
+        ({"name": "x", "t": 2.0, "t_end": 2.0}, "t_end must be later than 2 s .* got 2 s"),
+        ({"name": "x", "t_end": 42.0}, "t_end must be .* ends at 41 s, got 42 s"),
         ({"name": "x", "band": 0.0}, "band must be positive, got 0"),
         ({"name": "y"}, "y"),
     ],
