@@ -25,6 +25,7 @@ from beamdae.equations.part_warnings import (
     sample_velocities,
     start_inside_warnings,
     supplied_energy_warnings,
+    unguided_driver_warnings,
 )
 from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
@@ -37,6 +38,7 @@ from beamdae.equations.starts.mobility import (
     count_rigid_mobility,
     describe_free_motions,
     find_loose_groups,
+    select_free_groups,
 )
 from beamdae.equations.starts.reduced_equations import drop_dependent_constraints
 from beamdae.errors import (
@@ -192,14 +194,18 @@ class Check:
         Reason why the mechanism cannot be run, or "".
     warnings
         Sentences about sections over three times as high as their beams are long, parts and event
-        actions without effect, contacts that start inside a surface, damping laws that supply
-        energy, columns that change by more than 3 % if all elements are halved, and beams without
-        damping in runs with more than 50 000 predicted steps.
+        actions without effect, drivers whose bodies no joint connects, contacts that start inside a
+        surface, damping laws that supply energy, columns that change by more than 3 % if all
+        elements are halved, and beams without damping in runs with more than 50 000 predicted
+        steps.
     mesh_errors
         Change of observed columns if all elements are halved (root mean square, relative to the
         deviation of the column from its mean), by header. Measured for accelerations, and with
         contacts, impacts and loads that move along beams for all columns, if the predicted run is
         complete; otherwise empty.
+    free_groups
+        Groups of `loose` that no spring or other force holds in place, without bodies of contacts.
+        Empty for models with inactive parts.
     """
 
     name: str
@@ -219,17 +225,26 @@ class Check:
     problem: str
     warnings: tuple[str, ...] = ()
     mesh_errors: Mapping[str, float] = field(default_factory=dict)
+    free_groups: tuple[tuple[str, ...], ...] = ()
 
     def __repr__(self) -> str:
         return f"<Check of {self.name}: mobility {self.mobility}; {self.verdict}>"
 
     @property
     def verdict(self) -> str:
-        """The reason why a run is not possible, or "ready to run" with the number of warnings."""
-        if self.problem or not self.warnings:
-            return self.problem or "ready to run"
-        count = format_count(len(self.warnings), "warning")
-        return f"ready to run, but {count} about its results"
+        """The reason why a run is not possible, or "ready to run".
+
+        The latter is followed by the number of warnings and the groups of `free_groups`.
+        """
+        if self.problem:
+            return self.problem
+        notes = []
+        if self.warnings:
+            notes.append(f"{format_count(len(self.warnings), 'warning')} about its results")
+        if self.free_groups:
+            groups = "; ".join(list_first(group, _MAX_NAMES) for group in self.free_groups)
+            notes.append(f"no joint or spring connects {groups} to the ground")
+        return "ready to run" + f", but {'; '.join(notes)}" * bool(notes)
 
     def _repr_html_(self) -> str:
         from beamdae.report.run_summary import format_html_table
@@ -303,6 +318,7 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
     time, solver = time_on_branch(equations.breakpoints, 0.0, end), ConsistencySolver(equations)
     q = equations.q0 if state is None else state.q
     v = equations.v0 if state is None else state.v
+    loose = find_loose_groups(equations) if equations.mechanism else ()
     findings = Check(
         name,
         equations.n,
@@ -313,14 +329,15 @@ def check(model: Any, t_end: float | None = None, predict: bool = True) -> Check
         dependent=(),
         free_motions=(),
         # A constrained system has no parts, and the meaning of its coordinates is unknown.
-        loose=find_loose_groups(equations) if equations.mechanism else (),
+        loose=loose,
         residuals=_constraint_residuals(solver, time, state),
         start=None if state is None else compare_start(equations, state),
         spectrum=None,
         meshes=_assess_meshes(equations.mechanism),
         prediction=None,
         problem=problem,
-        warnings=_collect_warnings(equations, starter, time, end, state),
+        warnings=_collect_warnings(equations, starter, time, end, state, q),
+        free_groups=select_free_groups(equations, time, q, end or 1.0, loose),
     )
     if equations.m <= _MAX_CONSTRAINTS:
         joints = analyze_constraint_rank(solver, time, q)
@@ -378,10 +395,12 @@ def _collect_warnings(
     time: Array,
     end: float | None,
     state: Any,
+    q: Array,
 ) -> tuple[str, ...]:
     """Return the warnings about single parts; `state` is the consistent start or None."""
     sentences = list(equations.build_warnings)
     sentences += idle_part_warnings(equations, 0.0, end)
+    sentences += unguided_driver_warnings(equations, time, q, end or 1.0)
     if state is not None:
         sentences += start_inside_warnings(equations, starter.equations, time, state)
         sentences += deep_start_warnings(equations, time, state)

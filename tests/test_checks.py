@@ -132,6 +132,41 @@ def test_missing_joint_shows_in_the_free_motions():
     assert findings.loose == (("lost",),)
 
 
+@pytest.mark.parametrize(
+    ("add", "is_free"),
+    [
+        (lambda mech, stage: bd.Force("coil", stage.at(0.0, 0.0), (1.0, 0.0)), True),
+        (lambda mech, stage: bd.Damper("damper", mech.ground.at(1, 0), stage.at(0, 0), 1.0), True),
+        (lambda mech, stage: bd.Spring("spring", mech.ground.at(1, 0), stage.at(0, 0), 1.0), False),
+        (lambda mech, stage: bd.Weld("clamp", mech.ground.at(0, 0), stage.at(0, 0)), False),
+        (
+            lambda mech, stage: bd.Contact(
+                "floor", stage.at(0.0, 0.0), bd.LineSurface(mech.ground.at(0.0, -1.0)), 1e3
+            ),
+            False,
+        ),
+    ],
+    ids=["force", "damper", "spring", "weld", "contact"],
+)
+def test_regression_verdicts_name_parts_that_can_move_away(add, is_free):
+    """A stage without its welds, moved by its actuator, was ready to run without a word."""
+    mech = bd.Mechanism()
+    strip = bd.Section.rectangle(bd.Material.of("steel"), width=0.02, height=1e-3)
+    leaf = mech.add(bd.Beam("leaf", bd.Line((0.0, 0.0), (0.0, 0.1)), strip, formulation="exact"))
+    mech.add(bd.Weld("foot", mech.ground.at(0.0, 0.0), leaf.start))
+    # A free body that a spring connects to the stage does not hold it.
+    stage = mech.add(bd.RigidBody("stage", 1.0, 0.1))
+    probe = mech.add(bd.PointMass("probe", 0.1, at=(0.0, 0.2)))
+    mech.add(bd.Spring("link", stage.at(0.0, 0.1), probe.point, 10.0))
+    mech.add(add(mech, stage))
+    findings = mech.check(predict=False)
+    assert findings.ok
+    assert findings.free_groups == ((("stage", "probe"),) if is_free else ())
+    free = ", but no joint or spring connects stage, probe to the ground"
+    assert findings.verdict == "ready to run" + free * is_free
+    assert findings.verdict in str(findings)
+
+
 def test_contradicting_drivers_are_named():
     (dependent_set,) = doubly_driven_crank(3.0, 2.0).check().dependent
     assert dependent_set.parts == ("motor", "second motor")

@@ -1,4 +1,4 @@
-"""Warnings about idle parts, friction peaks, starts in a surface and supplied energy.
+"""Warnings about parts without effect or bearing, friction peaks, starts and supplied energy.
 
 `check` reports them before a run, `Solution.warnings` after a run.
 """
@@ -21,11 +21,13 @@ from beamdae.equations.assembly.coordinate_map import (
 )
 from beamdae.equations.equations_of_motion import EquationsOfMotion, PartStatements, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.equations.starts.mobility import select_free_groups
 from beamdae.equations.starts.rigid_motions import compute_rigid_motions
 from beamdae.errors import BeamdaeError
 from beamdae.linear.factorizations import SingularMatrixError
 from beamdae.parts.events import select_impacts, select_switches
 from beamdae.parts.forces.regularized_friction import suggest_speed
+from beamdae.parts.joints.drivers import Driver
 from beamdae.parts.mechanism import EQUILIBRIUM, Mechanism
 from beamdae.parts.part import Part, SurfaceGap
 from beamdae.symbolic.functions.compiled import Compiled
@@ -105,6 +107,56 @@ def idle_part_warnings(
             yield from _zero_force_warnings(statements_of(part), start, end)
     yield from _friction_peak_warnings(mechanism)
     yield from _switch_warnings(mechanism)
+
+
+def unguided_driver_warnings(
+    equations: EquationsOfMotion, time: Array, q: Array, duration: float
+) -> Iterator[str]:
+    """Yield a warning per driver of a rotation whose bodies nothing else connects.
+
+    Bodies that forces hold have no warning, see `select_free_groups`.
+
+    Parameters
+    ----------
+    equations
+        The equations of motion.
+    time, q
+        (t, branch) and coordinates at the start of the run.
+    duration
+        Time of the run [s].
+    """
+    mechanism = equations.mechanism
+    if mechanism is None:
+        return
+    drivers = [part for part in mechanism.parts.values() if isinstance(part, Driver)]
+    if not drivers:
+        return
+    group_of = _group_connected_bodies(mechanism)
+    names = {part.name for part in equations.parts}
+    for driver in drivers:
+        ends = [group_of[x.body.name] for x in driver.attachments]
+        if ends[0] == ends[1]:
+            continue
+        groups = [tuple(sorted(names & x)) for x in ends if mechanism.ground.name not in x]
+        free = select_free_groups(equations, time, q, duration, groups)
+        body, other = (x.body.name for x in reversed(driver.attachments))
+        if free and not any(body in group for group in free):
+            body, other = other, body
+        if free:
+            yield (
+                f"{driver.name}: it prescribes the rotation of {body} relative to {other}, but "
+                f"nothing holds {body} in translation; add a joint, such as a Revolute."
+            )
+
+
+def _group_connected_bodies(mechanism: Mechanism) -> dict[str, frozenset[str]]:
+    """Return the bodies that parts other than drivers of rotations connect to each body."""
+    groups = {name: frozenset([name]) for name in (mechanism.ground.name, *mechanism.parts)}
+    for part in mechanism.parts.values():
+        if not isinstance(part, Driver):
+            connected = frozenset().union(*(groups[x.name] for x in (part, *part.bodies)))
+            groups |= dict.fromkeys(connected, connected)
+    return groups
 
 
 def _find_statements(equations: EquationsOfMotion) -> Callable[[Part], PartStatements]:

@@ -20,6 +20,7 @@ from beamdae.equations.part_warnings import (
     idle_part_warnings,
     start_inside_warnings,
     supplied_energy_warnings,
+    unguided_driver_warnings,
 )
 from beamdae.parts.events import select_impacts
 from beamdae.parts.mechanism import EQUILIBRIUM
@@ -282,6 +283,13 @@ def _idle_parts(run: RunData) -> Iterable[str]:
     return idle_part_warnings(run.equations, start, run.model.get("t_end", end))
 
 
+def _unguided_drivers(run: RunData) -> Iterable[str]:
+    first, duration = run.trajectory.intervals[0], run.trajectory.end - run.trajectory.start
+    if not duration > 0.0:
+        return ()
+    return unguided_driver_warnings(run.equations, first.times[0], first.state.q[0], duration)
+
+
 def _parts_inside_surfaces(run: RunData) -> Iterable[str]:
     if run.trajectory.start != 0.0:
         # A resumed run may start in the middle of an impact.
@@ -348,6 +356,7 @@ RUN_CHECKS: tuple[Check, ...] = (
     _start_changes,
     _unstable_path,
     _idle_parts,
+    _unguided_drivers,
     _of_complete_run(unconnected_body_warnings),
     _parts_inside_surfaces,
     _supplied_energy,

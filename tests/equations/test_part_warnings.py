@@ -395,3 +395,90 @@ def test_regression_a_load_with_a_table_is_stated_once_per_run(monkeypatch):
     # Only the comparison with earlier laws needs a new function.
     assert names.count("kernel") == 1
     assert "force" not in names
+
+
+# Drivers without bearings -------------------------------------------------------------------------
+
+
+def driven_arm(hold, gravity=(0.0, 0.0), formulation="exact"):
+    """Return an arm with a driven start and a part that `hold` adds."""
+    mech = bd.Mechanism(gravity=gravity)
+    curve = bd.Arc(radius=1.2, length=0.5)
+    arm = mech.add(bd.Beam("arm", curve, STRIP, elements=2, formulation=formulation))
+    mech.add(bd.PointMass("carrier", 0.15, on=arm.end))
+    mech.add(bd.Driver("motor", mech.ground.at(0.0, 0.0), arm.start, lambda t: 9.0 * t**2))
+    for part in hold(mech, arm):
+        mech.add(part)
+    return mech
+
+
+def bear(mech, arm):
+    yield bd.Revolute("pivot", mech.ground.at(0.0, 0.0), arm.start)
+
+
+def bear_on_a_cart(mech, arm):
+    cart = mech.add(bd.RigidBody("cart", 1.0, 0.1))
+    yield bd.Prismatic("rail", mech.ground.at(0.0, 0.0), cart.at(0.0, 0.0))
+    yield bd.Revolute("pivot", cart.at(0.0, 0.0), arm.start)
+
+
+def guide(mech, arm):
+    yield bd.PointOnLine("rail", mech.ground.at(0.0, 0.0), arm.start)
+
+
+def drive_travel(mech, arm):
+    for name, direction in (("x", (1.0, 0.0)), ("y", (0.0, 1.0))):
+        yield bd.TranslationalDriver(name, mech.ground.at(0.0, 0.0), arm.start, 0.0, direction)
+
+
+def couple(mech, arm):
+    yield bd.Bushing("mount", mech.ground.at(0.0, 0.0), arm.start, kx=1e4, ky=1e4)
+
+
+def found(mech, arm):
+    yield bd.ForceLaw("bed", arm.start, lambda p, t: (-1e3 * p.position[0], -1e3 * p.position[1]))
+
+
+def control(mech, arm):
+    for k, axis in enumerate("xy"):
+        force = -1e3 * mech.sensor(axis, arm.start, axis)
+        yield bd.Force(f"magnet {axis}", arm.start, (force, 0.0) if k == 0 else (0.0, force))
+
+
+def meet(mech, arm):
+    yield bd.Contact("floor", arm.start, bd.LineSurface(mech.ground.at(0.0, 0.0)), 1e3)
+
+
+@pytest.mark.parametrize(
+    "hold",
+    [bear, bear_on_a_cart, guide, drive_travel, couple, found, control, meet],
+    ids=lambda hold: hold.__name__,
+)
+def test_drivers_of_bodies_that_other_parts_hold_have_no_warning(hold):
+    assert not findings(driven_arm(hold))
+
+
+def rub(mech, arm):
+    yield bd.ForceLaw("edge", arm.end, lambda p, t: (-p.velocity[0], -p.velocity[1]))
+
+
+@pytest.mark.parametrize("formulation", ["exact", "floating frame"])
+@pytest.mark.parametrize("gravity", [0.0, -G])
+def test_regression_drivers_without_a_bearing_are_reported(gravity, formulation):
+    """An arm that was held in rotation only drifted away."""
+    (sentence,) = findings(driven_arm(rub, (0.0, gravity), formulation))
+    assert sentence == (
+        "motor: it prescribes the rotation of arm relative to ground, but nothing holds arm in "
+        "translation; add a joint, such as a Revolute."
+    )
+
+
+def test_drivers_between_bodies_of_a_floating_mechanism_need_a_bearing_there():
+    mech = bd.Mechanism()
+    bus = mech.add(bd.RigidBody("bus", 10.0, 1.0))
+    wheel = mech.add(bd.RigidBody("wheel", 1.0, 0.1))
+    mech.add(bd.Driver("motor", bus.at(0.0, 0.0), wheel.at(0.0, 0.0), lambda t: t**2))
+    (sentence,) = findings(mech)
+    assert sentence.startswith("motor: it prescribes the rotation of wheel relative to bus, but")
+    mech.add(bd.Revolute("bearing", bus.at(0.0, 0.0), wheel.at(0.0, 0.0)))
+    assert not findings(mech)
