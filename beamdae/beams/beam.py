@@ -734,7 +734,8 @@ class Beam(Part):
         Returns
         -------
         Quantity
-            Columns largest and bound [Pa].
+            Columns largest and bound [Pa]: after `mech.observe("stress", ...)`, read
+            `solution["stress.largest"]`.
 
         Raises
         ------

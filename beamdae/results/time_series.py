@@ -76,6 +76,8 @@ class TimeSeries:
         -------
         pandas.Series or pandas.DataFrame
             One column, or a table if there are several or `name` is a list, indexed by time [s].
+            With `mech.observe("stress", beam.largest_stress())`, for example, "stress" selects a
+            table, and "stress.largest" a column.
 
         Raises
         ------
