@@ -82,15 +82,14 @@ def _find_closing_direction(equations: EquationsOfMotion, term: EventTerm) -> in
 def _find_struck_section(equations: EquationsOfMotion, term: EventTerm) -> tuple[str, float] | None:
     """Return the beam and the arc length of an impact at a section without a heavier mass."""
     for impact in select_impacts(term.do):
-        pieces = impact.on.pieces if isinstance(impact.on, Quantity) else ()
-        joint = () if pieces else [x.piece for x in impact.on.attachments]
-        for piece in (*pieces, *joint):
-            beam, s = piece.owner, piece.s
+        on = impact.on
+        pieces = on.pieces if isinstance(on, Quantity) else [x.piece for x in on.attachments]
+        for beam, s in ((x.owner, x.s) for x in pieces):
             if not isinstance(beam, Beam) or s is None:
                 continue
             element, _ = beam.mesh.locate(s)
             mass = beam.section.at(s).rhoA * float(beam.mesh.element_lengths[element])
-            if attached_mass(equations, beam, s, impact.on) < mass:
+            if attached_mass(equations, beam, s, on) < mass:
                 return beam.name, s
     return None
 

@@ -48,7 +48,7 @@ def untouched_contact_warnings(
     if mechanism is None or mechanism.events or any(x.inactive for x in intervals):
         return
     times = np.concatenate([x.t for x in intervals])
-    rows = [np.concatenate([x.evaluate(y.t, y.branch, y.state.q) for y in intervals]) for x in gaps]
+    rows = [gaps_of_run(x, trajectory) for x in gaps]
     changes = [_steady_change(values) for values in rows]
     if not (min(changes) > 0.0 or max(changes) < 0.0):
         return
