@@ -277,7 +277,10 @@ def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
     switches = [(event, switch) for event in events for switch in select_switches(event.do)]
     activated = {name for _, switch in switches for name in switch.on}
     deactivated = {name for _, switch in switches for name in switch.off}
-    for name in sorted(mechanism.inactive - activated):
+    impacts = [(event, impact) for event in events for impact in select_impacts(event.do)]
+    # An inactive joint is the stop of an impact.
+    stops = {impact.on.name for _, impact in impacts if isinstance(impact.on, Part)}
+    for name in sorted(mechanism.inactive - activated - stops):
         yield (
             f"{name}: the part is inactive from the start and no event activates it, so it never "
             "acts; add an event with activate, or do not deactivate the part."
@@ -295,14 +298,13 @@ def _switch_warnings(mechanism: Mechanism) -> Iterator[str]:
                     f"{event.name}: {name} is never active, so its deactivation does nothing; "
                     "omit it, or do not deactivate the part at the start."
                 )
-    for event in events:
-        for impact in select_impacts(event.do):
-            joint = impact.on
-            if isinstance(joint, Part) and joint.name not in deactivated | mechanism.inactive:
-                yield (
-                    f"{event.name}: {joint.name} is always active, so an impact on it does "
-                    "nothing; deactivate the joint at the start."
-                )
+    for event, impact in impacts:
+        joint = impact.on
+        if isinstance(joint, Part) and joint.name not in deactivated | mechanism.inactive:
+            yield (
+                f"{event.name}: {joint.name} is always active, so an impact on it does nothing; "
+                "deactivate the joint at the start."
+            )
 
 
 class _StatementValues(NamedTuple):

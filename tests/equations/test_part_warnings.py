@@ -302,6 +302,17 @@ def test_actions_without_effect_are_reported():
     assert len(bd.check(mech, predict=False).warnings) == 2
 
 
+def test_inactive_joints_of_impacts_are_stops():
+    mech, disk, _ = hinged_disk()
+    mech.observe("disk", disk.at(0.0, 0.0))
+    stop = mech.add(bd.Driver("stop", mech.ground.at(0.0, 0.0), disk.at(0.0, 0.0), law=-0.5))
+    mech.deactivate(stop)
+    (warning,) = bd.check(mech, predict=False).warnings
+    assert "stop: the part is inactive from the start" in warning
+    mech.when("disk.angle", -0.5, "down", do=bd.impact(stop), name="hit")
+    assert bd.check(mech, predict=False).warnings == ()
+
+
 # Laws that supply energy --------------------------------------------------------------------------
 
 
