@@ -47,8 +47,8 @@ _UNITS_WITH_ORIGIN = ("m", "rad")
 _MIN_ROWS = 3  # runs with fewer rows are not curves
 # Units of stresses and forces, to which damping contributes in proportion to strain rates.
 _UNITS_WITH_DAMPING = ("Pa", "N", "N m")
-# Duration after an impact with the largest effect of this contribution, relative to the damping. The
-# stress beside a mass that a beam of 8 to 64 elements carries peaks after 0.002 to 0.08.
+# Duration after an impact with the largest effect of this contribution, relative to the damping.
+# The stress beside a mass that a beam of 8 to 64 elements carries peaks after 0.002 to 0.08.
 _DURATION_OF_JUMP = 0.1
 # After one retardation time, this contribution has decayed: by 98 % in a latch between two panels
 # of 2 to 32 elements, whose axial force, of the change of the structure, has decayed by 2 to 4 %.
