@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from conformance import integrators
@@ -268,7 +270,9 @@ def test_a_block_on_a_belt_sticks_and_slips_as_a_rigid_model(method):
     ledger = run.energies
     work = np.trapezoid(-run["sole.T"] * run["sliding.v"], run.t)
     assert ledger["energy.dissipated [J]"].iloc[-1] == pytest.approx(work, rel=0.02)
-    assert not any("friction_speed" in sentence for sentence in run.warnings)
+    # Beside a friction_speed of 3e-4 m/s, the sliding is off by 3.1 %.
+    (sentence,) = (x for x in run.warnings if "friction_speed" in x)
+    assert re.search(r"it slides over a distance that is wrong by about 3\.[12] %", sentence)
 
 
 def test_equal_coefficients_are_friction_without_the_stribeck_effect():

@@ -62,9 +62,10 @@ class RegularizedFriction(NamedTuple):
 
     def friction_coefficient(self, velocity: Any) -> Any:
         """Return friction force / normal force at sliding velocities [m/s]."""
-        return np.tanh(velocity / self.speed) * self._unregularized(velocity)
+        return np.tanh(velocity / self.speed) * self.coulomb_coefficient(velocity)
 
-    def _unregularized(self, velocity: Any) -> Any:
+    def coulomb_coefficient(self, velocity: Any) -> Any:
+        """Return friction force / normal force at sliding velocities, without regularization."""
         if self.static is None or self.stribeck is None:
             return self.coefficient
         peak = (self.static - self.coefficient) * np.exp(-((velocity / self.stribeck) ** 2))
