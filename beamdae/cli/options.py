@@ -417,34 +417,19 @@ def parse_assignments(settings: list[str] | None, option: str = "--set") -> dict
     Raises
     ------
     BeamdaeError
-        If an entry does not have this form.
-    """
-    values = {}
-    for setting in settings or []:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise BeamdaeError(f"{option} {setting}: the setting must have the form name=value.")
-        values[key.strip()] = value.strip()
-    return values
-
-
-def parse_data_columns(settings: list[str] | None) -> dict[str, str]:
-    """Return the columns of --data-column NAME=COLUMN by name.
-
-    Raises
-    ------
-    BeamdaeError
         If an entry does not have this form, or two have the same name.
     """
-    columns: dict[str, str] = {}
+    values: dict[str, str] = {}
     for setting in settings or []:
-        ((name, column),) = parse_assignments([setting], "--data-column").items()
-        if name in columns:
+        key, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not key:
+            raise BeamdaeError(f"{option} {setting}: the setting must have the form name=value.")
+        if key in values:
             raise BeamdaeError(
-                f"--data-column {setting}: {name} is already mapped to {columns[name]}; omit one."
+                f"{option} {setting}: {key} already has the value {values[key]}; omit one of them."
             )
-        columns[name] = column
-    return columns
+        values[key] = value
+    return values
 
 
 def parse_bounds(model: Model, settings: list[str] | None) -> dict[str, tuple[float, float]]:

@@ -229,7 +229,9 @@ def _drive(
     wall_time = clock.perf_counter() - run_began - compile_time
     peaks = [f"{name} at t = {t:.4g} s" for name, t in run.force_peaks.items()]
     amplitudes = {} if plan.amplitudes is None else {"amplitudes": plan.amplitudes.by_part}
-    status = _name_cause(status, equations, trajectory, run.repeated, float(times[-1]))
+    status = _name_cause(
+        status, equations, trajectory, run.repeated, float(times[-1]), run.growing_loop
+    )
     solution = Solution(
         equations,
         trajectory,
@@ -265,11 +267,17 @@ def _name_cause(
     trajectory: Trajectory,
     repeated: Sequence[RepeatedSample],
     end: float,
+    growing_loop: str,
 ) -> Status:
-    """Return the status with an unstable loop or a vibration as the first reason to stop."""
+    """Return the status with an unstable loop or a vibration as the first reason to stop.
+
+    `growing_loop` is the warning about a loop that stopped the run, or "".
+    """
     if status.kind not in ("failed", "limited"):
         return status
-    cause = describe_growth(repeated) or next(growing_loop_warnings(equations, trajectory), "")
+    cause = describe_growth(repeated) or growing_loop
+    if not cause:
+        cause = next(growing_loop_warnings(equations, trajectory), "")
     # Vibrations with meaningless strains are an effect, not a cause.
     is_meaningless = MEANINGLESS_DEFORMATION in status.sentence
     if not cause and status.kind == "limited" and not is_meaningless:
@@ -343,6 +351,7 @@ class _RunInProgress:
         self.methods = MethodCache(method_on, self.method, self._configuration)
         self._sampled_equations = equations.with_loads_of(self._configuration)
         self.repeated = context.repeated
+        self.growing_loop = ""  # that stopped the run
         self._sampler = Sampler(self._sampled_equations, context.repeated)
         self._detector: EventDetector | None = None
         self._max_batch: int | None = None
@@ -668,8 +677,10 @@ class _RunInProgress:
         strain = describe_meaningless_strain(self._equations, trajectory.positions_at(times))
         if strain:
             return check.describe(strain)
-        if check.has_slowed and next(growing_loop_warnings(self._equations, trajectory), ""):
-            return check.describe("")
+        if check.has_slowed:
+            self.growing_loop = next(growing_loop_warnings(self._equations, trajectory), "")
+            if self.growing_loop:
+                return check.describe("")
         return ""
 
     def _out_of_memory(self, problem: MemoryError) -> Status:

@@ -95,6 +95,11 @@ MODEL_ERRORS = {
     "unknown parameter": (ARM, ["--set", "elemnts=4"], "'elemnts'", "did you mean 'elements'?"),
     "mistyped value": (ARM, ["--set", "elements=abc"], "elements", "int", "'abc'"),
     "setting without value": (ARM, ["--set", "elements"], "--set elements", "name=value"),
+    "repeated setting": (
+        ARM,
+        ["--set", "elements=1", "--set", "elements=2"],
+        "--set elements=2: elements already has the value 1; omit one of them.",
+    ),
     "setting without name": (ARM, ["--set", "=4"], "--set =4", "name=value"),
     "no elements": (ARM, ["--set", "elements=0"], "beam", "elements", "at least 1", "got 0"),
     "not a number": (ARM, ["--set", "E=nan"], "E must be finite", "nan"),

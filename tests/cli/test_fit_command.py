@@ -114,7 +114,11 @@ def test_a_search_that_does_not_converge_ends_with_1(here):
         (["--by", "stiffness", "--data-column", "Laser=mass.x"], "data_columns contains 'Laser'"),
         (
             ["--by", "stiffness", "--data-column", "x=mass.x", "--data-column", "x=mass.y"],
-            "--data-column x=mass.y: x is already mapped to mass.x; omit one",
+            "--data-column x=mass.y: x already has the value mass.x; omit one of them.",
+        ),
+        (
+            ["--by", "stiffness", "--shift", "mass.x", "--shift", "mass.x=-5ms:5ms"],
+            "--shift mass.x=-5ms:5ms: mass.x is given twice; omit one of them.",
         ),
         (["--by", "stiffness", "--starts", "2"], "several starts need finite bounds"),
         (["--by", "stiffness", "--integrator", "ida"], "--step is not supported by ida"),

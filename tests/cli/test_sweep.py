@@ -44,7 +44,7 @@ def test_values_of_over(name, text, values):
         (["--over", "speed"], "--over speed: the setting must have the form name=value."),
         (
             ["--over", "speed=1", "--over", "speed=2"],
-            "--over: a parameter is repeated in speed=1, speed=2; give",
+            "--over speed=2: speed already has the value 1; omit one of them.",
         ),
         (
             ["--over", "speed=1", "--set", "speed=2"],

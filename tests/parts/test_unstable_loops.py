@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -121,6 +122,23 @@ def test_regression_unstable_loops_are_the_first_reason_of_runs_that_stop(gain, 
     cause = r"stopped at t = \S+ s: servo\S* (the command )?grows exponentially, by a factor of"
     assert re.match(cause, run.status.sentence)
     assert not any("its loop seems" in x for x in run.warnings)
+
+
+@pytest.mark.parametrize("rates", [(5.0, 9.0), (9.0, 5.0)])
+def test_regression_all_loops_that_grow_are_named_the_fastest_first(rates):
+    """The first loop was named alone, also if another one grew faster."""
+    times = np.linspace(0.0, 1.0, 401)
+    histories = [
+        growing_loops._History(
+            SimpleNamespace(name=f"servo {rate:g}"),
+            times,
+            np.exp(rate * times) * np.sin(60.0 * times),
+            np.zeros((len(times), 1)),
+        )
+        for rate in rates
+    ]
+    (sentence,) = growing_loops._swing_warnings(SimpleNamespace(mechanism=None), histories)
+    assert sentence.startswith("servo 9 (also servo 5) grows exponentially, by a factor of")
 
 
 def build_hard_stage(kp, kd, ki=0.0, goal=STEP, limits=None, damping=0.5):

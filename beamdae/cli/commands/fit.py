@@ -27,7 +27,6 @@ from beamdae.cli.options import (
     load_configured_model,
     parse_assignments,
     parse_bounds,
-    parse_data_columns,
     parse_start,
     split_names,
 )
@@ -143,7 +142,7 @@ def fit_command(
     method = create_integrator("fit", integrator, {"rtol": rtol, "step": step}, file)
     options: dict[str, Any] = {
         "by": split_names(by),
-        "data_columns": parse_data_columns(data_columns),
+        "data_columns": parse_assignments(data_columns, "--data-column"),
         "sigma": _parse_sigma(sigma),
         "experiments": _parse_experiments(experiment),
         "bounds": parse_bounds(model, bounds),
@@ -236,7 +235,9 @@ def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | No
             raise BeamdaeError(
                 f"--shift {text}: the range must have the form LOW:HIGH, in s or with units."
             )
-        shifts[name or text] = ends
+        if (column := name or text) in shifts:
+            raise BeamdaeError(f"--shift {text}: {column} is given twice; omit one of them.")
+        shifts[column] = ends
     return shifts
 
 

@@ -28,7 +28,7 @@ from beamdae.cli.options import (
     create_integrator,
     load_configured_model,
     parse_accuracy,
-    parse_data_columns,
+    parse_assignments,
     parse_start,
     split_names,
 )
@@ -183,7 +183,9 @@ def run_command(
     _require_differentiable(names, required_accuracy, resume_from)
     if data_columns and data is None:
         raise BeamdaeError("run: --data-column requires --data; use both options or neither.")
-    chart = RunPlot(split_names(plot, model), x, data, parse_data_columns(data_columns))
+    chart = RunPlot(
+        split_names(plot, model), x, data, parse_assignments(data_columns, "--data-column")
+    )
     run = Run(model, method, out / f"{model.name}.csv", plot=chart)
     run_outputs.select_charts(run, picture, page, resume_from is not None)
     run.files.views = (run.page, run.picture)

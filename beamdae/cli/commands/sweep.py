@@ -161,10 +161,6 @@ def _sweep_from_options(
     constants = parse_assignments(settings)
     warn_of_unread(model, constants)
     ranges = parse_assignments(over, "--over")
-    if len(ranges) < len(over):
-        raise BeamdaeError(
-            f"--over: a parameter is repeated in {', '.join(over)}; give each parameter once."
-        )
     for name in ranges:
         if name in constants:
             raise BeamdaeError(

@@ -17,7 +17,7 @@ from beamdae import deferred
 from beamdae.equations.commands import Command, compile_commands
 from beamdae.equations.controller_reads import evaluate_reads
 from beamdae.equations.equations_of_motion import EquationsOfMotion
-from beamdae.errors import BeamdaeError
+from beamdae.errors import BeamdaeError, name_with_others
 from beamdae.parts.mechanism import Mechanism
 from beamdae.results.diagnostics.rest import is_motionless
 from beamdae.results.diagnostics.switching_laws import has_few_levels, is_switch
@@ -222,19 +222,27 @@ def _limited_growth_warnings(
     run to another one, and `largest` their largest magnitudes in the run.
     """
     remaining = np.abs(np.diff(values(0.75, 1.0), axis=0)).max(axis=0)
+    duration = trajectory.end - trajectory.start
+    # Rate of growth, factor and window by number, because loops reach limits at different times.
+    windows: dict[int, tuple[float, float, float, float]] = {}
     for end, (part, counts) in product(_ENDS_OF_GROWTH, _GROWING_PARTS.items()):
         growing = values(part * end, end)
         changes = np.abs(np.diff(growing, axis=0)).max(axis=0)
         goes_on = remaining >= _MIN_REMAINING_CHANGE * changes
         goes_on &= changes >= _MIN_GROWN_SHARE * largest
         growth = np.where(goes_on, _exponential_growth(growing, largest, counts), 0.0)
-        k = int(np.argmax(growth))
-        if growth[k] > 0.0:
-            name, remedy = labels[k]
-            duration = trajectory.end - trajectory.start
-            begin, last = (trajectory.start + x * duration for x in (part * end, end))
-            yield _describe_growth(name, remedy, float(growth[k]), begin, last)
-            return
+        begin = part * end
+        for k in np.flatnonzero(growth).tolist():
+            rate = float(np.log(growth[k])) / (end - begin)
+            windows.setdefault(k, (rate, float(growth[k]), begin, end))
+    if not windows:
+        return
+    k, *others = sorted(windows, key=lambda k: -windows[k][0])
+    name, remedy = labels[k]
+    name = name_with_others(name, list(dict.fromkeys(labels[x][0] for x in others)))
+    _, factor, *ends = windows[k]
+    begin, last = (trajectory.start + x * duration for x in ends)
+    yield _describe_growth(name, remedy, factor, begin, last)
 
 
 def _describe_growth(name: str, remedy: str, factor: float, begin: float, end: float) -> str:
@@ -247,13 +255,18 @@ def _describe_growth(name: str, remedy: str, factor: float, begin: float, end: f
 
 def _swing_warnings(equations: EquationsOfMotion, histories: Sequence[_History]) -> Iterator[str]:
     """Yield a warning if few swings of a continuous command grow, and do not decay again."""
+    found = []
     for command, times, values, _ in histories:
         growth = _find_growing_swings(values)
         if growth is not None:
             factor, first, last = growth
             if not _has_varying_laws(equations.mechanism, times[first : last + 1]):
-                yield _describe_growth(command.name, "gains", factor, times[first], times[last])
-                return
+                begin, end = times[first], times[last]
+                found.append((np.log(factor) / (end - begin), command.name, factor, begin, end))
+    if found:
+        (_, name, *window), *others = sorted(found, reverse=True)
+        name = name_with_others(name, list(dict.fromkeys(x[1] for x in others)))
+        yield _describe_growth(name, "gains", *window)
 
 
 def _find_growing_swings(values: Array) -> tuple[float, int, int] | None:
