@@ -79,6 +79,29 @@ def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
     assert np.max(np.abs(speed - accurate)) < 1e-3 * np.max(np.abs(accurate))
 
 
+@pytest.mark.slow(reason="exact run")
+def test_regression_vibrations_that_contacts_damp_have_no_warning():
+    """A contact that begins to touch has no damping yet: errors of "100 %" of the velocity."""
+    mech = bd.Mechanism()
+    section = bd.Section.rectangle(_STEEL, width=0.01, height=0.005, damping=1e-4)
+    arm = mech.add(bd.Beam("arm", bd.Line((0.0, 0.0), (0.4, 0.0)), section, elements=2))
+    mech.add(bd.Weld("clamp", mech.ground.at(0.0, 0.0), arm.start))
+    blade = mech.add(bd.PointMass("blade", 0.08, at=(0.4, 0.0)))
+    mech.add(bd.PointOnLine("guide", arm.end, blade.point, direction=(1.0, 0.0)))
+    mech.add(bd.Force("preload", blade.point, (10.0, 0.0)))
+    glass = bd.CircleSurface(mech.ground.at(0.0, 0.0), 0.4, side="inside")
+    contact = bd.Contact(
+        "rub", blade.point, glass, 1e6, exponent=1, restitution=0.3, impact_speed=0.1
+    )
+    mech.add(contact)
+    mech.observe("blade", blade.point)
+    solution, warnings = _run(mech, t_end=0.2)
+    assert not warnings
+    exact, _ = _run(mech, bd.Radau(1e-7, max_step=3e-5), t_end=0.2)
+    speed, accurate = solution["blade.x_dot"], exact["blade.x_dot"]
+    assert np.max(np.abs(speed - accurate)) < 1e-3 * np.max(np.abs(accurate))
+
+
 def test_smooth_loads_have_no_warning():
     _, warnings = _run(_suddenly_loaded(lambda t: -2.0 * np.sin(10.0 * t) ** 2))
     assert not warnings

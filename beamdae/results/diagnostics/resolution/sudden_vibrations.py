@@ -80,8 +80,6 @@ class _Modes(NamedTuple):
         Angular frequencies (k,) [rad/s].
     shapes
         Shapes (n, k) with x^T M x = 1.
-    decays
-        Decay rates by damping (k,) [1/s].
     impulses
         M x (n, k).
     reactions
@@ -90,7 +88,6 @@ class _Modes(NamedTuple):
 
     rates: Array
     shapes: Array
-    decays: Array
     impulses: Array
     reactions: Array
 
@@ -150,9 +147,9 @@ def sudden_vibration_warnings(
     numbers = [equations.observed_headers.index(x) for x in half_ranges]
     sizes = np.array(list(half_ranges.values()))
     examined = []
-    for interval, dv, da in _list_jumps(equations, trajectory):
+    for interval, v, dv, da in _list_jumps(equations, trajectory):
         try:
-            jump = _excite(equations, interval, dv, da, min_phase, observe, numbers)
+            jump = _excite(equations, interval, v, dv, da, min_phase, observe, numbers)
         except (BeamdaeError, np.linalg.LinAlgError):
             continue  # unstable or singular positions have their own warnings
         if jump is not None:
@@ -184,8 +181,8 @@ def _select_columns(
 
 def _list_jumps(
     equations: EquationsOfMotion, trajectory: Trajectory
-) -> list[tuple[Interval, Array, Array]]:
-    """Return the intervals after the largest jumps, with these of velocities and accelerations.
+) -> list[tuple[Interval, Array, Array, Array]]:
+    """Return the intervals after the largest jumps, smooth velocities, and jumps of (v, a).
 
     At a start as drawn or in equilibrium, the jumps begin at rest. A start with other positions,
     such as the end of another run, or with velocities of deformations is none. Jumps do not contain
@@ -220,13 +217,15 @@ def _list_jumps(
 
 def _measure_jump(
     equations: EquationsOfMotion, trajectory: Trajectory, number: int
-) -> tuple[Array, Array]:
-    """Return the jumps (n,) of velocities and accelerations of vibrations before an interval."""
-    v, a = _vibration(equations, trajectory.intervals[number], 0)
+) -> tuple[Array, Array, Array]:
+    """Return velocities of the smooth motion, and jumps of (v, a) of vibrations, (n,) each."""
+    interval = trajectory.intervals[number]
+    v, a = _vibration(equations, interval, 0)
+    smooth = interval.state.v[0] - v
     if number:
         v_before, a_before = _vibration(equations, trajectory.intervals[number - 1], -1)
         v, a = v - v_before, a - a_before
-    return v, a
+    return smooth, v, a
 
 
 def _vibration(equations: EquationsOfMotion, interval: Interval, row: int) -> tuple[Array, Array]:
@@ -249,6 +248,7 @@ def _jumps(change: Array, values: Array, scales: Array) -> bool:
 def _excite(
     equations: EquationsOfMotion,
     interval: Interval,
+    v: Array,
     dv: Array,
     da: Array,
     min_phase: float,
@@ -260,21 +260,25 @@ def _excite(
     steps, counts = _group_steps(interval)
     time = interval.times[0]
     slowest = min_phase / float(np.max(steps))
-    modes = _find_modes(active, time, interval.state.q[0], slowest)
+    solver, state = ConsistencySolver(active), State(*(x[0] for x in interval.state))
+    modes = _find_modes(solver, time, state.q, slowest)
     if modes is None:
         return None
-    is_lasting = modes.decays * float(counts @ steps) > -_MAX_GROWTH
+    by_force, by_impulse = modes.impulses.T @ da, modes.impulses.T @ dv
+    # A contact that begins to touch has damping, and friction, only where its vibration ends.
+    end = state._replace(q=state.q + modes.shapes @ (by_force / modes.rates**2), v=v)
+    decays = _decay_rates(solver, time, end, modes)
+    is_lasting = decays * float(counts @ steps) > -_MAX_GROWTH
     if not is_lasting.any():
         return None
     modes = _Modes(*(x[..., is_lasting] for x in modes))
     if interval.configuration is not None:
         reactions = interval.configuration.expand_multipliers(modes.reactions.T, equations.m)
         modes = modes._replace(reactions=reactions.T)
-    by_force, by_impulse = modes.impulses.T @ da, modes.impulses.T @ dv
+    by_force, by_impulse, decays = (x[is_lasting] for x in (by_force, by_impulse, decays))
     amplitudes = np.hypot(by_force / modes.rates**2, by_impulse / modes.rates)
-    state = State(*(x[0] for x in interval.state))
     columns = amplitudes[:, None] * _observe_modes(equations, time, state, modes, observe)
-    return _Jump(float(time[0]), steps, counts, modes.rates, modes.decays, columns[:, numbers])
+    return _Jump(float(time[0]), steps, counts, modes.rates, decays, columns[:, numbers])
 
 
 def _group_steps(interval: Interval) -> tuple[Array, Array]:
@@ -289,9 +293,7 @@ def _group_steps(interval: Interval) -> tuple[Array, Array]:
     return np.add.reduceat(lengths, starts) / counts, counts
 
 
-def _find_modes(
-    equations: EquationsOfMotion, time: Array, q: Array, slowest: float
-) -> _Modes | None:
+def _find_modes(solver: ConsistencySolver, time: Array, q: Array, slowest: float) -> _Modes | None:
     """Return the modes above an angular frequency [rad/s], about rest at a position.
 
     The result is None if there are none, or if matrices are not finite.
@@ -301,18 +303,15 @@ def _find_modes(
     numpy.linalg.LinAlgError
         If a motion diverges at a larger rate.
     """
-    e, solver = equations, ConsistencySolver(equations)
+    e = solver.equations
     matrices = solver.linearize_forces(time, solver.rest_state(q))
-    stiffness, damping, mass = (x.toarray() for x in matrices)
+    stiffness, _, mass = (x.toarray() for x in matrices)
     jacobian = solver.constraint_matrix(time, q)
-    if not all(np.isfinite(x).all() for x in (stiffness, damping, mass, jacobian.data)):
+    if not all(np.isfinite(x).all() for x in (stiffness, mass, jacobian.data)):
         return None
-    states = list(e.states)
-    fixed = sp.vstack([jacobian, build_selection(states, e.n)])
+    fixed = sp.vstack([jacobian, build_selection(list(e.states), e.n)])
     basis = scaled_null_space(fixed, e.position_scales)
-    reduced, of_stiffness, of_damping = (
-        0.5 * basis.T @ (x + x.T) @ basis for x in (mass, stiffness, damping)
-    )
+    reduced, of_stiffness = (0.5 * basis.T @ (x + x.T) @ basis for x in (mass, stiffness))
     # Coordinates without inertia have the eigenvalue 0 of the inverse problem.
     shifted = of_stiffness + slowest**2 * reduced
     if not len(shifted) or not np.isfinite(shifted).all():
@@ -326,12 +325,19 @@ def _find_modes(
     vectors = vectors[:, is_fast] / np.sqrt(inverses[is_fast])
     rates = np.sqrt(1.0 / inverses[is_fast] - slowest**2)
     shapes = basis @ vectors
-    decays = 0.5 * np.sum(vectors * (of_damping @ vectors), axis=0)
-    decays += _decays_by_states(stiffness, damping, states, shapes, rates)
     impulses = mass @ shapes
     loads = impulses * rates**2 - stiffness @ shapes
     reactions = la.lstsq(jacobian.toarray().T, loads)[0] if e.m else np.zeros((0, len(rates)))
-    return _Modes(rates, shapes, decays, impulses, reactions)
+    return _Modes(rates, shapes, impulses, reactions)
+
+
+def _decay_rates(solver: ConsistencySolver, time: Array, state: State, modes: _Modes) -> Array:
+    """Return the decay rates (k,) [1/s] of modes by the damping at a state."""
+    stiffness, damping, _ = (x.toarray() for x in solver.linearize_forces(time, state))
+    decays = 0.5 * np.sum(modes.shapes * (damping @ modes.shapes), axis=0)
+    return decays + _decays_by_states(
+        stiffness, damping, list(solver.equations.states), modes.shapes, modes.rates
+    )
 
 
 def _decays_by_states(
