@@ -53,8 +53,9 @@ class Safety:
     where
         Point of the section: "top", "bottom" or "axis".
     error
-        Estimated error of this stress [Pa], including waves that the mesh does not resolve and
-        peaks between the times.
+        Estimated error of the stress at this time and point [Pa], including waves that the mesh
+        does not resolve and peaks between the times. It is not that of the largest stress of the
+        run, which may occur elsewhere: `lower_bound` covers all times and sections.
     lower_bound
         Lower bound of the safety factor [-]: the smallest ratio, over all times and sections, of
         the yield stress to the sum of the stress and its estimated error. It may belong to another
@@ -409,8 +410,9 @@ class SectionForces(HasTable):
                 "use `lower_bound`"
             )
         return (
-            f"{self.beam.name}: the largest stress, {stress:.4g} Pa at t = {t:.4g} s, has an "
-            f"estimated error of {100.0 * error / stress if stress else np.inf:.0f} % {cause}; "
+            f"{self.beam.name}: the stress {stress:.4g} Pa of the smallest safety factor, at t = "
+            f"{t:.4g} s, has an estimated error of "
+            f"{100.0 * error / stress if stress else np.inf:.0f} % {cause}; "
             f"{remedy}."
         )
 
