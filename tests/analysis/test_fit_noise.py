@@ -501,3 +501,22 @@ def test_regression_undetermined_combinations_stay_close_to_the_first_values(exa
         40.0, rel=0.01
     )
     assert result.status.kind == "ok"
+
+
+def test_regression_one_mirrored_column_beside_others_is_named():
+    """Searches with the scales of all columns lost the phase, and parameters ran away."""
+    times = np.linspace(0.3, 3.0, 91)
+    method = bd.GeneralizedAlpha(step=0.015)
+    run = bd.simulate(chain(), method, t_end=3.5).at_times(times)
+    rng = np.random.default_rng(3)
+    data, sigma = {"t [s]": times}, {}
+    for column in ("one.x", "two.x"):
+        values = run[column].to_numpy()
+        sigma[column] = 0.005 * np.ptp(values)
+        data[column] = values + sigma[column] * rng.normal(size=91)
+    data["two.x"] = 4.0 - data["two.x"]
+    first = {"k1": 35.0, "k2": 50.0, "damping": 0.4}
+    options = {"sigma": sigma, "parameters": first, "log": list(first)}
+    with pytest.warns(bd.BeamdaeWarning, match="because the data of two.x look mirrored"):
+        result = bd.fit(chain, data, list(first), method, **options)
+    assert result.parameters == pytest.approx(first)

@@ -70,6 +70,7 @@ _MISTAKEN_UNITS = (
 _FACTOR_TOLERANCE = 0.05
 _MIN_OFFSET_SHARE = 0.05  # of the range of a column; smaller offsets are not named
 _MAX_NAMES = 3  # in a message
+_MAX_PARTS = 6  # columns whose scales are searched one by one
 
 
 def check_ranges(problem: FitProblem, scaling: Scaling, first: Evaluation) -> None:
@@ -156,7 +157,8 @@ class RecordingErrors:
             if _looks_scaled(self._problem, first, series, rows)
             and not _has_scaling_parameter(self._problem, first, rows)
         ]
-        if not headers:
+        # Delays that the search estimates may look like signs and scales before it.
+        if not headers or self._problem.sensors.shifts:
             return ""
         with np.errstate(all="ignore"):
             return self._find(headers, first, self._scaling.first)
@@ -187,11 +189,15 @@ class RecordingErrors:
         """
         self._is_searched = True
         assert self.first is not None
-        problem = _with_linear_sensors(self._problem, headers)
         limit = min(
             _MAX_LEFT_RESIDUALS * best.chi_square, _MAX_LEFT_VARIATION * self._problem.variation
         )
+        if clause := self._find_in_part(headers, limit):
+            return clause
+        problem = _with_linear_sensors(self._problem, headers)
         scaled, scales = self._search_scales(problem, first, limit)
+        if scaled is not None and self._problem.sensors.shifts and self._is_needless(scaled):
+            scales = {}
         if scaled is not None and scales:
             factors = [-x for x in scales.values() if _is_mirrored(x)]
             is_sign = all(abs(x - 1.0) < _MAX_SIGN_ERROR for x in factors)
@@ -210,6 +216,29 @@ class RecordingErrors:
         if delayed is not None:
             return _describe_delay(self._problem, float(delayed.values[-1]))
         return _describe_scales(problem, scaled, scales) if scaled is not None and scales else ""
+
+    def _find_in_part(self, headers: Sequence[str], limit: float) -> str:
+        """Return a clause on scales of one column, or of the columns with one unit, or "".
+
+        The other columns determine the phase of vibrations, which a search of all scales may lose.
+        """
+        names = list(dict.fromkeys(headers))
+        by_unit: dict[str, list[str]] = {}
+        for name in names:
+            by_unit.setdefault(split_unit(name)[1], []).append(name)
+        groups = [x for x in by_unit.values() if len(x) > 1]
+        for part in [*([x] for x in names[:_MAX_PARTS]), *groups]:
+            if set(part) == set(self._problem.headers):
+                continue
+            problem = _with_linear_sensors(self._problem, part)
+            end = self._search(problem, self._scaling, self._scaling.first)
+            if end is None or end.chi_square > limit:
+                continue
+            # Parameters may compensate small changes of a scale, but not a sign.
+            scales = {x: scale for x, scale in _added_scales(problem, end) if _is_scale(scale)}
+            if scales and not self._is_needless(end):
+                return _describe_scales(problem, end, scales)
+        return ""
 
     def _search_scales(
         self, problem: FitProblem, first: Array, limit: float
@@ -237,10 +266,19 @@ class RecordingErrors:
         end = self._search(problem, scaling, scaling.start(np.append(values, delay)))
         if end is None or end.chi_square > limit:
             return None
-        # Runs with these parameters may explain the data without it, periods later.
-        again = self._search(self._problem, self._scaling, self._scaling.start(end.values[:-1]))
-        is_needless = again is not None and _MAX_LEFT_SHARE * again.chi_square < end.chi_square
-        return None if is_needless else end
+        return None if self._is_needless(end) else end
+
+    def _is_needless(self, end: Evaluation) -> bool:
+        """Return True if a search from these parameters explains the data without the error.
+
+        Delays are needless where runs explain the data periods later, and signs where a delay that
+        the fit estimates does.
+        """
+        values = end.values[: len(self._problem.variables)].copy()
+        if self._problem.sensors.shifts:
+            values[len(self._problem.names) :] = _guess_delay(self._problem, end)[1]
+        again = self._search(self._problem, self._scaling, self._scaling.start(values))
+        return again is not None and _MAX_LEFT_SHARE * again.chi_square < end.chi_square
 
     def _search(
         self,
@@ -305,10 +343,12 @@ def _has_scaling_parameter(problem: FitProblem, first: Evaluation, rows: slice) 
 
     It may if its value is zero, or if the model is about proportional to a power of it.
     """
-    jacobian = first.projected_jacobian[rows]
-    is_zero = (first.values == 0.0) & np.any(jacobian, axis=0)
+    # Delays, which follow, do not scale it.
+    count = len(problem.names)
+    values, jacobian = first.values[:count], first.projected_jacobian[rows, :count]
+    is_zero = (values == 0.0) & np.any(jacobian, axis=0)
     model = (problem.recorded_values(first) * problem.weights)[rows]
-    changes = jacobian * first.values
+    changes = jacobian * values
     model, changes = model - model.mean(), changes - changes.mean(axis=0)
     size, work = float(model @ model), model @ changes
     is_power = (abs(work) > _MIN_EXPONENT * size) & (
@@ -424,14 +464,20 @@ def _find_scales(problem: FitProblem, end: Evaluation) -> dict[str, float]:
     """Return the scales that are errors, by header."""
     count, sensors = len(problem.variables), problem.sensors.scales
     constants = np.arange(count + len(sensors), end.jacobian.shape[1])
-    scales = zip(sensors, end.coefficients.tolist(), strict=False)
+    names = [x.name for x in sensors]
     return {
-        sensor.name: scale
-        for k, (sensor, scale) in enumerate(scales, count)
-        if sensor.name in problem.headers
-        and _is_scale(scale)
-        and _is_significant(end, k, scale - 1.0, constants)
+        name: scale
+        for name, scale in _added_scales(problem, end)
+        if _is_scale(scale)
+        and _is_significant(end, count + names.index(name), scale - 1.0, constants)
     }
+
+
+def _added_scales(problem: FitProblem, end: Evaluation) -> Iterator[tuple[str, float]]:
+    """Yield header and value of the scales of `_with_linear_sensors`."""
+    for sensor, scale in zip(problem.sensors.scales, end.coefficients.tolist(), strict=False):
+        if sensor.name in problem.headers:
+            yield sensor.name, scale
 
 
 def _describe_scales(problem: FitProblem, end: Evaluation, scales: Mapping[str, float]) -> str:
