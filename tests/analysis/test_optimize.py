@@ -42,6 +42,21 @@ def cantilever(height=bd.param((0.02,) * 3, "m"), width=WIDTH, load=LOAD, length
     return mech
 
 
+def test_the_analyses_of_a_design_share_one_mechanism():
+    calls = []
+
+    @bd.model(t_end=1.0)
+    def counted(width=WIDTH):
+        calls.append(width)
+        return cantilever(width=width)
+
+    model = DesignModel(FlatModel(counted, counted.parameters, {"width": ("width", None)}))
+    settings = RunSettings(None, None, None)
+    for quantity in (bd.Mass(), bd.EquilibriumValue("tip.y"), bd.Frequency(1)):
+        create_analysis(model, [quantity], settings).value(quantity)
+    assert calls == [WIDTH]
+
+
 @pytest.mark.parametrize("height", [0.005, 0.0005, 0.05])
 def test_regression_the_adjoint_differentiates_equilibria_of_slender_steel_beams(
     height, monkeypatch

@@ -250,6 +250,17 @@ def test_welded_beams_share_section_law_and_free_shape():
         )
 
 
+def test_beams_with_different_tapers_share_the_geometry_of_their_strains():
+    one, other = (
+        bd.Beam("b", LINE, bd.taper(bd.Section.circle, ALLOY, diameter=x), elements=2)
+        for x in ((0.02, 0.01), (0.02, 0.015))
+    )
+    a, b, near = (x.kinematics.strains(s) for x, s in ((one, 0.1), (other, 0.1), (one, 0.11)))
+    assert a.operator is b.operator is near.operator
+    assert a.values.numbers != b.values.numbers
+    assert a.values.numbers != near.values.numbers
+
+
 def test_models_with_different_tapers_share_their_structure():
     def equations(section, free):
         mech, _ = cantilever(section, curve=BENT, free_curve=free, elements=2)

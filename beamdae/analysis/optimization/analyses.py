@@ -94,9 +94,14 @@ class DesignModel:
         self._derivatives: dict[float, NumberDerivatives | None] = {}
 
     @cached_property
+    def mechanism(self) -> Any:
+        """What the model function returns."""
+        return self.flat()
+
+    @cached_property
     def equations(self) -> EquationsOfMotion:
         """Equations of the model as drawn."""
-        return assemble_design(self.flat())
+        return assemble_design(self.mechanism)
 
     def number_derivatives(self, t: float) -> NumberDerivatives | None:
         """Return the derivatives of the numbers in `equations`, see `differentiate_numbers`.
@@ -168,7 +173,7 @@ class EquilibriumAnalysis(Analysis):
         flat = model.flat
         self._model, self._flat, self._arguments = model, flat, quantities[0].path
         self._start = settings.start
-        path = equilibrium(flat(), **self._arguments, start=self._start)
+        path = equilibrium(model.mechanism, **self._arguments, start=self._start)
         if not path.status.success:
             raise BeamdaeError(
                 f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
@@ -301,7 +306,7 @@ class ModeAnalysis(Analysis):
     ) -> None:
         self._flat, self._about = model.flat, quantities[0].about
         number = max(x.number for x in quantities)
-        mechanism, n = model.flat(), number
+        mechanism, n = model.mechanism, number
         while True:
             self.result = compute_modes(mechanism, self._about, n, damping=False)
             vibrations = self._vibrations

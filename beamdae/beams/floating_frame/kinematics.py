@@ -344,13 +344,20 @@ class FloatingFrame(FormulationKinematics):
         element, xi = self.mesh.locate(s)
         points = self.stiffness_points
         gauss, _ = gauss_points(points)
-        axis = self.mesh_in_frame.axis(np.full(points, element), gauss)
-        s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
-        prestrains = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
+
+        def locate_points() -> tuple[sp.csr_array, Array, tuple[float, ...]]:
+            axis = self.mesh_in_frame.axis(np.full(points, element), gauss)
+            s_points = self.mesh.gauss_arc_lengths(points)[element * points :][:points]
+            prestrains = compute_prestrains(self.mesh.curve, self.free_curve, s_points)
+            numbers = np.concatenate([axis.curvature, 1.0 / axis.ds, np.ravel(prestrains)])
+            return self._element_operator(element), s_points, tuple(numbers.tolist())
+
+        # Varying sections, which optimizations change, have many strains in each element.
+        key = ("strain points", element, self.element)
+        operator, s_points, numbers = self._geometry.derive(key, locate_points)
         weights = interpolation_weights(self.section, lagrange_weights(gauss, xi), s_points, s)
-        numbers = [*weights, *axis.curvature, *(1.0 / axis.ds), *np.ravel(prestrains)]
-        values = Formula(InterpolatedStrains(self.element), tuple(map(float, numbers)))
-        return PointValues(self._element_operator(element), values)
+        formula = Formula(InterpolatedStrains(self.element), (*map(float, weights), *numbers))
+        return PointValues(operator, formula)
 
     def force_rotation(self, s: float) -> PointValues:
         """Return the function for phi at s [m]; for exact and linear strains, zero.
