@@ -42,7 +42,7 @@ from beamdae.errors import (
     require_sequence,
     short_repr,
 )
-from beamdae.integrators.integrator import refine
+from beamdae.integrators.integrator import Integrator, refine
 from beamdae.model_parameters import parse_unit, split_unit
 from beamdae.results.solution import Solution
 from beamdae.simulation import as_equations
@@ -207,11 +207,20 @@ class DesignProblem:
         return tuple(names)
 
     @property
-    def has_adaptive_steps(self) -> bool:
-        """True if quantities of runs with adaptive steps are used."""
-        method = self._settings.integrator or DEFAULT_METHOD
+    def integrator(self) -> Integrator:
+        """Integrator of the runs."""
+        return self._settings.integrator or DEFAULT_METHOD
+
+    @property
+    def noise(self) -> float:
+        """Relative size of jumps of the values between designs: `rtol` of runs, 0 without them.
+
+        Values of runs with adaptive steps jump where the steps of two designs differ.
+        """
+        accuracy = self.integrator.accuracy
         leaves = (leaf for quantity in self.quantities for leaf in quantity.leaves)
-        return method.accuracy.name == "rtol" and any(isinstance(x, RunQuantity) for x in leaves)
+        has_runs = any(isinstance(x, RunQuantity) for x in leaves)
+        return accuracy.value if has_runs and accuracy.name == "rtol" else 0.0
 
     def starting_at(self, values: Array) -> DesignProblem:
         """Return the problem with other first values (k,) of the numbers."""
@@ -285,8 +294,7 @@ class DesignProblem:
         if not any(isinstance(x, RunAnalysis) for x in design.analyses.values()):
             return np.zeros_like(design.values)
         finer = copy.copy(self)
-        integrator = refine(self._settings.integrator or DEFAULT_METHOD)
-        finer._settings = replace(self._settings, integrator=integrator)
+        finer._settings = replace(self._settings, integrator=refine(self.integrator))
         return finer._analyze(values).values - design.values
 
     def _analyze(self, values: Array) -> Design:

@@ -34,7 +34,8 @@ from beamdae.analysis.optimization.search import (
     find_active_bounds,
 )
 from beamdae.beams.beam import Beam
-from beamdae.errors import BeamdaeError, format_count, format_percent
+from beamdae.errors import BeamdaeError, format_count, format_error, format_percent
+from beamdae.integrators.integrator import refine
 from beamdae.interrupts import acknowledge
 from beamdae.model_parameters import format_with_unit
 from beamdae.read_only import read_only_data
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
 # Relative change by more accurate runs above which values of a design depend on the steps.
 _MAX_STEP_ERROR = 0.01
+_RECOMMENDED_STEP_ERROR = 2e-3
 # Relative excess of the smooth bound of `LargestOf` from which the largest quantity is stated.
 _MAX_BOUND_EXCESS = 5e-3
 # Relative difference of objectives up to which several searches end at the same one.
@@ -438,7 +440,7 @@ def _list_constraints(
     for limit, smooth, ratio, first, multiplier, unit in rows:
         value = ratio * smooth
         margin = limit.margin(value)
-        relative = _relative_margin(limit, margin, first)
+        relative = _relative_margin(limit, margin, first, problem.noise)
         numbers = (value, limit.bound, margin, multiplier, relative)
         largest, exponent = _find_largest(limit.quantity, smooth, design)
         if ratio > 1.0 and isinstance(limit.quantity, LargestOf):
@@ -493,13 +495,13 @@ def _suggest_exponent(ratio: float, exponent: float) -> float:
     return min(math.ceil(recommended / 10.0) * 10.0, MAX_EXPONENT)
 
 
-def _relative_margin(limit: Limit, margin: float, first: float) -> float:
-    """Return the margin relative to the limit; 0 within the tolerance of the search.
+def _relative_margin(limit: Limit, margin: float, first: float, noise: float) -> float:
+    """Return the margin relative to the limit; 0 within the tolerance of the search, or the noise.
 
     The tolerance of a limit of zero is relative to the first value of the quantity.
     """
     size = abs(limit.bound)
-    if abs(margin) <= FEASIBILITY_TOLERANCE * (size or abs(first) or 1.0):
+    if abs(margin) <= max(FEASIBILITY_TOLERANCE, noise) * (size or abs(first) or 1.0):
         return 0.0
     return margin / size if size else float("nan")
 
@@ -507,19 +509,31 @@ def _relative_margin(limit: Limit, margin: float, first: float) -> float:
 def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
     """Return a warning if errors of the steps change values of the best design.
 
-    Changes are relative to the limits, and to the first or the last value of the objective.
+    Changes are relative to the limits, and to the first or the last value of the objective. Errors
+    e of steps h of a method of order p are proportional to h^p: half the step changes a value by
+    (1 - 2^-p) e.
     """
     best, first = search.best, search.trials[0]
     try:
-        changes = np.abs(problem.step_errors(best.numbers))
+        changes, method = np.abs(problem.step_errors(best.numbers)), problem.integrator
     except BeamdaeError:
         # For example a limit on the number of steps: the values are those of the given steps.
         return ()
     objective = max(abs(best.values[0]), abs(first.values[0]))
     limits = (abs(x.bound) or abs(y) for x, y in zip(problem.limits, best.values[1:], strict=True))
-    if np.all(changes <= _MAX_STEP_ERROR * np.array([objective, *limits])):
+    changes /= np.maximum([objective, *limits], np.finfo(float).tiny)
+    worst = int(np.argmax(changes))
+    if changes[worst] <= _MAX_STEP_ERROR:
         return ()
-    return ("The steps of the run change values of the best design noticeably; use shorter steps.",)
+    name, value = method.accuracy
+    finer = refine(method).accuracy.value / value
+    error = float(changes[worst]) / (1.0 - finer**method.order)
+    sufficient = value * (_RECOMMENDED_STEP_ERROR / error) ** (1.0 / method.order)
+    label = problem.quantities[worst].label
+    return (
+        f"{label}: the steps of the run change its value at the best design by "
+        f"{format_error(error, 1.0)}; use {method.method}({name}={sufficient:.1g}).",
+    )
 
 
 def _check_signs(problem: DesignProblem, constraints: Sequence[Constraint]) -> tuple[str, ...]:
