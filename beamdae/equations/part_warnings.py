@@ -72,6 +72,8 @@ _MAX_SUPPLIED_SHARE = 1e-3
 _POWER_ROUNDING = 1e-9  # rounding errors of the damping, relative to the work of the whole law
 # The largest friction may be less than the static friction by this fraction.
 _MAX_PEAK_REDUCTION = 0.05
+# Largest plausible friction coefficient; those of rubber and of clean metals reach about 3.
+_MAX_FRICTION = 5.0
 _SEED = 1
 
 
@@ -105,7 +107,7 @@ def idle_part_warnings(
             )
         else:
             yield from _zero_force_warnings(statements_of(part), start, end)
-    yield from _friction_peak_warnings(mechanism)
+    yield from _friction_warnings(mechanism)
     yield from _switch_warnings(mechanism)
 
 
@@ -206,13 +208,20 @@ def _zero_force_warnings(
         )
 
 
-def _friction_peak_warnings(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning per part whose regularization reduces its static friction noticeably."""
+def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
+    """Yield a warning per part with implausible friction, or with a noticeably reduced peak of it."""
     for part in mechanism.parts.values():
         law = getattr(part, "regularized_friction", None)
-        if law is None or law.static is None or law.stribeck is None:
+        if law is None:
             continue
         largest = law.largest_coefficient
+        if largest > _MAX_FRICTION:
+            yield (
+                f"{part.name}: the friction coefficient is {largest:g}, but those of dry surfaces "
+                "are seldom above 1; pass a ratio, not a percentage."
+            )
+        if law.static is None or law.stribeck is None:
+            continue
         if largest < (1.0 - _MAX_PEAK_REDUCTION) * law.static:
             yield (
                 f"{part.name}: friction reaches a coefficient of {largest:.3g} instead of static = "

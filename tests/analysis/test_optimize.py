@@ -282,6 +282,15 @@ def test_regression_violations_of_infeasible_designs_are_those_of_the_maxima():
     assert design.warnings == ()
 
 
+@pytest.mark.parametrize(("bound", "hint"), [(2e-3, False), (1e-6, True)])
+def test_limits_that_are_far_from_all_designs_may_have_another_unit(bound, hint):
+    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    deflection = bd.at_most(bd.EquilibriumValue("mass.x"), bound)
+    with pytest.warns(bd.BeamdaeWarning, match="no evaluated design satisfies") as records:
+        bd.optimize(loaded_spring, size, "stiffness", deflection, {"stiffness": (20.0, 100.0)})
+    assert ("check the unit of the limit" in str(records[0].message)) == hint
+
+
 @pytest.mark.slow(reason="half a second and more")
 def test_regression_searches_end_if_designs_hardly_differ():
     """Of 200 evaluated designs, 173 had the same parameter to eight digits."""

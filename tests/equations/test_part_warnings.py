@@ -493,3 +493,14 @@ def test_drivers_between_bodies_of_a_floating_mechanism_need_a_bearing_there():
     assert sentence.startswith("motor: it prescribes the rotation of wheel relative to bus, but")
     mech.add(bd.Revolute("bearing", bus.at(0.0, 0.0), wheel.at(0.0, 0.0)))
     assert not findings(mech)
+
+
+@pytest.mark.parametrize("coefficient", [3.0, 60.0])
+def test_regression_friction_in_percent_is_reported(coefficient):
+    """A friction coefficient of 60 had no warning."""
+    mech = bd.Mechanism(gravity=(0.0, -9.81))
+    block = mech.add(bd.PointMass("block", 1.0, at=(0.0, 0.0)))
+    floor = bd.LineSurface(mech.ground.at(0.0, 0.0))
+    mech.add(bd.Contact("floor", block.point, floor, 1e5, friction=coefficient))
+    warnings = [x for x in bd.check(mech).warnings if "pass a ratio" in x]
+    assert len(warnings) == (coefficient > 5.0)

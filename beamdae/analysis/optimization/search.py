@@ -75,6 +75,7 @@ _RESTING = "designs hardly differ"
 _MAX_EXCESS = 1e-3
 _MAX_CORRECTIONS = 5
 _MAX_NAMES = 3  # of numbers at a bound in a sentence
+_MAX_LIMIT_RATIO = 1e3  # of a value to its limit; larger ones are probably those of another unit
 _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 INTERRUPTED_CHECKS = "interrupted while the best design was checked"
 
@@ -383,12 +384,14 @@ class Search:
         at_bound = np.any(find_active_bounds(problem, best.numbers), axis=0)
         names = np.array(problem.names)[at_bound].tolist()
         where = f", with {list_first(names, _MAX_NAMES)} at a bound," if names else ","
+        is_far = limit.bound and abs(value / limit.bound) > _MAX_LIMIT_RATIO
+        hint = "; check the unit of the limit" if is_far and not limit.unit else ""
         others = int(np.sum(margins < -FEASIBILITY_TOLERANCE)) - 1
         more = f" ({format_count(others, 'further limit')} violated)" if others > 0 else ""
         return (
             f"no evaluated design satisfies the constraints; in the best one{where} "
             f"{limit.quantity.label} is {actual}, but the limit is at "
-            f"{'most' if limit.sign > 0 else 'least'} {allowed}{more}"
+            f"{'most' if limit.sign > 0 else 'least'} {allowed}{more}{hint}"
         )
 
     def _is_stuck(self, best: Trial, status: Status) -> bool:
