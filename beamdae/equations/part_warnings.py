@@ -209,7 +209,7 @@ def _zero_force_warnings(
 
 
 def _friction_warnings(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning per part with implausible friction, or with a noticeably reduced peak of it."""
+    """Yield a warning per part with implausible friction, or whose static friction is reduced."""
     for part in mechanism.parts.values():
         law = getattr(part, "regularized_friction", None)
         if law is None:
