@@ -79,6 +79,16 @@ def test_regression_vibrations_that_filters_damp_have_no_warning(filter_time):
     assert np.max(np.abs(speed - accurate)) < 1e-3 * np.max(np.abs(accurate))
 
 
+@pytest.mark.slow(reason="half a second")
+def test_regression_mechanisms_with_first_order_states_are_examined():
+    """The equations of the states were missing, and no mechanism with a filter had a warning."""
+    mech = _suddenly_loaded()
+    height = mech.sensor("height", mech.parts["strip"].end, "y")
+    bd.pid(mech, "unused", height, kp=1.0, kd=1.0, filter_time=1e-3, scale=0.01)
+    _, warnings = _run(mech, t_end=0.02)
+    assert len(warnings) == 1
+
+
 @pytest.mark.slow(reason="exact run")
 def test_regression_vibrations_that_contacts_damp_have_no_warning():
     """A contact that begins to touch has no damping yet: errors of "100 %" of the velocity."""

@@ -307,15 +307,22 @@ class StateEvaluator:
 
         First-order states are constant: their rows and columns are zero, except for a unit mass.
         """
-        q, v, a, _ = state
-        stiffness, damping, mass = (
-            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
-        )
+        stiffness, damping, mass = self.linearize_with_states(time, state)
         if len(self.equations.states):
             moving = np.ones(self.equations.n)
             moving[self.equations.states] = 0.0
             keep = sp.diags_array(moving)
             stiffness, damping = (sp.csc_array(keep @ x @ keep) for x in (stiffness, damping))
+        return stiffness, damping, mass
+
+    def linearize_with_states(
+        self, time: Array, state: State
+    ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
+        """Return the matrices of `linearize_forces` with the equations of first-order states."""
+        q, v, a, _ = state
+        stiffness, damping, mass = (
+            self.sums.block.matrix(self.saddle_matrix(time, q, v, a, c)) for c in _UNIT_COEFFICIENTS
+        )
         return stiffness, damping, mass
 
     def mass_matrix(self, time: Array, q: Array) -> sp.csc_array:

@@ -333,7 +333,7 @@ def _find_modes(solver: ConsistencySolver, time: Array, q: Array, slowest: float
 
 def _decay_rates(solver: ConsistencySolver, time: Array, state: State, modes: _Modes) -> Array:
     """Return the decay rates (k,) [1/s] of modes by the damping at a state."""
-    stiffness, damping, _ = (x.toarray() for x in solver.linearize_forces(time, state))
+    stiffness, damping, _ = (x.toarray() for x in solver.linearize_with_states(time, state))
     decays = 0.5 * np.sum(modes.shapes * (damping @ modes.shapes), axis=0)
     return decays + _decays_by_states(
         stiffness, damping, list(solver.equations.states), modes.shapes, modes.rates
