@@ -792,6 +792,17 @@ def test_regression_searches_with_adaptive_steps_end_within_their_tolerance():
     assert result.evaluations < 32
 
 
+@pytest.mark.slow(reason="half a second")
+def test_regression_steps_are_accurate_enough_for_active_limits_of_zero():
+    """Changes were relative to a value near zero: use GeneralizedAlpha(step=3e-09)."""
+    size = bd.ParameterFunction(lambda stiffness: stiffness, "stiffness")
+    at_rest = bd.at_least(bd.EndValue("mass.x_dot"), 0.0)
+    method = bd.GeneralizedAlpha(step=0.005)
+    result = bd.optimize(oscillator, size, "stiffness", at_rest, {"stiffness": (5.0, 35.0)}, method)
+    assert not result.warnings
+    assert result.parameters["stiffness"] == pytest.approx(2.25 * np.pi**2, rel=1e-3)
+
+
 @pytest.mark.slow(reason="a second")
 def test_regression_steps_that_change_the_design_are_told():
     # x = 1 + 0.2 sin(w t) / w is 1 at t = 1 s if w = pi.

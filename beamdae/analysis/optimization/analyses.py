@@ -95,7 +95,7 @@ class DesignModel:
 
     @cached_property
     def mechanism(self) -> Any:
-        """What the model function returns."""
+        """Mechanism that the model function returns."""
         return self.flat()
 
     @cached_property

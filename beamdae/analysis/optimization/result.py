@@ -509,9 +509,9 @@ def _relative_margin(limit: Limit, margin: float, first: float, noise: float) ->
 def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...]:
     """Return a warning if errors of the steps change values of the best design.
 
-    Changes are relative to the limits, and to the first or the last value of the objective. Errors
-    e of steps h of a method of order p are proportional to h^p: half the step changes a value by
-    (1 - 2^-p) e.
+    Changes are relative to the limits, and to the first or the best value of the objective and of
+    quantities whose limit is zero. Errors e of a method of order p are proportional to h^p, where h
+    is the step or `rtol`: a finer one, f h, changes a value by (1 - f^p) e.
     """
     best, first = search.best, search.trials[0]
     try:
@@ -519,9 +519,9 @@ def _check_steps(problem: DesignProblem, search: SearchResult) -> tuple[str, ...
     except BeamdaeError:
         # For example a limit on the number of steps: the values are those of the given steps.
         return ()
-    objective = max(abs(best.values[0]), abs(first.values[0]))
-    limits = (abs(x.bound) or abs(y) for x, y in zip(problem.limits, best.values[1:], strict=True))
-    changes /= np.maximum([objective, *limits], np.finfo(float).tiny)
+    bounds = np.abs([0.0, *(x.bound for x in problem.limits)])
+    sizes = np.where(bounds, bounds, np.maximum(np.abs(best.values), np.abs(first.values)))
+    changes /= np.maximum(sizes, np.finfo(float).tiny)
     worst = int(np.argmax(changes))
     if changes[worst] <= _MAX_STEP_ERROR:
         return ()
